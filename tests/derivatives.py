@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from gaitcal.model.chain import Chain
 from gaitcal.model.coordinates import split_side
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
-from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.motion.marker_residual import MarkerData, marker_positions
-from gaitcal.motion.placed_markers import PlacedMarkers
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, published_subject
+from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.spline import spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 

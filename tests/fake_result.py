@@ -9,22 +9,20 @@ from typing import Any, cast
 import numpy as np
 
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.codes import Code
+from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.faults.verdict import judge
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import strides_measured
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.inertial_parameters import IP_NAMES, symmetric_set
-from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments
-from gaitcal.model.parameters import published_subject
+from gaitcal.model.parameters import IP_NAMES, JP_INDEX, published_subject, symmetric_set
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
@@ -41,8 +39,8 @@ OWN_ANGLE_ERROR = 0.012
 """rad, the part of it that differs from stride to stride."""
 STRIDE = 1.0
 ERROR_SHARES = {
-    Source.MOTION: 0.2, Source.JOINT_MARKERS: 0.1, Source.JOINT_NOMINAL: 0.25, Source.SKIN: 0.05,
-    Source.BANDWIDTH: 0.05, Source.INERTIA: 0.1, Source.PLATES: 0.2, Source.FRAMES: 0.05,
+    ErrorSource.MOTION: 0.2, ErrorSource.JOINT_MARKERS: 0.1, ErrorSource.JOINT_NOMINAL: 0.25, ErrorSource.SKIN: 0.05,
+    ErrorSource.BANDWIDTH: 0.05, ErrorSource.INERTIA: 0.1, ErrorSource.PLATES: 0.2, ErrorSource.FRAMES: 0.05,
 }  # fmt: skip
 """Of the variance of every torque."""
 HOSTILE = (
@@ -188,7 +186,7 @@ def _inertial(values: np.ndarray) -> InertialFit:
 def _uncertainty(known: bool) -> Uncertainty:
     if not known:
         return Uncertainty(None, None)
-    return Uncertainty(Influence(FREE, np.full((len(FREE), 1), 0.003), ("a",)), np.full((len(IP_NAMES), 1), 1e-3))
+    return Uncertainty(ErrorSources(FREE, np.full((len(FREE), 1), 0.003), ("a",)), np.full((len(IP_NAMES), 1), 1e-3))
 
 
 def _recording(names: Names) -> Recording:

@@ -15,10 +15,9 @@ import pytest
 from typer.testing import CliRunner
 
 from gaitcal import cli
-from gaitcal.cli.application import app
+from gaitcal.cli.console import app
 from gaitcal.model.coordinates import LEG_COORDINATES
-from gaitcal.model.inertial_parameters import IP_NAMES
-from gaitcal.model.joint_parameters import JP_NAMES
+from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.study.settings import CalibrationSettings
 
 ROOT = Path(__file__).parents[1]

@@ -11,7 +11,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from gaitcal.cli.application import app
+from gaitcal.cli.console import app
 from gaitcal.cli.examples import EXAMPLES
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
@@ -19,7 +19,7 @@ from gaitcal.explanations.explanation import PARTS, all_explanations, explanatio
 from gaitcal.explanations.markdown import Paragraph, parts_of
 from gaitcal.faults.verdict import judge
 from gaitcal.findings import Finding, Severity
-from gaitcal.page.sheet.explained import explained_code
+from gaitcal.page.sheet.rows import explained_code
 from gaitcal.page.sheet.sheet import verdict_sheet
 
 PACKAGE = Path(__file__).parents[1] / "gaitcal"

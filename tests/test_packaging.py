@@ -13,7 +13,7 @@ import pytest
 
 import gaitcal
 from gaitcal.errors import GaitcalError
-from gaitcal.io import package_data
+from gaitcal.io import toml
 
 ROOT = Path(__file__).parent.parent
 
@@ -51,13 +51,13 @@ def test_what_contributors_are_told_is_there() -> None:
 
 
 def test_models_of_the_checkout() -> None:
-    assert package_data.models_path() == ROOT / "models"
+    assert toml.models_path() == ROOT / "models"
 
 
 def test_an_incomplete_installation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(package_data, "files", lambda package: tmp_path / package)
+    monkeypatch.setattr(toml, "files", lambda package: tmp_path / package)
     with pytest.raises(GaitcalError, match="install gaitcal again"):
-        package_data.models_path()
+        toml.models_path()
 
 
 def test_import_loads_no_viewer_plots_cluster_or_command_line(tmp_path: Path) -> None:
@@ -107,5 +107,5 @@ def test_wheel_works_without_the_source_tree(tmp_path: Path) -> None:
     assert data <= names
     assert {"gaitcal/py.typed", "gaitcal/__init__.pyi"} <= names
     assert not [name for name in names if not name.startswith(("gaitcal/", "gaitcal-"))]
-    code = "import gaitcal; from gaitcal.io.package_data import models_path; print(models_path())"
+    code = "import gaitcal; from gaitcal.io.toml import models_path; print(models_path())"
     assert python(code, tmp_path, PYTHONPATH=str(tmp_path / "site")) == str(tmp_path / "site" / "gaitcal" / "models")

@@ -20,11 +20,9 @@ from threadpoolctl import threadpool_limits
 
 import gaitcal as gc
 from gaitcal.published.case import nominal_case
-from gaitcal.published.context import MonteCarloContext
-from gaitcal.published.draw import COLUMNS, draw
-from gaitcal.published.noise_seed import noisy_draw
-from gaitcal.published.settings import MonteCarloSettings, Plan, Varied
-from gaitcal.published.unfinished_refit import unfinished_draws
+from gaitcal.published.draw import COLUMNS, MonteCarloContext, draw
+from gaitcal.published.refit import unfinished_draws
+from gaitcal.published.settings import MonteCarloSettings, Plan, Varied, noisy_draw
 from gaitcal.published.workers import LocalProcesses, ThisProcess
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion

@@ -18,8 +18,8 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.linkage import LEG_JOINTS
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.motion.trial_problem import TrialProblem
 
 LARGEST_POSITION = 0.020

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.inertial_parameters import InertialSet, is_physical, table
+from gaitcal.model.parameters import InertialSet, is_physical, table
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,12 +26,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.inertial_calibration import InertialFit, by_inertial
+from gaitcal.calibration.inertial_calibration import InertialFit, RootEquations, by_inertial
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
-from gaitcal.calibration.inertial_equations import RootEquations
 from gaitcal.calibration.joint_calibration import ending
 from gaitcal.calibration.residual_noise import ResidualNoise
-from gaitcal.model.inertial_parameters import InertialSet, dynamic_parameters, full_set
+from gaitcal.model.parameters import InertialSet, dynamic_parameters, full_set
 
 STRONG = float(np.log(20.0))
 """ln K from which the inertial parameters move: odds of 20 to 1."""

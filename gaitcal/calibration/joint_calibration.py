@@ -16,8 +16,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import ReducedProblem, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.trial_problem import TrialProblem
 

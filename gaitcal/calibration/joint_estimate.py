@@ -22,8 +22,8 @@ With H the Hessian at the end, motions eliminated, and S_t the part of trial t, 
 
     -H^-1 ( sum_t S_t^1/2 n_t  -  Sigma_p^-1 F_p e_p  -  Sigma_z^-1 F_z e_z ),      n, e_p, e_z independent, variance 1:
 
-F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `Influence` by source, markers of each
-trial, nominal values, soft tissue (`influence.py`). Their squares sum to H^-1.
+F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `ErrorSources` by source, markers of
+each trial, nominal values, soft tissue (`influence.py`). Their squares sum to H^-1.
 
 What is uncertain and not fitted, k, is considered (Schmidt-Kalman): joint parameters that stay as they are, and z where
 it stays zero. With S_pk of the same trials with k open, and errors R_k R_k^T of k, it makes errors  -H^-1 S_pk R_k.
@@ -40,20 +40,19 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence, errors_by_source, nominal_influence
+from gaitcal.calibration.error_sources import ErrorSources, errors_by_source, nominal_influence
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.motion.arrow import eliminate
-from gaitcal.motion.roughness import frame_rate
+from gaitcal.motion.coordinate_prior import joints_left_open
 from gaitcal.motion.soft_tissue import SoftTissue
+from gaitcal.motion.spline import frame_rate
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.motion.undetermined import joints_left_open
 from gaitcal.study.joint_prior import JointPrior
 
 BY_EVIDENCE = JointSettings(tolerance=1e-7)
@@ -154,8 +153,8 @@ def estimate_joints(
     settings: JointSettings = BY_EVIDENCE,
     equal_weights: bool = False,
     present: Parameters | None = None,
-    known: Influence | None = None,
-) -> tuple[JointEstimate, Influence]:
+    known: ErrorSources | None = None,
+) -> tuple[JointEstimate, ErrorSources]:
     """Fit the joint parameters `free` and the soft tissue to all trials together, and tell their errors by source.
 
     Parameters
@@ -220,9 +219,9 @@ def estimate_joints(
     return estimate, errors_by_source(unknowns, scores, inverse, precision, coupling, known)
 
 
-def _with_tissue(known: Influence, tissue: TissuePrior) -> Influence:
+def _with_tissue(known: ErrorSources, tissue: TissuePrior) -> ErrorSources:
     """What is known before the fit, soft tissue too."""
-    return Influence(
+    return ErrorSources(
         (*known.free, *tissue.keys),
         block_diag(known.parameters, _root(tissue)),
         (*known.clusters, *(f"skin/{key}" for key in tissue.keys)),
@@ -338,7 +337,9 @@ def _placed(search: JointSearch, fit: JointFit, noise: Sequence[float]) -> list[
     return out
 
 
-def _scores(trials: Sequence[str], free: tuple[str, ...], parts: Sequence[Array], sizes: Sequence[float]) -> Influence:
+def _scores(
+    trials: Sequence[str], free: tuple[str, ...], parts: Sequence[Array], sizes: Sequence[float]
+) -> ErrorSources:
     """u_t of every trial by independent columns; `sizes`: its noise over the one that it counts by."""
     columns, sources = [], []
     for name, part, size in zip(trials, parts, sizes, strict=True):
@@ -346,7 +347,7 @@ def _scores(trials: Sequence[str], free: tuple[str, ...], parts: Sequence[Array]
         kept = values > NULL * max(float(values.max(initial=0.0)), 1e-300)
         columns.append(vectors[:, kept] * np.sqrt(values[kept]) * size)
         sources += [f"markers/{name}/{k}" for k in range(int(kept.sum()))]
-    return Influence(free, np.hstack(columns), tuple(sources))
+    return ErrorSources(free, np.hstack(columns), tuple(sources))
 
 
 def _coupling(

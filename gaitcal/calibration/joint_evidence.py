@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.calibration.influence import Influence, nominal_influence
+from gaitcal.calibration.combined import arm_ambiguity, told, without_arms
+from gaitcal.calibration.error_sources import ErrorSources, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, free_of
 from gaitcal.calibration.joint_phases import (
@@ -25,13 +26,10 @@ from gaitcal.calibration.joint_phases import (
     calibration_of,
     fit_phase,
 )
-from gaitcal.calibration.joint_prior import ANATOMY
+from gaitcal.calibration.joint_prior import ANATOMY, GAIT, LEAST_SQUARES, task_tissue
 from gaitcal.calibration.soft_tissue_artefact import SoftTissueScale
-from gaitcal.calibration.task_tissue import GAIT, LEAST_SQUARES, task_tissue
-from gaitcal.calibration.turned_arms import told, turned_arms, without_arms
-from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import LEG_JOINTS, LOWER_BODY, SEGMENTS
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_NAMES, Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
@@ -90,13 +88,13 @@ def _legs(trials: Sequence[JointTrial], nominal: Parameters, sides: Sequence[str
     )
 
 
-def _with_found_tissue(errors: Influence, estimate: JointEstimate) -> Influence:
+def _with_found_tissue(errors: ErrorSources, estimate: JointEstimate) -> ErrorSources:
     """Motions are tracked with markers in their places: the soft tissue found is an error of theirs, all of it."""
     if not estimate.keys:
         return errors
     column = np.zeros((len(errors.free), 1))
     column[len(estimate.free) :, 0] = estimate.tissue
-    return Influence(errors.free, np.hstack([errors.parameters, column]), (*errors.clusters, "skin/found"))
+    return ErrorSources(errors.free, np.hstack([errors.parameters, column]), (*errors.clusters, "skin/found"))
 
 
 def _in_words(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate) -> tuple[str, ...]:
@@ -140,6 +138,6 @@ def _trunk_and_arms(trials: Sequence[JointTrial], nominal: Parameters, how: Phas
     if not plan.free:
         return None
     found = fit_phase(plan, nominal, how)
-    if turned := turned_arms(task.problems, found.estimate.nodes, nominal):
+    if turned := arm_ambiguity(task.problems, found.estimate.nodes, nominal):
         found = fit_phase(replace(plan, free=without_arms(plan.free, turned)), nominal, how)
     return replace(found, findings=told(turned))

@@ -23,8 +23,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
-from gaitcal.motion.roughness import frame_rate
-from gaitcal.motion.spline import SplineBasis
+from gaitcal.motion.spline import SplineBasis, frame_rate
 from gaitcal.motion.trial_problem import TrialProblem
 
 UNCORRELATED = 0.05

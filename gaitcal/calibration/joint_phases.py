@@ -32,16 +32,14 @@ from gaitcal.calibration.identifiability import (
     unmoved_parameters,
     unseen_parameters,
 )
-from gaitcal.calibration.influence import Influence, nominal_influence
+from gaitcal.calibration.error_sources import ErrorSources, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings, passed
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, TaskTrials, estimate_joints
-from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.joint_prior import GAIT, TaskTissue, prior_of
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
-from gaitcal.calibration.task_tissue import GAIT, TaskTissue
 from gaitcal.findings import Finding
-from gaitcal.model.joint_parameters import JP_INDEX, isolated_parameters
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_INDEX, Parameters, isolated_parameters
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
@@ -103,7 +101,7 @@ class JointCalibration:
     phases: tuple[Phase, ...]
     free: tuple[str, ...]
     """Every joint parameter that was fitted."""
-    influence: Influence
+    influence: ErrorSources
     """Of every source of error on all joint parameters, fitted or not."""
     unidentifiable: tuple[str, ...]
     """Parameters that were to be fitted and that the trials cannot see; they keep their nominal value, or stay where
@@ -176,7 +174,7 @@ class FittedPhase:
 
     plan: JointPhase
     estimate: JointEstimate
-    errors: Influence
+    errors: ErrorSources
     summary: Phase
     frozen: tuple[str, ...] = ()
     """Joint parameters that were to be fitted and that these trials cannot see."""
@@ -190,7 +188,7 @@ def fit_phase(
     nominal: Parameters,
     how: PhaseSettings,
     present: Parameters | None = None,
-    known: Influence | None = None,
+    known: ErrorSources | None = None,
 ) -> FittedPhase:
     """Fit one phase, from the parameters `present` with errors `known` (`estimate_joints`)."""
     fit = partial(
@@ -305,7 +303,11 @@ def _posterior(estimate: JointEstimate, nominal: Parameters) -> JointPrior:
 
 
 def calibration_of(
-    done: Sequence[FittedPhase], nominal: Parameters, prior: JointPrior | None, bounds: JointSettings, known: Influence
+    done: Sequence[FittedPhase],
+    nominal: Parameters,
+    prior: JointPrior | None,
+    bounds: JointSettings,
+    known: ErrorSources,
 ) -> JointCalibration:
     """All phases together.
 

@@ -27,16 +27,14 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.calibration.inertial_chart import LogChart
-from gaitcal.calibration.influence import Influence, TrialScores, trial_scores
+from gaitcal.calibration.error_sources import ErrorSources, TrialScores, trial_scores
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.dynamics.plate_errors import DEFAULT, OF_A_PLATE, PlateErrors, wrench_errors, wrench_rates
-from gaitcal.model.inertial_parameters import dynamic_jacobian
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.roughness import frame_rate
-from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, basis_matrix, spline_basis
+from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, basis_matrix, frame_rate, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 
 BLOCK = 500
@@ -84,7 +82,7 @@ class ResidualNoise:
 def residual_noise(
     trials: Sequence[LoadedProblem],
     parameters: Parameters,
-    influence: Influence,
+    influence: ErrorSources,
     subject: Subject,
     chart: LogChart,
     length: float,
@@ -136,7 +134,9 @@ def residual_noise(
 class _TrialSources:
     """The sources of one trial, and what each makes of its pelvis residual."""
 
-    def __init__(self, trial: LoadedProblem, parameters: Parameters, influence: Influence, plates: PlateNoise) -> None:
+    def __init__(
+        self, trial: LoadedProblem, parameters: Parameters, influence: ErrorSources, plates: PlateNoise
+    ) -> None:
         self.trial, self.parameters, self.plates = trial, parameters, plates
         self.opened = trial.problem.with_free(influence.free)
         own = trial.scores or trial_scores(self.opened, parameters, trial.nodes)

@@ -47,8 +47,15 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.joint_noise import LEAST_SAMPLES, frames_per_sample, least_noise
 from gaitcal.model.linkage import BENDS, JOINTS, Source
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
-from gaitcal.motion.secondary_motion import LEAST_SPREAD, SecondaryColumns
-from gaitcal.motion.soft_tissue import COMPONENTS, WIDTH, SegmentTissue, SoftTissue, together
+from gaitcal.motion.soft_tissue import (
+    COMPONENTS,
+    LEAST_SPREAD,
+    WIDTH,
+    SecondaryColumns,
+    SegmentTissue,
+    SoftTissue,
+    together,
+)
 from gaitcal.motion.trial_problem import TrialProblem
 
 

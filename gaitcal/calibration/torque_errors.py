@@ -22,18 +22,15 @@ import numpy as np
 
 from gaitcal.arrays import Array, stretches
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.influence import Influence
-from gaitcal.calibration.marker_moves import MarkerMoves, marker_moves, squares
-from gaitcal.dynamics.axis_errors import AxisErrors
+from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, marker_moves, squares
+from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import kinetic_errors, kinetic_slopes
 from gaitcal.dynamics.joint_moments import HELD
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
-from gaitcal.dynamics.torque_sources import Source, TorqueErrors
-from gaitcal.model.inertial_parameters import dynamic_jacobian
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.motion.trial_problem import TrialProblem
 
 BLOCK = 64
@@ -45,9 +42,9 @@ def torque_standard_errors(
     nodes: Array,
     parameters: Parameters,
     wrenches: Array,
-    joint: Influence | None,
+    joint: ErrorSources | None,
     inertial: Array | None,
-    moves: MarkerMoves | None = None,
+    moves: MotionSensitivity | None = None,
     plates: PlateErrors | None = None,
     axes: AxisErrors | None = None,
 ) -> TorqueErrors:
@@ -93,7 +90,7 @@ class ErringForces:
     """(nf, 2, 6) N, N·m."""
     free: tuple[str, ...]
     """The joint parameters that are not exact."""
-    moves: MarkerMoves
+    moves: MotionSensitivity
     inertial: Array | None = None
     """(84, n); None: exact, as are the following."""
     plates: PlateErrors | None = None
@@ -136,14 +133,14 @@ class ErringForces:
         found = self._of_markers(part, by_state, by_parameter)
         if self.inertial is not None:
             heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
-            found.add(Source.INERTIA, squares(through @ heavier))
+            found.add(ErrorSource.INERTIA, squares(through @ heavier))
         if self.plates is not None and self.plates.any:
             wrong = dynamics.of_ground(q, wrench_errors(wrenches, self._rates[part], self.plates))
-            found.add(Source.PLATES, squares(through @ wrong))
+            found.add(ErrorSource.PLATES, squares(through @ wrong))
         if self.axes is not None and self.axes.columns:
             moving = _rate_moves(self.problem, self.axes, self._state[0], part)
             turns = _segment_turns(self.axes, q)
-            found.add(Source.FRAMES, squares(told.moved(self.axes.torque_moves(q, v, a, wrenches), moving, turns)))
+            found.add(ErrorSource.FRAMES, squares(told.moved(self.axes.torque_moves(q, v, a, wrenches), moving, turns)))
         return found
 
     def _of_markers(self, part: slice, by_state: Array, by_parameter: Array) -> Variances:
@@ -153,21 +150,21 @@ class ErringForces:
         count = moves.nodes.shape[1]
         every[:, :, count : count + by_parameter.shape[2]] += by_parameter
         torques, kinetics = (moves.variances(every[:, rows]) for rows in (slice(len(FORCES)), slice(len(FORCES), None)))
-        return Variances(torques, np.asarray(sum(kinetics.values())), kinetics[Source.MOTION])
+        return Variances(torques, np.asarray(sum(kinetics.values())), kinetics[ErrorSource.MOTION])
 
 
 @dataclass
 class Variances:
     """Of the forces of some frames, then of the powers and moments that follow (`kinetic_slopes`)."""
 
-    torques: dict[Source, Array]
+    torques: dict[ErrorSource, Array]
     """(frames, 29) by source."""
     kinetics: Array
     """(frames, 91) of all sources together."""
     own: Array
     """(frames, 91) of the trial's own markers."""
 
-    def add(self, source: Source, variance: Array) -> None:
+    def add(self, source: ErrorSource, variance: Array) -> None:
         """Count a further source, (frames, 120)."""
         self.torques[source] = variance[:, : len(FORCES)]
         self.kinetics += variance[:, len(FORCES) :]

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.cli.check import stop_on_errors
-from gaitcal.cli.console import Talk, print_calibration, tell_changed, tell_kept
+from gaitcal.cli.console import Console, print_calibration, tell_changed, tell_kept
 from gaitcal.cli.init import study_or_draft, tell_faulty
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.faults.study import check_study
@@ -14,16 +14,14 @@ from gaitcal.faults.verdict import Judgement
 from gaitcal.findings import Finding
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.atomic import require_room
-from gaitcal.io.ownership import ResultKind
+from gaitcal.io.lock import ResultKind
 from gaitcal.io.snapshot import sha256_of
-from gaitcal.session.draft import Draft
+from gaitcal.session.draft import STUDY, Draft, draft_text, settings_text, study_of
 from gaitcal.session.draft_lines import draft_notes
-from gaitcal.session.draft_text import STUDY, draft_text, settings_text, study_of
-from gaitcal.session.faulty_trials import without_faulty_trials
+from gaitcal.session.drafting import rejected_forces, without_faulty_trials
 from gaitcal.session.person_facts import NOTHING_SAID, Options
-from gaitcal.session.rejected_forces import rejected_forces
 from gaitcal.session.source import files_of
-from gaitcal.study.cohort_prior import with_cohort_priors
+from gaitcal.study.joint_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import load_study_file
@@ -50,7 +48,7 @@ def _checked(source: Path | Draft, priors: Path | None) -> tuple[Study, tuple[Fi
 def run(
     path: Path,
     out: Path,
-    talk: Talk,
+    console: Console,
     options: Options = NOTHING_SAID,
     *,
     force: bool = False,
@@ -66,11 +64,11 @@ def run(
     """
     normal = None if normal is None else bands_file(normal)
     bands = None if normal is None else read_normal_bands(normal)
-    source = study_or_draft(path, options, talk)
+    source = study_or_draft(path, options, console)
     drafted = source if isinstance(source, Draft) else None
     inputs = _inputs(source, priors)
     kept = require_room(out, ResultKind.CALIBRATION, [*inputs, *(file for file in (normal, priors) if file)])
-    with talk.working() as step:
+    with console.working() as step:
         step("reading and checking the recordings")
         loaded, findings = _checked(source, priors)
         from gaitcal.results.calibration import write_results
@@ -80,7 +78,7 @@ def run(
         if drafted is not None and not force:
             loaded, findings, faulty = without_faulty_trials(loaded, findings)
             drafted = drafted.without(faulty)
-            tell_faulty(talk, faulty)
+            tell_faulty(console, faulty)
         if drafted is not None:
             findings = (*findings, *rejected_forces(drafted))
         if not force:
@@ -92,14 +90,14 @@ def run(
         made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
         text = None if drafted is None else draft_text(drafted, out) + settings_text(CalibrationSettings(), priors, out)
         write_results(calibration, out, made_with, drafted=text, normal=bands)
-    print_calibration(talk, calibration)
+    print_calibration(console, calibration)
     for note in loaded.joint_prior.notes if loaded.joint_prior else ():
-        talk.line(f"priors: {note}")
-    tell_changed(talk, loaded.changed_inputs())
-    tell_kept(talk, kept)
+        console.line(f"priors: {note}")
+    tell_changed(console, loaded.changed_inputs())
+    tell_kept(console, kept)
     if drafted is not None:
-        talk.line(f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change it)")
-    talk.line(f"page:   {out / PAGE}")
+        console.line(f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change it)")
+    console.line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
     if verdict.judgement is Judgement.REFUSED and not force:
         raise InputError(

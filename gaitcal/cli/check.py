@@ -9,41 +9,41 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.cli.init import study_or_draft
 from gaitcal.errors import InputError
 from gaitcal.faults.study import check_file, check_study
 from gaitcal.faults.verdict import stopping
 from gaitcal.findings import Finding, Severity
-from gaitcal.session.draft_text import study_of
+from gaitcal.session.draft import study_of
+from gaitcal.session.drafting import rejected_forces
 from gaitcal.session.person_facts import NOTHING_SAID, Options
-from gaitcal.session.rejected_forces import rejected_forces
 
 PLAIN_WIDTH = 150
 """Columns of the table where the output is no terminal."""
 COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}
 
 
-def run(path: Path, talk: Talk, options: Options = NOTHING_SAID) -> None:
+def run(path: Path, console: Console, options: Options = NOTHING_SAID) -> None:
     """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is an error."""
-    source = study_or_draft(path, options, talk)
-    with talk.working() as step:
+    source = study_or_draft(path, options, console)
+    with console.working() as step:
         step("reading and checking the recordings")
         if isinstance(source, Path):
             findings = check_file(source)
         else:
             findings = (*check_study(study_of(source)), *rejected_forces(source))
-    shown = [f for f in findings if talk.verbose or f.severity is not Severity.INFO]
+    shown = [f for f in findings if console.verbose or f.severity is not Severity.INFO]
     if shown:
-        if not talk.out.is_terminal:
-            talk.out.width = PLAIN_WIDTH
-        talk.out.print(_table(shown))
+        if not console.out.is_terminal:
+            console.out.width = PLAIN_WIDTH
+        console.out.print(_table(shown))
     counts = {severity: sum(f.severity is severity for f in findings) for severity in Severity}
-    hidden = counts[Severity.INFO] if not talk.verbose else 0
+    hidden = counts[Severity.INFO] if not console.verbose else 0
     more = f" (-v shows {hidden} more facts)" if hidden else ""
-    talk.line(f"{counts[Severity.ERROR]} errors, {counts[Severity.WARNING]} warnings{more}")
+    console.line(f"{counts[Severity.ERROR]} errors, {counts[Severity.WARNING]} warnings{more}")
     if shown:
-        talk.line(f"what a code means and what to do: gaitcal explain {shown[0].code.value}")
+        console.line(f"what a code means and what to do: gaitcal explain {shown[0].code.value}")
     if counts[Severity.ERROR]:
         sys.exit(1)
 

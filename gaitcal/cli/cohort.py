@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.cohort.cohort_file import COHORT, read_cohort
 from gaitcal.cohort.learn_priors import PRIORS, learn_priors
 from gaitcal.cohort.learning import FEWEST
@@ -18,10 +18,10 @@ from gaitcal.cohort.run import Ended, Engine, processes, run_cohort
 from gaitcal.cohort.tables import FAILURES, PEOPLE_CSV, Written, failures
 from gaitcal.errors import UsageError
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.io.interruption import InterruptedWork, Stopped
+from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.published.workers import Cluster
 from gaitcal.session.person_facts import NOTHING_SAID, Options
-from gaitcal.study.cohort_prior import read_cohort_priors
+from gaitcal.study.joint_prior import read_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 
 ORDER = ("refused", "doubtful", "trustworthy")
@@ -53,7 +53,7 @@ class CohortOptions:
         return processes(self.jobs)
 
 
-def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:
+def run(path: Path, out: Path, console: Console, options: CohortOptions) -> None:
     """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
     engine = options.engine
     normal = None if options.normal is None else bands_file(options.normal).resolve()
@@ -66,27 +66,27 @@ def run(path: Path, out: Path, talk: Talk, options: CohortOptions) -> None:
     priors, calibration = _priors(options, calibration)
     cohort = _with_options(cohort, options.told)
     for name in cohort.ignored:
-        talk.line(f"not used: {name}: holds no recordings")
+        console.line(f"not used: {name}: holds no recordings")
     for note in cohort.notes:
-        talk.line(note)
+        console.line(note)
     if options.learn_priors and (people := len({person.name for person in cohort.people})) < FEWEST:
-        talk.line(f"no priors will be learnt: {people} people, of {FEWEST} or more they can be")
+        console.line(f"no priors will be learnt: {people} people, of {FEWEST} or more they can be")
     common = CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
-        with talk.working() as step:
+        with console.working() as step:
             written = run_cohort(
-                cohort, out, common, engine=engine, retry=options.retry, told=_teller(talk, step, len(cohort.people))
+                cohort, out, common, engine=engine, retry=options.retry, told=_teller(console, step, len(cohort.people))
             )
     except (KeyboardInterrupt, Stopped) as ending:
         work = "whoever had ended is kept, the same command goes on with the others"
         raise InterruptedWork(ending, work) from None
-    _tell_end(talk, written, out)
+    _tell_end(console, written, out)
     if options.learn_priors:
-        with talk.working() as step:
+        with console.working() as step:
             lines = learn_priors(cohort, out, step)
         for line in lines:
-            talk.line(line)
-        talk.line(f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort --priors')")
+            console.line(line)
+        console.line(f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort --priors')")
     if written.verdicts.get("failed"):
         sys.exit(1)
 
@@ -121,7 +121,7 @@ def _with_options(cohort: Cohort, told: Options) -> Cohort:
     return replace(cohort, people=people)
 
 
-def _teller(talk: Talk, step: Callable[[str], None], people: int) -> Callable[[Ended], None]:
+def _teller(console: Console, step: Callable[[str], None], people: int) -> Callable[[Ended], None]:
     step(f"0 of {people} people")
 
     def tell(ended: Ended) -> None:
@@ -131,9 +131,9 @@ def _teller(talk: Talk, step: Callable[[str], None], people: int) -> Callable[[E
         who = " ".join(filter(None, outcome.key))
         if outcome.computed:
             cause = f": {outcome.first_cause}" if outcome.first_cause else ""
-            talk.line(f"{who}: {outcome.verdict}{cause} ({outcome.seconds:.1f} s; {far})")
-        elif talk.verbose:
-            talk.line(f"{who}: {outcome.verdict}, unchanged ({far})")
+            console.line(f"{who}: {outcome.verdict}{cause} ({outcome.seconds:.1f} s; {far})")
+        elif console.verbose:
+            console.line(f"{who}: {outcome.verdict}, unchanged ({far})")
         step(far)
 
     return tell
@@ -147,17 +147,17 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def _tell_end(talk: Talk, written: Written, out: Path) -> None:
+def _tell_end(console: Console, written: Written, out: Path) -> None:
     counts = ", ".join(f"{written.verdicts[name]} {name}" for name in ORDER if written.verdicts.get(name))
     failed = written.verdicts.get("failed", 0)
-    talk.line(f"{sum(written.verdicts.values())} people and sessions: {counts or 'no result'}; {failed} failed")
+    console.line(f"{sum(written.verdicts.values())} people and sessions: {counts or 'no result'}; {failed} failed")
     for number, line in enumerate(failures(out)):
         if number == MOST_TOLD:
-            talk.line(f"and {failed - MOST_TOLD} more")
+            console.line(f"and {failed - MOST_TOLD} more")
             break
         who = " ".join(filter(None, (line["person"], line["session"])))
-        talk.line(f"failed: {who}: {line['cause']}; {line['what_to_do']}")
+        console.line(f"failed: {who}: {line['cause']}; {line['what_to_do']}")
     if failed:
-        talk.line(f"failures: {out / FAILURES} (--retry tries them again where nothing changed)")
-    talk.line(f"page: {out / PAGE}")
-    talk.line(f"tables: {out / PEOPLE_CSV} and beside it; columns.csv says what they mean")
+        console.line(f"failures: {out / FAILURES} (--retry tries them again where nothing changed)")
+    console.line(f"page: {out / PAGE}")
+    console.line(f"tables: {out / PEOPLE_CSV} and beside it; columns.csv says what they mean")

@@ -8,16 +8,15 @@ from pathlib import Path
 
 from rich.text import Text
 
-from gaitcal.cli.console import Talk, frameless_table
+from gaitcal.cli.console import Console, frameless_table
 from gaitcal.compare.comparison import compare
-from gaitcal.compare.difference import Difference
-from gaitcal.compare.difference_words import subject
+from gaitcal.compare.difference import Difference, subject
 from gaitcal.compare.osim_words import osim_words
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.errors import UsageError
 from gaitcal.findings import note_of
 from gaitcal.io.atomic import require_room
-from gaitcal.io.ownership import MANIFEST, ResultKind
+from gaitcal.io.lock import MANIFEST, ResultKind
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.sessions import compare_results, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model
@@ -38,11 +37,11 @@ class Options:
     studies: Sequence[Path] = ()
 
 
-def run(result: Path, other: Path | None, options: Options, talk: Talk) -> None:
+def run(result: Path, other: Path | None, options: Options, console: Console) -> None:
     """Compare two results, or one with an OpenSim model."""
     _require_usable(other, options)
     if options.osim is not None:
-        compare_models(result, options.osim, talk)
+        compare_models(result, options.osim, console)
         return
     if other is None:
         raise UsageError("found one result; allowed: two results, or one and --osim FILE", field="compare")
@@ -50,13 +49,13 @@ def run(result: Path, other: Path | None, options: Options, talk: Talk) -> None:
         require_room(options.out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)])
     shared = None
     if options.shared_model:
-        with talk.working() as step:
+        with console.working() as step:
             shared = compare_with_shared_model(result, other, options.studies, step)
     comparison = compare_results(result, other) if shared is None else shared.comparison
-    tell(comparison, talk)
+    tell(comparison, console)
     if options.out is not None:
         write_comparison(comparison, options.out, (result, other), None if shared is None else shared.parameters)
-        talk.line(f"wrote {options.out}")
+        console.line(f"wrote {options.out}")
 
 
 def _require_usable(other: Path | None, options: Options) -> None:
@@ -67,20 +66,20 @@ def _require_usable(other: Path | None, options: Options) -> None:
         raise UsageError("found without --shared-model, which alone needs them", field="--study")
 
 
-def tell(comparison: SessionComparison, talk: Talk) -> None:
+def tell(comparison: SessionComparison, console: Console) -> None:
     """Warnings and words first, then the table of what differs most."""
     for line in comparison.lines:
-        talk.line(line)
+        console.line(line)
     if not comparison.found:
         return
     table = frameless_table(("figure", "unit"), (*comparison.names, "difference", "missed below", "times"))
     table.columns[0].min_width = WIDTH
     for d in comparison.found[:SHOWN]:
         table.add_row(Text(subject(d)), d.unit, *_numbers(d))
-    talk.line()
-    talk.out.print(table)
+    console.line()
+    console.out.print(table)
     if (rest := len(comparison.found) - SHOWN) > 0:
-        talk.line(f"and {rest} more: --out FOLDER writes all")
+        console.line(f"and {rest} more: --out FOLDER writes all")
 
 
 def _numbers(d: Difference) -> tuple[str, ...]:
@@ -89,17 +88,17 @@ def _numbers(d: Difference) -> tuple[str, ...]:
     return (*figures, *limit)
 
 
-def compare_models(result: Path, osim: Path, talk: Talk) -> None:
+def compare_models(result: Path, osim: Path, console: Console) -> None:
     """Say in words what an OpenSim model differs in, then print its joint axes, masses and lengths beside ours."""
     table = frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
     model, read, doubts = load_result_model(result)
     for text in (*read.remarks, *map(note_of, doubts)):
-        talk.line(f"warning: {text}")
+        console.line(f"warning: {text}")
     rows = compare(model, osim)
     for line in osim_words(rows):
-        talk.line(line)
+        console.line(line)
     for row in rows:
         numbers = (f"{v:.2f}" for v in (row.ours, row.theirs, row.difference))
         table.add_row(Text(row.quantity), Text(row.unit), *numbers)
-    talk.line()
-    talk.out.print(table)
+    console.line()
+    console.out.print(table)

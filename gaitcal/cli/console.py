@@ -1,17 +1,28 @@
-"""What a command prints: steps while it works, a table at the end. Nothing on standard output but results."""
+"""What a command prints: steps while it works, a table at the end. Nothing on standard output but results.
+
+The program that commands register themselves with, and what each of them is handed besides its own options.
+"""
 
 from __future__ import annotations
 
+import atexit
+import gc
 import logging
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from inspect import Signature, signature
 from typing import TYPE_CHECKING
 
-from rich.console import Console
+import rich.console
+import typer
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from gaitcal.cli.examples import epilog
+from gaitcal.cli.options import Quiet, Verbose
 from gaitcal.faults.verdict import Verdict
 from gaitcal.findings import Severity
 from gaitcal.model.linkage import LOWER_BODY
@@ -24,14 +35,14 @@ LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "
 """How a reason begins."""
 
 
-class Talk:
+class Console:
     """Prints as much as the user asked for: quiet, normal or verbose."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         self.quiet, self.verbose = quiet, verbose
         logging.getLogger("gaitcal").setLevel(logging.ERROR if quiet else logging.WARNING)  # waiting for a lock
-        self.out = Console(quiet=quiet, highlight=False, soft_wrap=True)
-        self.err = Console(stderr=True, quiet=quiet, highlight=False)
+        self.out = rich.console.Console(quiet=quiet, highlight=False, soft_wrap=True)
+        self.err = rich.console.Console(stderr=True, quiet=quiet, highlight=False)
 
     def line(self, text: str = "") -> None:
         """A line of the result."""
@@ -59,48 +70,48 @@ def frameless_table(words: Iterable[str], numbers: Iterable[str] = ()) -> Table:
     return table
 
 
-def print_calibration(talk: Talk, calibration: Calibration) -> None:
+def print_calibration(console: Console, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
     from gaitcal.session.truth_words import sums  # with it comes all of a calibration, which `check` does not need
 
-    print_trials(talk, calibration.trials)
+    print_trials(console, calibration.trials)
     for total in sums(calibration, calibration.truth) if calibration.truth else ():
-        talk.line(total.sentence)
-    print_verdict(talk, calibration.verdict)
-    print_remarks(talk, (), calibration.notes)
+        console.line(total.sentence)
+    print_verdict(console, calibration.verdict)
+    print_remarks(console, (), calibration.notes)
 
 
-def print_verdict(talk: Talk, verdict: Verdict) -> None:
+def print_verdict(console: Console, verdict: Verdict) -> None:
     """How far the result can be believed, and why."""
-    talk.line(f"verdict: {verdict.judgement.value}. {verdict.sentence}")
+    console.line(f"verdict: {verdict.judgement.value}. {verdict.sentence}")
     for reason in verdict.reasons:
-        talk.line(f"{LABELS[reason.severity]}: {reason.line} [{reason.code.value}]")
+        console.line(f"{LABELS[reason.severity]}: {reason.line} [{reason.code.value}]")
     if verdict.reasons:
-        talk.line(f"what a code means and what to do: gaitcal explain {verdict.reasons[0].code.value}")
+        console.line(f"what a code means and what to do: gaitcal explain {verdict.reasons[0].code.value}")
 
 
-def tell_kept(talk: Talk, kept: Sequence[str]) -> None:
+def tell_kept(console: Console, kept: Sequence[str]) -> None:
     """Which folders of an earlier result are still there."""
     if kept:
-        talk.line(f"kept from the earlier result, made with its model: {', '.join(kept)}")
+        console.line(f"kept from the earlier result, made with its model: {', '.join(kept)}")
 
 
-def tell_changed(talk: Talk, inputs: Sequence[str]) -> None:
+def tell_changed(console: Console, inputs: Sequence[str]) -> None:
     """Which inputs are no longer those that were read: the result is of what they held before."""
     if inputs:
-        talk.line(f"warning: changed while this ran, the result is of what was read: {', '.join(inputs)}; run again")
+        console.line(f"warning: changed while this ran, the result is of what was read: {', '.join(inputs)}; run again")
 
 
-def print_remarks(talk: Talk, warnings: Sequence[str], notes: Sequence[str]) -> None:
+def print_remarks(console: Console, warnings: Sequence[str], notes: Sequence[str]) -> None:
     """Warnings, and with -v what was assumed."""
     for warning in warnings:
-        talk.line(f"warning: {warning}")
-    if talk.verbose:
+        console.line(f"warning: {warning}")
+    if console.verbose:
         for note in notes:
-            talk.line(f"note: {note}")
+            console.line(f"note: {note}")
 
 
-def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
+def print_trials(console: Console, trials: Sequence[TrialResult]) -> None:
     """Fit of every trial beside its floors, its ratio to that of the joints, and pelvis residuals."""
     table = frameless_table(())
     table.add_column("trial", no_wrap=True)
@@ -110,20 +121,20 @@ def print_trials(talk: Talk, trials: Sequence[TrialResult]) -> None:
         rows = {trial.name: ()} if trial.joint else {trial.name: (), "  pelvis and legs": LOWER_BODY}
         for name, segments in rows.items():
             table.add_row(Text(name), str(len(trial.calibrated.time)), *_fit(trial, segments))
-    talk.out.print(table)
+    console.out.print(table)
     for trial in trials:
         if held := trial.held_out:
             parts = {"": (held.nominal, held.calibrated)} | ({", pelvis and legs": held.legs} if held.legs else {})
             for part, (nominal, calibrated) in parts.items():
-                talk.line(
+                console.line(
                     f"{trial.name}{part}: on time blocks left out of the fit ({held.folds} folds), nominal "
                     f"{1e3 * nominal:.2f} mm, calibrated {1e3 * calibrated:.2f} mm"
                 )
     for trial in trials:
         if trial.loads is not None:
-            talk.line(_valid(trial.name, trial.loads))
+            console.line(_valid(trial.name, trial.loads))
             if trial.loads.reactions.valid.any():
-                talk.line(_residuals(trial.name, trial.loads))
+                console.line(_residuals(trial.name, trial.loads))
 
 
 def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
@@ -147,3 +158,52 @@ def _residuals(name: str, loads: LoadedTrial) -> str:
         parts.append(f"{stage.short} {force:.1f} N, {torque:.1f} N·m")
     frames = int(loads.reactions.valid.sum())
     return f"{name}: pelvis residual RMS over {frames} valid frames: " + "; ".join(parts)
+
+
+app = typer.Typer(
+    name="gaitcal",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
+    "and how far each can be trusted.",
+)
+
+
+RARELY = (200_000, 20, 20)
+"""Allocations before a search for cycles of garbage: more than libraries make while they load, which are no garbage."""
+
+
+def set_up() -> None:
+    """Prepare the process, before any library is loaded."""
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ[name] = "1"  # whatever the user set, as the numbers depend on it: see gaitcal/runtime.py
+    gc.set_threshold(*RARELY)
+    # as it ends, Python else looks twice through all that libraries made, a fifth of a second
+    atexit.register(gc.freeze)
+
+
+def _one_blas_thread() -> AbstractContextManager[None]:
+    """For a program that calls the command line and has NumPy loaded, so that `set_up` came too late."""
+    if "numpy" not in sys.modules:
+        return nullcontext()
+    from gaitcal.runtime import one_blas_thread
+
+    return one_blas_thread()
+
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """Register a command. Its first parameter, `console`, stands for the two options that end every command's list."""
+
+    def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
+
+        with _one_blas_thread():
+            function(Console(quiet=quiet, verbose=verbose), **arguments)
+
+    _, *of_command = signature(function).parameters.values()
+    *of_all, _ = signature(run).parameters.values()
+    run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
+    app.command(function.__name__, help=function.__doc__, epilog=epilog(function.__name__))(run)
+    return function

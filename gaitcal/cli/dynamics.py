@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from gaitcal.cli.check import stop_on_errors
-from gaitcal.cli.console import Talk, print_remarks, print_trials, print_verdict
+from gaitcal.cli.console import Console, print_remarks, print_trials, print_verdict
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
-from gaitcal.faults.consequences import without_consequences
+from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.study import check_further
 from gaitcal.faults.verdict import judge
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.atomic import require_room
-from gaitcal.io.ownership import ResultKind
+from gaitcal.io.lock import ResultKind
 from gaitcal.results.page_files import PAGE
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
@@ -40,7 +40,7 @@ class Options:
     filter_hz: str | None = None
 
 
-def run(result: Path, trials: list[Path], options: Options, out: Path | None, talk: Talk) -> None:
+def run(result: Path, trials: list[Path], options: Options, out: Path | None, console: Console) -> None:
     """Check further trials and take them through the model of a result folder."""
     _only_for_one({"--forces": options.forces, "--plates": options.plates, "--time": options.time}, len(trials))
     names = [path.stem for path in trials]
@@ -52,7 +52,7 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
     inputs = [*trials, *([options.forces] if options.forces else [])]
     require_room(folder, ResultKind.DYNAMICS, inputs)
     saved = load_result(result)
-    with talk.working() as step:
+    with console.working() as step:
         read = []
         for path in trials:
             step(f"{path.name}: reading and checking")
@@ -69,11 +69,11 @@ def run(result: Path, trials: list[Path], options: Options, out: Path | None, ta
         verdict = judge(without_consequences(findings), [trial.name for trial in done])
         done = [trial.refused(verdict.refused_legs(trial.name)) for trial in done]
         stale = write_trials(done, saved, folder, inputs, verdict)
-    print_trials(talk, done)
-    print_verdict(talk, verdict)
-    print_remarks(talk, stale, [n for t in done for n in t.notes])
-    talk.line(f"results: {folder}")
-    talk.line(f"page:    {folder / PAGE}")
+    print_trials(console, done)
+    print_verdict(console, verdict)
+    print_remarks(console, stale, [n for t in done for n in t.notes])
+    console.line(f"results: {folder}")
+    console.line(f"page:    {folder / PAGE}")
     if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
         raise InputError(
             f"a leg is refused (written, with none of its torques valid): {verdict.reasons[0].cause}",

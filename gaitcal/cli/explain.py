@@ -6,7 +6,7 @@ import re
 import textwrap
 from collections.abc import Iterator
 
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.codes import Code
 from gaitcal.errors import UsageError, nearest
 from gaitcal.explanations.explanation import Explanation, all_explanations, explanation_of
@@ -19,12 +19,12 @@ SERIES = {"0": "Found in recordings", "1": "Told of a result", "2": "What stops 
 """First digit of a code -> what its codes are of."""
 
 
-def run(name: str | None, talk: Talk) -> None:
+def run(name: str | None, console: Console) -> None:
     """Print what a code means; without a name, a list of all codes."""
-    width = max(NARROWEST, min(WIDEST, talk.out.width))
+    width = max(NARROWEST, min(WIDEST, console.out.width))
     lines = listing() if name is None else page(explanation_of(code_named(name)), width)
     for line in lines:
-        talk.line(line)
+        console.line(line)
 
 
 def code_named(name: str) -> Code:

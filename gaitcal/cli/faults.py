@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError
-from gaitcal.io.interruption import InterruptedWork, Stopped, ended_by_signals
+from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""

@@ -11,24 +11,22 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.cli.other_programs import convention_of
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError, nearest
 from gaitcal.figures.chart import Chart
-from gaitcal.figures.files import FORMATS, write_charts
 from gaitcal.figures.paper import Strides, paper_charts
-from gaitcal.figures.report import HealthyBands, Told, report_charts
+from gaitcal.figures.report import FORMATS, HealthyBands, Told, report_charts, write_charts
+from gaitcal.gait.cycles import Kind
 from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.moments import counted
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.gait.variables import Kind
-from gaitcal.gait.words import counted
 from gaitcal.io.atomic import amended
-from gaitcal.io.lock import put_back
-from gaitcal.io.ownership import read_object
+from gaitcal.io.lock import put_back, read_object
 from gaitcal.io.snapshot import read_whole
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.sheet.sheet_file import SHEET, read_sheet
+from gaitcal.page.sheet.sheet import SHEET, read_sheet
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.verdict import SUMMARY
 
@@ -56,7 +54,7 @@ class Options:
     external: bool
 
 
-def run(result: Path, out: Path | None, options: Options, talk: Talk) -> None:
+def run(result: Path, out: Path | None, options: Options, console: Console) -> None:
     """Draw the figures of a result, or of further trials, into a folder.
 
     Raises
@@ -82,7 +80,7 @@ def run(result: Path, out: Path | None, options: Options, talk: Talk) -> None:
             code=Code.NO_RESULT,
         )
     names = [name for name in (SHEET, SUMMARY, CYCLES, PARAMETERS, TRUTH) if (result / name).exists()]
-    with talk.working() as step:
+    with console.working() as step:
         step("reading the result")
         if options.purpose == REPORT:
             told, read = read_whole(result, names, lambda: _told(result, options.normal))
@@ -97,12 +95,12 @@ def run(result: Path, out: Path | None, options: Options, talk: Talk) -> None:
             files = write_charts(charts, stage, formats)
             read.require_unchanged()
     for remark in read.remarks:
-        talk.line(f"warning: {remark}")
+        console.line(f"warning: {remark}")
     verdict = sheet["verdict"]
     if verdict["judgement"] != "trustworthy":
-        talk.line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
+        console.line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
     for file in files:
-        talk.line(f"wrote {folder / file.name}")
+        console.line(f"wrote {folder / file.name}")
 
 
 def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:

@@ -10,13 +10,12 @@ from pathlib import Path
 import typer
 from rich.text import Text
 
-from gaitcal.cli.console import Talk, frameless_table
+from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.atomic import atomic_text, real_path
-from gaitcal.session.draft import NEEDED, Draft
+from gaitcal.session.draft import NEEDED, STUDY, Draft, draft_text, missing_options, missing_words, study_of
 from gaitcal.session.draft_lines import doubtful_lines, marker_set_line
-from gaitcal.session.draft_text import STUDY, draft_text, missing_options, missing_words, study_of
 from gaitcal.session.drafting import draft_of, draft_study
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
@@ -46,7 +45,7 @@ def _within(option: str, value: float | None, allowed: tuple[float, float], unit
         raise UsageError(f"found {value:g}; allowed: {allowed[0]:g} to {allowed[1]:g} {unit}{hint}", field=option)
 
 
-def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bool) -> None:
+def run(path: Path, out: Path | None, console: Console, options: Options, *, force: bool) -> None:
     """Draft the study file of a folder; exit code 1 where something in it is missing."""
     target = path / STUDY if out is None else out
     if target.suffix.lower() != ".toml":
@@ -55,18 +54,18 @@ def run(path: Path, out: Path | None, talk: Talk, options: Options, *, force: bo
         raise InputError(
             "is there already; --force replaces it, --out FILE names another", source=target, code=Code.FOLDER_TAKEN
         )
-    with talk.working() as step:
+    with console.working() as step:
         step("reading the folder")
         folder = read_folder(path)
-    draft = _asked(folder, options, talk)
-    print_seen(talk, draft)
+    draft = _asked(folder, options, console)
+    print_seen(console, draft)
     if draft.fault:
         raise InputError(draft.fault, source=path, code=Code.FOLDER)
     atomic_text(target, draft_text(draft, real_path(target).parent))
-    talk.line(f"study: {target}")
+    console.line(f"study: {target}")
     _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
     nominal_of(study_of(draft))  # an error of the static trial is told now
-    talk.line(f"next:  look through it, then gaitcal calibrate {target} --out {path.resolve().name}-result")
+    console.line(f"next:  look through it, then gaitcal calibrate {target} --out {path.resolve().name}-result")
 
 
 def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str = "give ") -> None:
@@ -79,7 +78,7 @@ def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str 
         )
 
 
-def study_or_draft(path: Path, options: Options, talk: Talk) -> Path | Draft:
+def study_or_draft(path: Path, options: Options, console: Console) -> Path | Draft:
     """The study file itself, the one in a folder, or the draft of a folder without one, ready to run.
 
     Raises
@@ -92,19 +91,19 @@ def study_or_draft(path: Path, options: Options, talk: Talk) -> Path | Draft:
     if not path.is_dir():
         _no_options_beside(path, options)
         return path
-    with talk.working() as step:
+    with console.working() as step:
         step("reading the folder")
         folder = read_folder(path)
     own = own_study(folder)
     if own is not None:
         _no_options_beside(own, options)
-        talk.line(f"the folder's own study is used: {own}")
+        console.line(f"the folder's own study is used: {own}")
         return own
-    draft = _asked(folder, options, talk)
+    draft = _asked(folder, options, console)
     if draft.fault:
-        print_seen(talk, draft)
+        print_seen(console, draft)
         raise InputError(draft.fault, source=path, code=Code.FOLDER)
-    tell_draft(talk, draft)
+    tell_draft(console, draft)
     _stop_on_problem(draft, path)
     return draft
 
@@ -116,14 +115,14 @@ def _no_options_beside(study: Path, options: Options) -> None:
         )
 
 
-def _asked(folder: Folder, options: Options, talk: Talk) -> Draft:
+def _asked(folder: Folder, options: Options, console: Console) -> Draft:
     """The draft, after a question at the terminal for each thing that nobody tells."""
     draft = draft_of(folder, options)
     if (
         draft.fault
         or draft.problem
         or not draft.missing
-        or talk.quiet
+        or console.quiet
         or not (sys.stdin.isatty() and sys.stderr.isatty())
     ):
         return draft
@@ -133,7 +132,7 @@ def _asked(folder: Folder, options: Options, talk: Talk) -> Draft:
             try:
                 options = _answered(options, field, answer)
             except (UsageError, ValueError) as fault:
-                talk.err.print(Text(str(fault)))
+                console.err.print(Text(str(fault)))
                 continue
             break
     return draft_study(draft.folder, options)
@@ -146,7 +145,7 @@ def _answered(options: Options, field: str, answer: str) -> Options:
     return options_of(out.mass, out.height, out.sex, out.age)
 
 
-def print_seen(talk: Talk, draft: Draft) -> None:
+def print_seen(console: Console, draft: Draft) -> None:
     """A row for every file of the folder: what it is, what it shows, what it is used as, why."""
     if not draft.seen:
         return
@@ -157,15 +156,15 @@ def print_seen(talk: Talk, draft: Draft) -> None:
         frames = "" if row.frames is None else str(row.frames)
         cells = (row.name, row.kind, frames, row.labels, row.shows, row.used or "not used", row.reason)
         table.add_row(*(Text(cell) for cell in cells))
-    if not talk.out.is_terminal:
-        talk.out.width = PLAIN_WIDTH
-    talk.out.print(table)
+    if not console.out.is_terminal:
+        console.out.width = PLAIN_WIDTH
+    console.out.print(table)
 
 
-def tell_draft(talk: Talk, draft: Draft) -> None:
+def tell_draft(console: Console, draft: Draft) -> None:
     """In some lines, what was made of a folder."""
     if line := marker_set_line(draft):
-        talk.line(line)
+        console.line(line)
     for role in ("static", "joint", "gait"):
         names = [
             f"{trial.name} ({trial.joint})" if trial.joint else trial.name
@@ -173,12 +172,12 @@ def tell_draft(talk: Talk, draft: Draft) -> None:
             if trial.role == role
         ]
         if names:
-            talk.line(f"{role}: {', '.join(names)}")
+            console.line(f"{role}: {', '.join(names)}")
     for line in doubtful_lines(draft):
-        talk.line(line)
+        console.line(line)
 
 
-def tell_faulty(talk: Talk, faulty: Mapping[str, str]) -> None:
+def tell_faulty(console: Console, faulty: Mapping[str, str]) -> None:
     """Which trials of a drafted study are left out, as the checks find an error in them."""
     for name, error in faulty.items():
-        talk.line(f"not used: trial '{name}': {error}")
+        console.line(f"not used: trial '{name}': {error}")

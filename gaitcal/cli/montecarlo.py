@@ -13,24 +13,31 @@ import pandas as pd
 from rich import progress
 from rich.text import Text
 
-from gaitcal.cli.console import Talk, frameless_table
+from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
-from gaitcal.io.atomic import amended
-from gaitcal.io.interruption import InterruptedWork, Stopped
+from gaitcal.io.atomic import InterruptedWork, Stopped, amended
 from gaitcal.io.lock import put_back
 from gaitcal.page.sections.monte_carlo import with_monte_carlo
-from gaitcal.page.sheet.sheet_file import SHEET
+from gaitcal.page.sheet.sheet import SHEET
 from gaitcal.published.case import MODEL, case_from, read_case
-from gaitcal.published.conclusions import PUBLISHED, beside, conclusions
-from gaitcal.published.context import MonteCarloContext
+from gaitcal.published.claims import PUBLISHED, beside, conclusions
+from gaitcal.published.draw import MonteCarloContext
 from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.published.settings import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
-from gaitcal.published.statistics import FEWEST, expect, left_out, levels_of, statistics, unconverged
+from gaitcal.published.statistics import (
+    FEWEST,
+    expect,
+    left_out,
+    levels_of,
+    linear_agreement,
+    statistics,
+    unconverged,
+    variance_contributions,
+)
 from gaitcal.published.store import Store
 from gaitcal.published.study import DrawProgress, MonteCarloStudy, alone, monte_carlo
-from gaitcal.published.variance import linear_agreement, variance_contributions
 from gaitcal.published.workers import Cluster, LocalProcesses, Workers
 from gaitcal.results.page_files import PAGE, read_page, rewrite_page
 from gaitcal.results.verdict import require_not_refused
@@ -99,7 +106,7 @@ class Options:
         return LocalProcesses(self.jobs)
 
 
-def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -> None:
+def run(folder: Path, options: Options, expected_mm: float | None, console: Console) -> None:
     """Run what is missing of a study, write its tables and figures, and print what they say."""
     put_back(folder)
     store = Store(folder / FOLDER)
@@ -107,15 +114,15 @@ def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -
     if expected_mm is not None and not (draws := store.read()).empty:
         if (folder / MODEL).exists():  # a later calibration keeps the draws of an earlier one
             store.require_model_of(case_from(folder, options.trial or store.case_name, lambda text: None))
-        _print_expectation(talk, statistics(draws), expected_mm)
+        _print_expectation(console, statistics(draws), expected_mm)
         return
     require_not_refused(folder)
-    with talk.working() as step:
+    with console.working() as step:
         step("reading the model and its motion")
         case, read = read_case(folder, options.trial, step)
     with alone(store.folder):
         try:
-            with _draw_progress(talk) as draws_done:
+            with _draw_progress(console) as draws_done:
                 study = monte_carlo(
                     case,
                     store.folder,
@@ -128,7 +135,7 @@ def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -
         except (KeyboardInterrupt, Stopped) as ending:
             work = "finished draws are kept, the same command goes on with the others"
             raise InterruptedWork(ending, work) from None
-        with talk.working() as step, amended(store.folder) as stage:
+        with console.working() as step, amended(store.folder) as stage:
             step("tables and figures")
             context = MonteCarloContext(case, settings)
             contributions = variance_contributions(context)
@@ -137,14 +144,14 @@ def run(folder: Path, options: Options, expected_mm: float | None, talk: Talk) -
             read.require_unchanged()
             on_page = _put_on_page(folder, study, contributions)
     for remark in read.remarks:
-        talk.line(f"warning: {remark}")
-    _print_study(talk, study, frame)
-    _print_linearity(talk, context, study)
+        console.line(f"warning: {remark}")
+    _print_study(console, study, frame)
+    _print_linearity(console, context, study)
     if expected_mm is not None:
-        _print_expectation(talk, study.statistics, expected_mm)
-    talk.line(f"tables and figures: {store.folder}")
+        _print_expectation(console, study.statistics, expected_mm)
+    console.line(f"tables and figures: {store.folder}")
     if on_page:
-        talk.line(on_page)
+        console.line(on_page)
     if options.until_converged and not study.converged:
         raise ConvergenceError(f"not converged after {study.plan.draws} draws of each set and level")
 
@@ -184,10 +191,10 @@ def _one_of(name: str, allowed: list[str], option: str) -> str:
 
 
 @contextmanager
-def _draw_progress(talk: Talk) -> Iterator[DrawProgress]:
+def _draw_progress(console: Console) -> Iterator[DrawProgress]:
     """A bar with draws per second and time left on a terminal; with -v elsewhere a line for every tenth."""
     started = time.monotonic()
-    if talk.err.is_terminal and not talk.quiet:
+    if console.err.is_terminal and not console.quiet:
         columns = (
             progress.TextColumn("draws"),
             progress.BarColumn(),
@@ -196,7 +203,7 @@ def _draw_progress(talk: Talk) -> Iterator[DrawProgress]:
             progress.TextColumn("{task.fields[rate]}"),
             progress.TimeRemainingColumn(elapsed_when_finished=True),
         )
-        with progress.Progress(*columns, console=talk.err) as bar:
+        with progress.Progress(*columns, console=console.err) as bar:
             task = bar.add_task("draws", total=None, rate="")
 
             def show(done: int, todo: int) -> None:
@@ -208,11 +215,11 @@ def _draw_progress(talk: Talk) -> Iterator[DrawProgress]:
 
     def tell(done: int, todo: int) -> None:
         nonlocal tenths
-        if talk.verbose and 10 * done // max(todo, 1) > tenths:
+        if console.verbose and 10 * done // max(todo, 1) > tenths:
             tenths = 10 * done // max(todo, 1)
             rate = _rate(done, started)
             left = (todo - done) / rate
-            talk.err.print(Text(f"{done} of {todo} draws, {rate:.0f} draws/s, {left:.0f} s left"))
+            console.err.print(Text(f"{done} of {todo} draws, {rate:.0f} draws/s, {left:.0f} s left"))
 
     yield tell
 
@@ -221,36 +228,36 @@ def _rate(done: int, started: float) -> float:
     return done / max(time.monotonic() - started, 1e-9)
 
 
-def _print_study(talk: Talk, study: MonteCarloStudy, frame: ReactionFrame) -> None:
+def _print_study(console: Console, study: MonteCarloStudy, frame: ReactionFrame) -> None:
     table = study.statistics
-    talk.line(f"{study.case.name}: mean RMS torque errors, left leg, %BW*H; {FRAME_WORDS[frame]}")
-    _print_errors(talk, table, frame)
+    console.line(f"{study.case.name}: mean RMS torque errors, left leg, %BW*H; {FRAME_WORDS[frame]}")
+    _print_errors(console, table, frame)
     for note in study.notes:
-        talk.line(note)
+        console.line(note)
     failures = [
         f"{row.set} {row.level} %: {row.failed} of {row.draws + row.failed}" for row in left_out(table).itertuples()
     ]
     if failures:
-        talk.line(f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws")
+        console.line(f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws")
     for conclusion in conclusions(table, SHOWN_SIDE):
-        talk.line(f"{conclusion.claim} ({conclusion.frame.value}): {conclusion.verdict}. {conclusion.numbers}")
+        console.line(f"{conclusion.claim} ({conclusion.frame.value}): {conclusion.verdict}. {conclusion.numbers}")
     for figure in PUBLISHED:
         if ours := beside(table, figure, study.settings, SHOWN_SIDE):
             name = f"{figure.varied.title} {TORQUE_WORDS[figure.torque]}"
             values = ", ".join(f"{value:.2f} ({frame.value})" for frame, value in ours.items())
-            talk.line(f"{name} at 100 %: published {figure.value:.2f}, here {values} %BW*H")
+            console.line(f"{name} at 100 %: published {figure.value:.2f}, here {values} %BW*H")
     open_rows = unconverged(table)
     if open_rows.empty:
-        talk.line("convergence: mean and CV of every torque stay within 2 % over the last tenth of the draws")
+        console.line("convergence: mean and CV of every torque stay within 2 % over the last tenth of the draws")
     else:
         settles = open_rows[["mean_settles", "cv_settles"]].max(axis=1)
         worst = "too few draws to tell" if settles.isna().any() else f"worst {settles.max():.1f} %"
         rows = int((table["measure"].eq("rms") & table["grf"].ne("")).sum())
-        talk.line(f"convergence: not met by {len(open_rows)} of {rows} distributions, {worst}; --until-converged")
-    talk.line(f"draws: {len(study.draws)}, of which {study.computed} in this run and {study.failed} not converged")
+        console.line(f"convergence: not met by {len(open_rows)} of {rows} distributions, {worst}; --until-converged")
+    console.line(f"draws: {len(study.draws)}, of which {study.computed} in this run and {study.failed} not converged")
 
 
-def _print_linearity(talk: Talk, context: MonteCarloContext, study: MonteCarloStudy) -> None:
+def _print_linearity(console: Console, context: MonteCarloContext, study: MonteCarloStudy) -> None:
     """How well the linearised contributions of the parameters predict the draws."""
     if study.plan.draws < FEWEST:
         return
@@ -261,10 +268,10 @@ def _print_linearity(talk: Talk, context: MonteCarloContext, study: MonteCarloSt
                 f"R² {r.min():.2f} to {r.max():.2f} ({frame.value})"
                 for r, frame in zip(agreement, ReactionFrame, strict=True)
             )
-            talk.line(f"linearised contributions against draws, JP at {level} %: {ranges}")
+            console.line(f"linearised contributions against draws, JP at {level} %: {ranges}")
 
 
-def _print_errors(talk: Talk, table: pd.DataFrame, frame: ReactionFrame) -> None:
+def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -> None:
     shown = frameless_table(("set",), (head.replace(" ", "\n") for head in ("level %", *HEADS, "markers mm")))
     for varied in Varied:
         columns = [levels_of(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in TORQUES]
@@ -272,10 +279,10 @@ def _print_errors(talk: Talk, table: pd.DataFrame, frame: ReactionFrame) -> None
         for k in range(len(columns[0])):
             level = str(columns[0]["level"].iloc[k])
             shown.add_row(varied.title, level, *(f"{c['average'].iloc[k]:.3f}" for c in columns))
-    talk.out.print(shown)
+    console.out.print(shown)
 
 
-def _print_expectation(talk: Talk, table: pd.DataFrame, rms_mm: float) -> None:
+def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> None:
     causes = expect(table, rms_mm, SHOWN_SIDE)
     if not causes:
         raise InputError(
@@ -285,9 +292,9 @@ def _print_expectation(talk: Talk, table: pd.DataFrame, rms_mm: float) -> None:
         )
     for cause in causes:
         more = "more than " if cause.beyond else ""
-        talk.line(f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at {more}{cause.level:.0f} %:")
+        console.line(f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at {more}{cause.level:.0f} %:")
         shown = frameless_table(("RMS error, %BW*H", "ground reactions"), ("average", "10 %", "50 %", "90 %"))
         for row in cause.torques.itertuples():
             numbers = (f"{value:.3f}" for value in (row.average, row.p10, row.p50, row.p90))
             shown.add_row(TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)
-        talk.out.print(shown)
+        console.out.print(shown)

@@ -6,24 +6,26 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.errors import UsageError, nearest
-from gaitcal.export.mjcf import write_mjcf
 from gaitcal.export.osim import write_osim
-from gaitcal.export.urdf import write_urdf
+from gaitcal.export.robot_files import write_mjcf, write_urdf
 from gaitcal.findings import Finding, note_of
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.atomic import amended
 from gaitcal.io.formats import convert
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.results.cycles import CYCLES
-from gaitcal.results.cycles_export import made_with_another_model, write_cycles_export
-from gaitcal.results.exports import write_export_manifest
-from gaitcal.results.json_types import Json
-from gaitcal.results.originals import trial_files
+from gaitcal.results.cycles_export import (
+    made_with_another_model,
+    trial_files,
+    write_cycles_export,
+    write_export_manifest,
+)
 from gaitcal.results.recordings import WrittenRecording, write_recordings
 from gaitcal.results.saved import MODEL, load_result_model
+from gaitcal.results.table_file import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
 SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
@@ -31,10 +33,10 @@ SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
 WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
 
 
-def convert_recording(source: Path, target: Path, talk: Talk) -> None:
+def convert_recording(source: Path, target: Path, console: Console) -> None:
     """Convert one recording and say which files were written."""
     for path in convert(source, target):
-        talk.line(f"wrote {path}")
+        console.line(f"wrote {path}")
 
 
 Choice = TypeVar("Choice", Signs, MomentFrame, MomentUnit)
@@ -69,7 +71,12 @@ def _chosen(known: Mapping[str, Choice], text: str, field: str) -> Choice:
 
 
 def export_model(
-    result: Path, formats: str, out: Path | None, inputs: Path | None, talk: Talk, convention: Convention | None = None
+    result: Path,
+    formats: str,
+    out: Path | None,
+    inputs: Path | None,
+    console: Console,
+    convention: Convention | None = None,
 ) -> None:
     """Write the fitted model of a result in other programs' formats, its recordings as C3D files, its strides.
 
@@ -92,7 +99,7 @@ def export_model(
     folder = out or result / "export"
     recordings: tuple[WrittenRecording, ...] = ()
     of_recordings: Mapping[str, str | None] = {}
-    with amended(folder) as stage, talk.working() as step:
+    with amended(folder) as stage, console.working() as step:
         for name in (name for name in chosen if name in WRITERS):
             write, file = WRITERS[name]
             write(model, stage / file)
@@ -120,20 +127,20 @@ def export_model(
         }
         written |= {f: {"format": STRIDES, "convention": dict[str, Json](strides.keys)} for f in tables}
         write_export_manifest(stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written)
-    _tell(talk, read, doubts)
+    _tell(console, read, doubts)
     for name in (name for name in chosen if name in WRITERS):
-        talk.line(f"wrote {folder / WRITERS[name][1]}")
+        console.line(f"wrote {folder / WRITERS[name][1]}")
     for recording in recordings:
-        talk.line(f"wrote {folder / recording.file}: {'; '.join(recording.notes)}")
+        console.line(f"wrote {folder / recording.file}: {'; '.join(recording.notes)}")
     for file, rows in tables.items():
-        talk.line(f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}")
+        console.line(f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}")
     if further:
-        talk.line(f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run dynamics again")
+        console.line(f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run dynamics again")
     if C3D in chosen and (still := sorted(set(trial_files(result)) - {r.trial for r in recordings})):
-        talk.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
+        console.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
 
 
-def _tell(talk: Talk, read: Snapshot, doubts: Sequence[Finding]) -> None:
+def _tell(console: Console, read: Snapshot, doubts: Sequence[Finding]) -> None:
     """What a user of the model should know: files that were edited, a calibration that is doubtful or refused."""
     for text in (*read.remarks, *map(note_of, doubts)):
-        talk.line(f"warning: {text}")
+        console.line(f"warning: {text}")

@@ -11,35 +11,35 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.cli import options as told
-from gaitcal.cli.application import app, command, set_up
+from gaitcal.cli.console import app, command, set_up
 from gaitcal.cli.faults import told_in_a_line
 from gaitcal.cli.options import Age, Height, Mass, Normal, Out, Result, Sex, StudyPath
 
 if TYPE_CHECKING:
-    from gaitcal.cli.console import Talk
+    from gaitcal.cli.console import Console
 
 
 @command
-def demo(talk: "Talk", out: Out = Path("gaitcal-demo")) -> None:
+def demo(console: "Console", out: Out = Path("gaitcal-demo")) -> None:
     """The embedded example, end to end: a synthetic subject is written as C3D files, read back and calibrated."""
     from gaitcal.cli.synthetic import demonstrate
 
-    demonstrate(out, talk)
+    demonstrate(out, console)
 
 
 @command
 def example(
-    talk: "Talk", name: told.ExampleName = None, out: told.ExampleOut = None, mirror: told.Mirror = None
+    console: "Console", name: told.ExampleName = None, out: told.ExampleOut = None, mirror: told.Mirror = None
 ) -> None:
     """Public recordings to try: fetched by name, with checksum and licence. No other command asks the internet."""
     from gaitcal.cli.example import run
 
-    run(name, out, mirror, talk)
+    run(name, out, mirror, console)
 
 
 @command
 def init(
-    talk: "Talk",
+    console: "Console",
     folder: told.Recordings,
     out: told.StudyOut = None,
     mass: Mass = None,
@@ -51,23 +51,23 @@ def init(
     """Drafts the study file of a folder of recordings: marker set, static trial, roles, forces, person, and why."""
     from gaitcal.cli.init import options_of, run
 
-    run(folder, out, talk, options_of(mass, height, sex, age), force=force)
+    run(folder, out, console, options_of(mass, height, sex, age), force=force)
 
 
 @command
 def check(
-    talk: "Talk", study: StudyPath, mass: Mass = None, height: Height = None, sex: Sex = None, age: Age = None
+    console: "Console", study: StudyPath, mass: Mass = None, height: Height = None, sex: Sex = None, age: Age = None
 ) -> None:
     """Reads everything, solves nothing: what is wrong with a study's recordings, and what to do. Exit code 0 or 1."""
     from gaitcal.cli.check import run
     from gaitcal.cli.init import options_of
 
-    run(study, talk, options_of(mass, height, sex, age))
+    run(study, console, options_of(mass, height, sex, age))
 
 
 @command
 def calibrate(
-    talk: "Talk",
+    console: "Console",
     study: StudyPath,
     out: Out,
     mass: Mass = None,
@@ -84,12 +84,12 @@ def calibrate(
     from gaitcal.cli.init import options_of
 
     said = options_of(mass, height, sex, age)
-    run(study, out, talk, said, force=force, hold_out=hold_out, normal=normal, priors=priors)
+    run(study, out, console, said, force=force, hold_out=hold_out, normal=normal, priors=priors)
 
 
 @command
 def cohort(
-    talk: "Talk",
+    console: "Console",
     source: told.People,
     out: told.CohortOut,
     jobs: told.Jobs = -1,
@@ -111,12 +111,12 @@ def cohort(
     chosen = CohortOptions(
         jobs=jobs, cluster=cluster, normal=normal, retry=retry, priors=priors, learn_priors=learn_priors, told=said
     )
-    run(source, out, talk, chosen)
+    run(source, out, console, chosen)
 
 
 @command
 def dynamics(
-    talk: "Talk",
+    console: "Console",
     result: Result,
     trials: Annotated[list[Path], typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv.")],
     forces: told.Forces = None,
@@ -128,34 +128,34 @@ def dynamics(
     """Further trials through a calibrated model: angles, and torques with error bars."""
     from gaitcal.cli.dynamics import Options, run
 
-    run(result, trials, Options(forces, plates, time, filter_hz), out, talk)
+    run(result, trials, Options(forces, plates, time, filter_hz), out, console)
 
 
 @command
 def convert(
-    talk: "Talk",
+    console: "Console",
     source: Annotated[Path, typer.Argument(metavar="IN", help="A .c3d, .trc, .mot, .sto or .csv file.")],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="A .csv, .trc or .mot file.")],
 ) -> None:
     """Recordings to CSV tables and back: C3D, TRC and MOT to CSV, CSV to TRC."""
     from gaitcal.cli.other_programs import convert_recording
 
-    convert_recording(source, target, talk)
+    convert_recording(source, target, console)
 
 
 @command
 def synthesize(
-    talk: "Talk", out: Out, seed: told.Seed = 0, noise: told.Noise = False, perturb: told.Perturb = False
+    console: "Console", out: Out, seed: told.Seed = 0, noise: told.Noise = False, perturb: told.Perturb = False
 ) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
     from gaitcal.cli.synthetic import write_subject
 
-    write_subject(out, talk, seed=seed, noise=noise, perturb=perturb)
+    write_subject(out, console, seed=seed, noise=noise, perturb=perturb)
 
 
 @command
 def montecarlo(
-    talk: "Talk",
+    console: "Console",
     folder: told.ResultOrStudy,
     vary: Annotated[str, typer.Option(help="Comma-separated: jp, ip, both, noise.")] = "jp,ip,both,noise",
     levels: Annotated[str, typer.Option(help="Comma-separated per cents of the bounds.")] = "25,50,75,100",
@@ -189,12 +189,12 @@ def montecarlo(
         trial=trial,
         until_converged=until_converged,
     )
-    run(folder, options, expect, talk)
+    run(folder, options, expect, console)
 
 
 @command
 def reproduce(
-    talk: "Talk",
+    console: "Console",
     out: Out,
     draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
     noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
@@ -204,12 +204,12 @@ def reproduce(
     """The published study, table by table: our figures beside the printed ones, and its claims put to the test."""
     from gaitcal.cli.reproduce import run
 
-    run(out, talk, draws=draws, noise_seeds=noise_seeds, seed=seed, sensitivities=sensitivities)
+    run(out, console, draws=draws, noise_seeds=noise_seeds, seed=seed, sensitivities=sensitivities)
 
 
 @command
 def export(
-    talk: "Talk",
+    console: "Console",
     result: Result,
     formats: told.Formats = "osim,urdf,mjcf",
     out: told.ExportFolder = None,
@@ -222,12 +222,12 @@ def export(
     """The fitted model for OpenSim, ROS, MuJoCo; recordings as C3D; strides in a convention of your choice."""
     from gaitcal.cli.other_programs import convention_of, export_model
 
-    export_model(result, formats, out, inputs, talk, convention_of(convention, moments, units, external=external))
+    export_model(result, formats, out, inputs, console, convention_of(convention, moments, units, external=external))
 
 
 @command
 def figures(
-    talk: "Talk",
+    console: "Console",
     result: told.AnyResult,
     out: told.FiguresFolder = None,
     purpose: told.Purpose = "paper",
@@ -252,22 +252,22 @@ def figures(
         units=units,
         external=external,
     )
-    run(result, out, chosen, talk)
+    run(result, out, chosen, console)
 
 
 @command
 def view(
-    talk: "Talk", result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None
+    console: "Console", result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None
 ) -> None:
     """Page of a result, or of two side by side: live on this machine only, or one self-contained file."""
     from gaitcal.cli.view import run
 
-    run((result,) if other is None else (result, other), html, talk, geometry)
+    run((result,) if other is None else (result, other), html, console, geometry)
 
 
 @command
 def compare(
-    talk: "Talk",
+    console: "Console",
     result: Result,
     other: told.OtherResult = None,
     osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
@@ -278,15 +278,15 @@ def compare(
     """Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours."""
     from gaitcal.cli.compare import Options, run
 
-    run(result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), talk)
+    run(result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), console)
 
 
 @command
-def explain(talk: "Talk", code: told.CodeName = None) -> None:
+def explain(console: "Console", code: told.CodeName = None) -> None:
     """What the code of a finding or of an error means, and what to do; without a code, a list of all."""
     from gaitcal.cli.explain import run
 
-    run(code, talk)
+    run(code, console)
 
 
 def main() -> None:

@@ -8,14 +8,13 @@ from pathlib import Path
 
 from rich.text import Text
 
-from gaitcal.cli.console import Talk, frameless_table
+from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_directory, require_room
-from gaitcal.io.ownership import ResultKind
+from gaitcal.io.lock import ResultKind
 from gaitcal.published.claims import Claim, Kind, Verdict
-from gaitcal.published.folder import write_tables
-from gaitcal.published.reproduce import Reproduction, ReproductionSettings, reproduce
+from gaitcal.published.reproduce import Reproduction, ReproductionSettings, reproduce, write_tables
 from gaitcal.published.sensitivities import SensitivityDraws
 from gaitcal.published.tables import RUN, TableRow
 
@@ -27,7 +26,7 @@ _DECIDED = (Verdict.HOLDS, Verdict.FAILS, Verdict.UNDECIDED)
 _SHOWN = ("I", "III", "discussion")
 
 
-def run(out: Path, talk: Talk, *, draws: int, noise_seeds: int, seed: int, sensitivities: bool) -> None:
+def run(out: Path, console: Console, *, draws: int, noise_seeds: int, seed: int, sensitivities: bool) -> None:
     """Run the published study, write its tables and print them."""
     settings = ReproductionSettings(
         noise_seeds=noise_seeds,
@@ -38,14 +37,14 @@ def run(out: Path, talk: Talk, *, draws: int, noise_seeds: int, seed: int, sensi
     )
     kept = out.with_name(out.name + KEPT) if draws else None
     require_room(out, ResultKind.REPRODUCTION)
-    with talk.working() as step, atomic_directory(out, ResultKind.REPRODUCTION) as folder:
+    with console.working() as step, atomic_directory(out, ResultKind.REPRODUCTION) as folder:
         reproduction = reproduce(settings, kept, step)
         step("writing the tables")
         write_tables(reproduction, folder)
-    print_reproduction(talk, reproduction)
-    talk.line(f"tables: {out}")
+    print_reproduction(console, reproduction)
+    console.line(f"tables: {out}")
     if kept is not None:
-        talk.line(f"draws:  {kept} (a further run with the same seed goes on from them)")
+        console.line(f"draws:  {kept} (a further run with the same seed goes on from them)")
 
 
 def _data() -> Path | None:
@@ -57,31 +56,31 @@ def _data() -> Path | None:
     return Path(named)
 
 
-def print_reproduction(talk: Talk, reproduction: Reproduction) -> None:
+def print_reproduction(console: Console, reproduction: Reproduction) -> None:
     """Tables I and III, the discussion, the claims and the times; everything else is in the files."""
     for name in _SHOWN:
         rows = [row for row in reproduction.tables if row.table == name]
-        talk.line()
-        talk.line("Discussion" if name == "discussion" else f"Table {name}")
-        _print_rows(talk, rows)
-    talk.line()
-    talk.line(
+        console.line()
+        console.line("Discussion" if name == "discussion" else f"Table {name}")
+        _print_rows(console, rows)
+    console.line()
+    console.line(
         f"Medians of {len(reproduction.noisy)} noise draws where there is noise; ranges are in tables.csv. Times:"
     )
-    _print_rows(talk, [row for row in reproduction.times if row.row != RUN])
+    _print_rows(console, [row for row in reproduction.times if row.row != RUN])
     laps = (f"{row.column} {row.ours:.0f} s" for row in reproduction.times if row.row == RUN)
-    talk.line(f"{RUN}: {', '.join(laps)}")
-    talk.line()
-    _print_claims(talk, reproduction.claims)
+    console.line(f"{RUN}: {', '.join(laps)}")
+    console.line()
+    _print_claims(console, reproduction.claims)
 
 
-def _print_rows(talk: Talk, rows: Sequence[TableRow]) -> None:
+def _print_rows(console: Console, rows: Sequence[TableRow]) -> None:
     columns = list(dict.fromkeys(row.column for row in rows))
     table = frameless_table(("ours | published",), columns)
     for title in dict.fromkeys(row.row for row in rows):
         cells = {row.column: _cell(row) for row in rows if row.row == title}
         table.add_row(Text(title), *(cells.get(column, "") for column in columns))
-    talk.out.print(table)
+    console.out.print(table)
 
 
 def _cell(row: TableRow) -> str:
@@ -89,15 +88,15 @@ def _cell(row: TableRow) -> str:
     return f"{ours} | {published} {row.unit}"
 
 
-def _print_claims(talk: Talk, claims: Sequence[Claim]) -> None:
+def _print_claims(console: Console, claims: Sequence[Claim]) -> None:
     """Those of the paper and ours apart: whether ours hold says nothing of the paper."""
     for kind, title in _CLAIMS.items():
         of_kind = [claim for claim in claims if claim.kind is kind]
         table = frameless_table((title, "published", "ours", "verdict"))
         for claim in of_kind:
-            if claim.verdict in _DECIDED or talk.verbose:
+            if claim.verdict in _DECIDED or console.verbose:
                 table.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
         if table.row_count:
-            talk.out.print(table)
+            console.out.print(table)
         counts = {v: sum(claim.verdict is v for claim in of_kind) for v in Verdict}
-        talk.line(f"{title}: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))
+        console.line(f"{title}: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gaitcal.cli.console import Talk, print_calibration, tell_kept
+from gaitcal.cli.console import Console, print_calibration, tell_kept
 from gaitcal.io.atomic import require_room
-from gaitcal.io.ownership import ResultKind
+from gaitcal.io.lock import ResultKind
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import PAGE
 from gaitcal.session.calibrate import calibrate
@@ -19,24 +19,24 @@ SEED = 2009
 whose true moments have their peaks within 2 standard deviations of people's (`scripts/tools/walking_person.py`)."""
 
 
-def write_subject(out: Path, talk: Talk, *, seed: int, noise: bool, perturb: bool) -> None:
+def write_subject(out: Path, console: Console, *, seed: int, noise: bool, perturb: bool) -> None:
     """Write a synthetic subject as a study folder."""
     kept = require_room(out, ResultKind.SYNTHETIC)
-    with talk.working() as step:
+    with console.working() as step:
         step("writing C3D files of the synthetic subject")
         study = synthesize(out, seed=seed, noise=noise, perturb=perturb)
-    tell_kept(talk, kept)
-    talk.line(f"study: {study}")
-    talk.line(f"truth: {study.parent / PARAMETERS}, {study.parent / CURVES}")
-    talk.line(f"next:  gaitcal calibrate {study} --out {out}-result")
+    tell_kept(console, kept)
+    console.line(f"study: {study}")
+    console.line(f"truth: {study.parent / PARAMETERS}, {study.parent / CURVES}")
+    console.line(f"next:  gaitcal calibrate {study} --out {out}-result")
 
 
-def demonstrate(out: Path, talk: Talk) -> None:
+def demonstrate(out: Path, console: Console) -> None:
     """Write a noisy synthetic subject as C3D, and calibrate it: the truth that its study names is in the result."""
     folder, result = out / "subject", out / "result"
     require_room(folder, ResultKind.SYNTHETIC)
     kept = require_room(result, ResultKind.CALIBRATION)
-    with talk.working() as step:
+    with console.working() as step:
         step("writing C3D files of a synthetic subject with marker noise and wrong nominal parameters")
         path = synthesize(folder, seed=SEED, noise=True, perturb=True)
         step("reading them back")
@@ -44,9 +44,9 @@ def demonstrate(out: Path, talk: Talk) -> None:
         calibration = calibrate(study, step)
         step("writing the results")
         write_results(calibration, result)
-    talk.line(
+    console.line(
         "A synthetic subject (markers with up to 10 mm of noise, two force plates), calibrated from its C3D files:"
     )
-    print_calibration(talk, calibration)
-    tell_kept(talk, kept)
-    talk.line(f"page:   {result / PAGE}")
+    print_calibration(console, calibration)
+    tell_kept(console, kept)
+    console.line(f"page:   {result / PAGE}")

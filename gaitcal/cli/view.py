@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.io.atomic import atomic_text, file_in_place
 from gaitcal.page.bones.bone_files import bones_of_folder
 from gaitcal.page.server import serve
@@ -13,29 +13,29 @@ from gaitcal.page.view import Shown, page_html, sentences
 from gaitcal.results.page_files import result_page
 
 
-def run(results: tuple[Path, ...], html: Path | None, talk: Talk, geometry: Path | None = None) -> None:
+def run(results: tuple[Path, ...], html: Path | None, console: Console, geometry: Path | None = None) -> None:
     """Show a result in the browser, or two side by side, or write the page.
 
     `geometry`: bones of this folder, else the installed ones.
     """
     bones = None if geometry is None else bones_of_folder(geometry)
-    shown = [_read(result, talk) for result in results]
+    shown = [_read(result, console) for result in results]
     named = [replace(part, name=name) for part, name in zip(shown, _names(results), strict=True)]
     for sentence in sentences(named):
-        talk.line(sentence)
+        console.line(sentence)
     page = page_html(named, bones)
     if html is not None:
         with file_in_place(html) as path:
             atomic_text(path, page)
-        talk.line(f"wrote {html}")
+        console.line(f"wrote {html}")
         return
-    serve(page, ready=lambda url: talk.line(f"{url}  (Ctrl-C ends)"))
+    serve(page, ready=lambda url: console.line(f"{url}  (Ctrl-C ends)"))
 
 
-def _read(result: Path, talk: Talk) -> Shown:
+def _read(result: Path, console: Console) -> Shown:
     shown, lines = result_page(result)
     for line in lines:
-        talk.line(line)
+        console.line(line)
     return shown
 
 

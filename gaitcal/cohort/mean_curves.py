@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.gait.variables import Kind, kind_of
+from gaitcal.gait.cycles import Kind, kind_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.table_file import read_csv
 

@@ -16,20 +16,16 @@ from gaitcal.faults.verdict import stopping
 from gaitcal.findings import STUDY, Finding
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.atomic import require_room
-from gaitcal.io.ownership import ResultKind
+from gaitcal.io.lock import ResultKind
 from gaitcal.io.snapshot import sha256_of
 from gaitcal.results.calibration import write_results
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.draft import Draft
+from gaitcal.session.draft import Draft, draft_text, missing_words, settings_text, study_of
 from gaitcal.session.draft_lines import draft_notes
-from gaitcal.session.draft_text import draft_text, missing_words, settings_text, study_of
-from gaitcal.session.drafting import draft_of
-from gaitcal.session.faulty_trials import without_faulty_trials
+from gaitcal.session.drafting import draft_of, rejected_forces, without_faulty_trials
 from gaitcal.session.folder import read_folder
-from gaitcal.session.rejected_forces import rejected_forces
 from gaitcal.session.source import files_of, own_study
-from gaitcal.study.cohort_prior import with_cohort_priors
-from gaitcal.study.joint_prior import require_joint_prior
+from gaitcal.study.joint_prior import require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import load_study_file

@@ -21,14 +21,14 @@ from gaitcal.cohort.mean_curves import EVERY, STEPS, VARIABLES, no_curves
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
+from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.gait.variables import Kind, coordinate_of, kind_of, unit_of
-from gaitcal.io.package_data import package_version
+from gaitcal.io.toml import package_version
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.cohort_page import write_cohort_page
 from gaitcal.page.packing import floats
 from gaitcal.page.sheet.rows import joint_of, sheet_rows
+from gaitcal.page.view import write_cohort_page
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.compare.parameter_differences import told_parameters
@@ -58,7 +58,7 @@ class PersonEvidence:
 
 
 def parts_of(
-    influence: Influence, deviation: Array, names: tuple[str, ...], prior: JointPrior | None
+    influence: ErrorSources, deviation: Array, names: tuple[str, ...], prior: JointPrior | None
 ) -> dict[str, PartEvidence] | None:
     """What a calibration says of every part of the body; None where its errors are no covariance of rank.
 

@@ -18,9 +18,8 @@ from gaitcal.cohort.tables import Written, mark, write_tables
 from gaitcal.cohort.task import Task, end_person, lost_person
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import disk_errors, real_path
-from gaitcal.io.lock import locked
-from gaitcal.io.ownership import MANIFEST, UNFINISHED, ResultKind, read_object
-from gaitcal.io.package_data import package_version
+from gaitcal.io.lock import MANIFEST, UNFINISHED, ResultKind, locked, read_object
+from gaitcal.io.toml import package_version
 from gaitcal.published.workers import LocalProcesses
 
 WAIT_S = 5.0

@@ -24,9 +24,9 @@ from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.task import COMPRESSION, STRIDES
 from gaitcal.io.atomic import amended
-from gaitcal.io.ownership import MANIFEST, ResultKind
-from gaitcal.io.package_data import package_version
+from gaitcal.io.lock import MANIFEST, ResultKind
 from gaitcal.io.snapshot import FILES, HASHES, SELF, self_hash, sha256_of
+from gaitcal.io.toml import package_version
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
 FAILURES, TIMES, MEANINGS = "failures.csv", "times.csv", "columns.csv"

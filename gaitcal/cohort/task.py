@@ -11,18 +11,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from gaitcal.codes import Code
-from gaitcal.cohort.fingerprint import fingerprint
 from gaitcal.cohort.mean_curves import mean_curves
 from gaitcal.cohort.one_person import CommonSettings, calibrate_person
-from gaitcal.cohort.outcome import AGAIN, Outcome, forget, keep, kept, state_file
+from gaitcal.cohort.outcome import AGAIN, Outcome, fingerprint, forget, keep, kept, state_file
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.row import reasons_of, row_of
 from gaitcal.errors import GaitcalError
-from gaitcal.gait.stride_table import CYCLE_COLUMNS
+from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.io.atomic import atomic_file
-from gaitcal.io.ownership import MANIFEST, read_object
-from gaitcal.io.package_data import package_version
+from gaitcal.io.lock import MANIFEST, read_object
 from gaitcal.io.snapshot import SELF
+from gaitcal.io.toml import package_version
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import ENSEMBLE
 from gaitcal.runtime import keep_freed_memory, with_one_blas_thread

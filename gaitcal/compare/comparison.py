@@ -22,8 +22,8 @@ from gaitcal.compare.leg_geometry import Axis, LegGeometry, leg_bodies, our_leg,
 from gaitcal.compare.osim_reader import read_osim
 from gaitcal.compare.peer_model import PeerModel
 from gaitcal.errors import InputError
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import SEGMENTS, SIDES
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
 

@@ -1,14 +1,109 @@
-"""One difference between two sessions, with its error bar, and the tables of them."""
+"""One difference between two sessions, with its error bar, and the tables of them.
+
+The standard error of a difference between two sessions, and the least difference that they could not have missed.
+
+Of a figure with the mean m_s over the n_s strides of session s, d = m_B - m_A,
+
+    se^2 = t^2 v (1 / n_A + 1 / n_B) + c^2,        mdc95 = 1.96 se.
+
+v is the variance between strides, pooled (Student's two-sample test): of this figure in both sessions and, where these
+give fewer than `ENOUGH` degrees of freedom, in both legs; t widens it for being known from few strides, by the 97.5 %
+point of Student's distribution against that of the normal one. Measurement error of the single stride is in v. c is
+what the errors c_A, c_B that all strides of a session share leave in the difference:
+
+    one model            c = |c_A - c_B|                      one error, and as large as the posture makes it in each
+    one static trial     c^2 = (f_A - f_B)^2 + (c_A^2 - f_A^2) + (c_B^2 - f_B^2),     f: axes and masses
+    a static trial each  c^2 = c_A^2 + c_B^2
+    and shared joints    c^2 = (j_A - j_B)^2 + f_A^2 + f_B^2,      j^2 = c^2 - f^2
+
+Errors of the joint parameters that two calibrations on one static trial share through its nominal joints, and of the
+same force plates, are taken as independent here: c is then rather too large. How a person walks differently on another
+day is no error of a recording, and in none of these figures: two sessions do not tell it.
+
+Differences between two sessions in words: `right knee flexion, largest in swing: 8.1 deg less ...`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
+from scipy.stats import t as student
 
-from gaitcal.compare.difference_error import MDC
+from gaitcal.arrays import Array
+from gaitcal.compare.session import Common
+from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
+from gaitcal.gait.moments import SIDE_WORDS, counted, parameter_words
+from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import LEG_JOINTS
+
+MDC = 1.96
+"""Standard errors: the normal distribution's 97.5 % point."""
+ENOUGH = 8
+"""Degrees of freedom from which the leg's own strides tell their spread."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """How strides vary."""
+
+    variance: Array
+    """(m,) v; NaN where no session has two strides."""
+    freedom: Array
+    """(m,) degrees of freedom."""
+
+
+def pooled(groups: Sequence[Array]) -> Spread:
+    """Of strides in groups (n, m), each about its own mean."""
+    squares = np.array([_squares(group) for group in groups])
+    freedom = np.array([np.maximum(np.isfinite(group).sum(axis=0) - 1, 0) for group in groups]).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return Spread(variance=np.where(freedom > 0, squares.sum(axis=0) / freedom, np.nan), freedom=freedom)
+
+
+def spread_of(here: Sequence[Array], other_leg: Sequence[Array]) -> Spread:
+    """Of this leg's strides in both sessions; of both legs' where those are few."""
+    alone = pooled(here)
+    if not other_leg:
+        return alone
+    both = pooled([*here, *other_leg])
+    few = alone.freedom < ENOUGH
+    return Spread(
+        variance=np.where(few, both.variance, alone.variance), freedom=np.where(few, both.freedom, alone.freedom)
+    )
+
+
+def stride_part(spread: Spread, n_a: Array, n_b: Array) -> Array:
+    """(m,) variance of the difference of two means by strides; NaN where nothing tells how they vary."""
+    factor = np.where(spread.freedom > 0, student.ppf(0.975, np.maximum(spread.freedom, 1)) / MDC, np.nan)
+    both = (n_a > 0) & (n_b > 0)
+    each = np.where(both, 1.0 / np.maximum(n_a, 1) + 1.0 / np.maximum(n_b, 1), np.nan)
+    out: Array = factor**2 * spread.variance * each
+    return out
+
+
+def shared_variance(common: Common, shared: tuple[Array, Array], frames: tuple[Array, Array]) -> Array:
+    """c^2 of errors (m,) that all strides of session A and of session B share."""
+    a, b = shared
+    if common in (Common.MODEL, Common.SHARED_FRAMES):
+        return np.asarray((a - b) ** 2)
+    if common is Common.SHARED_JOINTS:
+        (f_a, f_b), (j_a, j_b) = frames, (np.sqrt(a**2 - frames[0] ** 2), np.sqrt(b**2 - frames[1] ** 2))
+        return np.asarray((j_a - j_b) ** 2 + f_a**2 + f_b**2)
+    if common is Common.STATIC:
+        f_a, f_b = frames
+        return np.asarray((f_a - f_b) ** 2 + (a**2 - f_a**2) + (b**2 - f_b**2))
+    return np.asarray(a**2 + b**2)
+
+
+def _squares(values: Array) -> Array:
+    known = np.isfinite(values)
+    count = np.maximum(known.sum(axis=0), 1)
+    mean = np.where(known, values, 0.0).sum(axis=0) / count
+    out: Array = np.where(known, (values - mean) ** 2, 0.0).sum(axis=0)
+    return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,3 +196,75 @@ def difference_table(differences: Iterable[Difference]) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=list(COLUMNS)).astype({"exceeds": int})
     numbers = ["a", "b", "difference", "se", "mdc95", "times", "se_strides", "se_shared"]
     return table.astype(dict.fromkeys(numbers, float)).round(dict.fromkeys(numbers, DIGITS))
+
+
+TOLD = 12
+"""Variables that are told in words; the table has all."""
+BY_CHANCE = 0.05
+"""Of differences that are none, the part that exceeds a minimal detectable change of 95 %."""
+_PARAMETERS = ("joint position", "joint orientation")
+
+
+def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]) -> tuple[str, ...]:
+    """What differs, largest first: a sentence for each variable with the figure that is furthest beyond its error."""
+    judged = [d for d in found if d.spread_known]
+    legs = [d for d in judged if not d.beyond_legs]
+    beyond = [d for d in legs if d.exceeds]
+    lines = [f"{names[1]} against {names[0]}; {common.words}"]
+    if not found:
+        return (*lines, "nothing that both have can be compared")
+    lines.append(
+        f"{len(beyond)} of {counted(len(legs), 'difference')} exceed what these recordings could miss (95 %); "
+        f"were none real, about {BY_CHANCE * len(legs):.0f} would"
+    )
+    told: dict[tuple[str, str], Difference] = {}
+    for d in beyond:
+        told.setdefault((d.side, d.name), d)
+    lines += [f"{sentence(d)}{_others(d, beyond)}" for d in list(told.values())[:TOLD]]
+    if len(told) > TOLD:
+        lines.append(f"and {len(told) - TOLD} more variables: differences.csv")
+    if upper := sum(d.exceeds and d.beyond_legs for d in judged):
+        lines.append(
+            f"{counted(upper, 'joint parameter')} of trunk and arms besides, whose error bars know nothing of a spine "
+            "that bends and shoulders that slide: differences.csv"
+        )
+    if unknown := len(found) - len(judged):
+        why = "one stride in each session does not tell how strides vary"
+        lines.append(f"{counted(unknown, 'difference')} cannot be judged: {why}")
+    return tuple(lines)
+
+
+def sentence(d: Difference) -> str:
+    """`right knee flexion, largest in swing: 8.1 deg less (52.3 against 60.4), 3.2 times what ... could miss`."""
+    digits = 3 if d.unit == "m" or d.unit == "m/s" else 2 if d.unit == "s" else 1
+    below = max(d.a, d.b) < 0.0  # of a negative moment, a larger number is less
+    way = ("less negative" if below else "more") if d.difference > 0 else ("more negative" if below else "less")
+    size = f"{abs(d.difference):.{digits}f} {d.unit} {way} ({d.b:.{digits}f} against {d.a:.{digits}f})"
+    if d.mdc95 == 0.0:
+        return f"{subject(d)}: {size}"
+    return f"{subject(d)}: {size}, {d.times:.1f} times what these recordings could miss"
+
+
+def subject(d: Difference) -> str:
+    """`right knee flexion, largest in swing`; `left stance, % of the stride`; `right hip centre in the pelvis, up`."""
+    side = f"{SIDE_WORDS[d.side]} " if d.side else ""
+    if d.kind in _PARAMETERS:
+        return f"{side}{parameter_words(d.name)}"
+    if d.kind == "spatiotemporal":
+        return f"{side}{d.name.removesuffix('_percent').replace('_', ' ')}"
+    kind = kind_of(d.name)
+    if d.name == GROUND_REACTION:
+        return f"{side}vertical ground reaction, {d.measure}"
+    coordinate = coordinate_of(d.name)
+    words = coordinate_words(coordinate)
+    title = words.title[:1].lower() + words.title[1:]
+    title += {Kind.ANGLE: "", Kind.MOMENT: f" moment (+ {words.moment})", Kind.POWER: " power"}.get(kind, "")
+    if coordinate.startswith(("pelvis", "lumbar")):
+        return f"{title} in {side}strides, {d.measure}"
+    return f"{side}{title}, {d.measure}"
+
+
+def _others(d: Difference, beyond: Sequence[Difference]) -> str:
+    """How many further figures of the same variable exceed."""
+    same = sum((o.side, o.name) == (d.side, d.name) for o in beyond) - 1
+    return f" ({same} more of its figures exceed)" if same else ""

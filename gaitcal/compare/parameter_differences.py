@@ -33,19 +33,19 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import in_both_views, prior_root
 from gaitcal.compare.difference import Difference
 from gaitcal.compare.session import Common, Session
 from gaitcal.dynamics.axis_errors import PALPATED_DEG
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.model.linkage import segment_kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.study.joint_prior import JointPrior
 
 PLACED = 0.006
 """m, of a landmark along each axis."""
 NOMINAL, SKIN, FOUND = "nominal/", "skin/", "skin/found"
-"""How columns of an `Influence` begin, and the skin's one that moves no joint."""
+"""How columns of an `ErrorSources` begin, and the skin's one that moves no joint."""
 
 
 def placement(names: Sequence[str]) -> Array:
@@ -63,7 +63,7 @@ def placement(names: Sequence[str]) -> Array:
     return np.array(out)
 
 
-def told_parameters(influence: Influence | None) -> tuple[str, ...]:
+def told_parameters(influence: ErrorSources | None) -> tuple[str, ...]:
     """Joint parameters that markers told something of."""
     if influence is None:
         return ()
@@ -98,7 +98,7 @@ def parameter_differences(a: Session, b: Session, common: Common) -> Iterator[Di
 
 
 def difference_variance(
-    both: tuple[Influence, Influence],
+    both: tuple[ErrorSources, ErrorSources],
     names: Sequence[str],
     common: Common,
     priors: tuple[JointPrior | None, JointPrior | None] = (None, None),
@@ -136,7 +136,7 @@ def own_causes(names: Sequence[str], prior: JointPrior | None) -> Array:
     return out
 
 
-def _columns(influence: Influence, names: Sequence[str]) -> dict[str, Array]:
+def _columns(influence: ErrorSources, names: Sequence[str]) -> dict[str, Array]:
     """Source -> (n,) what it does to the joint parameters `names`."""
     rows = influence.parameters[[influence.free.index(name) for name in names]]
     return dict(zip(influence.clusters, rows.T, strict=True))

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 import pandas as pd
 
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.compare.leg_geometry import our_leg
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
@@ -29,7 +29,7 @@ class Session:
     """SHA-256 of the files that its model was made of while the person stood."""
     recordings: frozenset[str]
     """SHA-256 of the files of its walks."""
-    influence: Influence | None
+    influence: ErrorSources | None
     """Errors of the joint parameters by source; None where they were not calibrated."""
     strides: pd.DataFrame
     """`cycles.csv`, with numbers for text."""

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import pandas as pd
 
 from gaitcal.codes import Code
-from gaitcal.compare.curve_differences import curve_figures, curve_table
-from gaitcal.compare.difference import Difference, difference_table, ranked
-from gaitcal.compare.difference_words import lines_of
-from gaitcal.compare.measure_differences import measure_differences
+from gaitcal.compare.curve_differences import curve_figures, curve_table, measure_differences
+from gaitcal.compare.difference import Difference, difference_table, lines_of, ranked
 from gaitcal.compare.parameter_differences import parameter_differences
 from gaitcal.compare.session import Common, Session, common_to, identity
 from gaitcal.compare.stride_sets import Key, StrideSet, stride_sets
 from gaitcal.errors import InputError
-from gaitcal.gait.words import counted
+from gaitcal.gait.moments import counted
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,14 +23,14 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.codes import Code
 from gaitcal.compare.parameter_differences import own_causes, told_parameters
 from gaitcal.compare.session import Common, Session
 from gaitcal.errors import InputError
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.linkage import LEG_JOINTS
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.joint_prior import JointPrior
 
 SAME = 1e-9
@@ -60,7 +60,7 @@ class SharedJoints:
     """(n,) m, rad, in the frames of A."""
     b: Array
     """(n,) the same in those of B."""
-    influences: tuple[Influence, Influence]
+    influences: tuple[ErrorSources, ErrorSources]
     """Their errors by source, of A and of B."""
 
     @property
@@ -161,9 +161,9 @@ def joined(
         *(f"nominal/{name}" for name in names),
     )
 
-    def errors_of(rows: slice) -> Influence:
+    def errors_of(rows: slice) -> ErrorSources:
         compressed = np.asarray(np.linalg.qr(by_nominal[rows].T, mode="r")).T
-        return Influence(names, np.hstack([by_markers[rows], compressed]), clusters)
+        return ErrorSources(names, np.hstack([by_markers[rows], compressed]), clusters)
 
     halves = slice(0, count), slice(count, 2 * count)
     return SharedJoints(

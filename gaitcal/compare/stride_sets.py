@@ -16,9 +16,8 @@ import pandas as pd
 from gaitcal.arrays import Array
 from gaitcal.compare.session import Session, shared_part
 from gaitcal.dynamics.axis_errors import AxisErrors
-from gaitcal.gait.cycles import POINTS
-from gaitcal.gait.progression import TURNING
-from gaitcal.gait.variables import Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of
+from gaitcal.gait.strides import TURNING
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 
 Key = tuple[str, str]

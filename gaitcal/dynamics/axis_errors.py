@@ -26,32 +26,39 @@ obliquity scatters by no more than 2 deg, 8.5 mm between both ASIS, means that b
 their mean errs by 9 mm, and against the sacrum, 10 mm, by 13.5 mm over 170 mm: 4.5 deg of tilt. Whole sessions repeated
 by others scatter alike: mostly less than 5 deg, least in obliquity and hip adduction, most in rotations of hip and knee
 (McGinley et al., Gait Posture 29:360-369, 2009).
+
+Standard errors of generalised forces, and which source of error makes them.
+
+Sources are independent of each other, so that variances add: the share of a source in the error bar of a torque is its
+part of the variance, summed over valid frames.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
-from gaitcal.arrays import Array, cross
+from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, unloaded_forces
-from gaitcal.model.build import build_linkage
-from gaitcal.model.chain import chain_of
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.model.kinematics import forward, jacobian, segment_poses
+from gaitcal.dynamics.joint_kinetics import KineticErrors
+from gaitcal.model.chain import chain_of, forward, jacobian, segment_poses
 from gaitcal.model.linkage import (
+    COORDINATE_INDEX,
     COORDINATES,
     JOINTS,
     REACTIONS,
     SEGMENT_TABLE,
+    SIDES,
     Source,
     joint_elements,
     root_elements,
     segment_kind,
 )
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.model.subject_model import build_linkage
 
 PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
     row.name: row.palpated for row in SEGMENT_TABLE.values() if row.palpated
@@ -221,3 +228,72 @@ class AxisErrors:
                 if self._chain.support[names.index(name), column]:
                     forces[name] = forces[name] - (columns[name] * wrenches[:, foot]).sum(axis=1)
         return forces
+
+
+class ErrorSource(Enum):
+    """What makes the error bar of a torque. `key`: in files; `words`: on the page."""
+
+    MOTION = ("motion", "markers and motion")
+    """Noise of the trial's own markers, through its motion; with it, through joints fitted to the same markers."""
+    JOINT_MARKERS = ("joint_markers", "joint parameters: markers")
+    """Noise of the markers that the joint parameters were found from."""
+    JOINT_NOMINAL = ("joint_nominal", "joint parameters: what is known before")
+    """Nominal joint parameters, where markers do not tell."""
+    SKIN = ("skin", "skin that moves with joints")
+    BANDWIDTH = ("bandwidth", "bandwidth of the motion")
+    POSTURE = ("posture", "segments that markers do not determine")
+    INERTIA = ("inertia", "masses and inertia")
+    PLATES = ("plates", "force plates")
+    FRAMES = ("frames", "direction of segment axes")
+
+    def __init__(self, key: str, words: str) -> None:
+        self.key, self.words = key, words
+
+
+@dataclass(frozen=True)
+class TorqueErrors:
+    """Standard errors of the final generalised forces."""
+
+    tau: Array
+    """(nf, nq) N·m, N."""
+    knee_adduction: Array
+    """(nf, 2) N·m."""
+    by_source: Mapping[ErrorSource, Array] = field(default_factory=dict)
+    """Source -> (nf, nt) variance of the 27 generalised forces and the two knee reactions, (N·m)^2, N^2; they sum to
+    the squares of the standard errors. Empty where it is not known."""
+    kinetics: KineticErrors | None = None
+    """Of the powers and moment vectors that follow; None where they are not known."""
+
+    @staticmethod
+    def of(by_source: Mapping[ErrorSource, Array], kinetics: KineticErrors | None = None) -> TorqueErrors:
+        """From the variances (nf, nt) of at least one source."""
+        errors = np.sqrt(sum(by_source.values()))
+        return TorqueErrors(errors[:, :-2], errors[:, -2:], by_source, kinetics)
+
+    @property
+    def every(self) -> Array:
+        """(nf, nt) all of them."""
+        return np.hstack([self.tau, self.knee_adduction])
+
+    def only(self, coordinates: BoolArray) -> TorqueErrors:
+        """The same with NaN for all but some coordinates (nq,), right and left knee's reaction with its knee angle."""
+        knees = coordinates[[COORDINATE_INDEX[f"knee_angle_{side}"] for side in SIDES]]
+        kept = np.concatenate([coordinates, knees])
+        by_source = {source: np.where(kept, variance, np.nan) for source, variance in self.by_source.items()}
+        return TorqueErrors(
+            np.where(coordinates, self.tau, np.nan),
+            np.where(knees, self.knee_adduction, np.nan),
+            by_source,
+            None if self.kinetics is None else self.kinetics.only(coordinates),
+        )
+
+    def shares(self, column: int, valid: BoolArray) -> dict[ErrorSource, float]:
+        """Source -> its part of the variance of one of the 29 torques over valid frames, largest first.
+
+        They sum to 1; empty where there is no variance.
+        """
+        parts = {source: float(variance[valid, column].sum()) for source, variance in self.by_source.items()}
+        total = sum(parts.values())
+        if not total > 0.0:
+            return {}
+        return {source: parts[source] / total for source in sorted(parts, key=lambda s: -parts[s]) if parts[source] > 0}

@@ -22,7 +22,7 @@ from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, steps_on
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.filters import filter_plate, filterable, resample_wrench
 from gaitcal.io.force_plate import LOADED_N
-from gaitcal.io.metadata import FootEvent
+from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.linkage import SIDES

@@ -14,22 +14,19 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import FootPoints, ground_velocity
+from gaitcal.dynamics.foot_contact import FOOT_BREADTH, FootPoints, ground_velocity
 from gaitcal.dynamics.ground_contact import SPLINE_ENDS, GroundReactions, ground_reactions_on_feet
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
-from gaitcal.dynamics.plate_outline import foot_tip
-from gaitcal.dynamics.sole import FOOT_BREADTH
+from gaitcal.dynamics.plate_errors import foot_tip
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.filters import filterable
 from gaitcal.io.intervals import runs, spans
 from gaitcal.io.recording import Recording
-from gaitcal.model.build import GRAVITY
-from gaitcal.model.chain import chain_of
-from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.chain import chain_of, forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.spline import DEGREE
 from gaitcal.runtime import with_one_blas_thread

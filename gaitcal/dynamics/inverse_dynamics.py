@@ -24,14 +24,10 @@ import pinocchio as pin
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.model.build import LinkageModel, build_linkage
-from gaitcal.model.chain import chain_of
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, placed_dynamic_parameters
-from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.kinematics import forward, jacobian
+from gaitcal.model.chain import chain_of, forward, jacobian
 from gaitcal.model.linkage import COORDINATES, REACTIONS, is_translation
-from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, placed_dynamic_parameters
+from gaitcal.model.subject_model import LinkageModel, SubjectModel, build_linkage
 from gaitcal.motion.motion import Motion
 from gaitcal.runtime import with_one_blas_thread
 

@@ -40,11 +40,9 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.model.chain import chain_of
-from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.kinematics import forward, jacobian, segment_poses
+from gaitcal.model.chain import chain_of, forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, joint_elements, root_elements
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_INDEX, Parameters
 
 
 class MomentFrame(Enum):

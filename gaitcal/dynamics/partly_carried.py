@@ -27,10 +27,9 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import LANDING, LEAVING, FootPoints, near
-from gaitcal.dynamics.plate_outline import outline_known
+from gaitcal.dynamics.foot_contact import LANDING, LEAVING, FootPoints, SoleCells, near, sole_of
+from gaitcal.dynamics.plate_errors import outline_known
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, meeting
-from gaitcal.dynamics.sole import SoleCells, sole_of
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.intervals import runs

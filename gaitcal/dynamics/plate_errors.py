@@ -21,16 +21,23 @@ reckoned with (McCaw and DeVita, J Biomech 28:985, 1995), 5 mm along each axis. 
 test themselves (Gait & Posture 2016, doi 10.1016/j.gaitpost.2016.08.017). Two corners 0.5 m apart, each known to 5 mm
 along each axis, tell the turn to 0.8 deg, taken as 1. The same four plates' forces were 3 to 5 N wrong, up to 1 % of a
 person's weight. The clock has no such source: 2 ms is a fifth of a frame at 100 Hz.
+
+Feet beside their force plate: a part of the ground reaction that no plate measures.
+
+Told by geometry alone, never by the forces: where an end of a foot rests on the floor, outside the outlines of all
+plates that carry the foot, the measured force is only a part of the true one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array, cross
-from gaitcal.io.force_plate import LOADED_N, UP, centre_on_ground
+from gaitcal.io.force_plate import LOADED_N, OUTSIDE_M, UP, centre_on_ground
+from gaitcal.io.recording import ForcePlate
 from gaitcal.study.settings import PlateErrorTable
 
 OF_A_PLATE = ("gain", "x", "y", "z", "turn")
@@ -103,4 +110,53 @@ def _turned(wrench: Array) -> Array:
     on = wrench[:, 1] > LOADED_N
     out[on, :3] = cross(UP, wrench[on, :3])
     out[on, 3:] = cross(centre_on_ground(wrench[on], 0.0), out[on, :3])
+    return out
+
+
+FOOT_LENGTH = 0.152
+"""Of body height (Winter 2009): the tip of the foot lies this far before the heel marker, or at the toe marker."""
+OUTSIDE_SHARE = 0.1
+"""Of the load, with its centre of pressure outside the corners, above which the corners are not believed."""
+
+
+def foot_tip(heel: Array, toe: Array, height: float) -> Array:
+    """(..., 3) m, the tip of the foot of a person of this height (m), on the line from heel to toe marker (..., 3)."""
+    along = toe - heel
+    length = np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
+    out: Array = heel + along / length * np.maximum(length, FOOT_LENGTH * height)
+    return out
+
+
+def inside(corners: Array, point: Array) -> Array:
+    """(n,) m, how far points (n, 3) lie inside the horizontal outline of corners (4, 3); negative outside."""
+    outline = corners[:, [0, 2]]
+    middle = outline.mean(axis=0)
+    nearest = np.full(len(point), np.inf)
+    for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        along = (b - a) / np.linalg.norm(b - a)
+        normal = np.array([-along[1], along[0]])
+        if normal @ (middle - a) < 0:
+            normal = -normal
+        nearest = np.minimum(nearest, (point[:, [0, 2]] - a) @ normal)
+    return nearest
+
+
+def share_outside(plate: ForcePlate, corners: Array, load: float) -> tuple[float, float]:
+    """Share of the load (where over `load` N) whose centre of pressure is outside the corners; farthest, m."""
+    pressed = np.nan_to_num(plate.force[:, 1]) > load
+    if not pressed.any():
+        return 0.0, 0.0
+    away = -inside(corners, plate.point[pressed])
+    return float(np.average(away > OUTSIDE_M, weights=plate.force[pressed, 1])), float(away.max())
+
+
+def outline_known(plate: ForcePlate, load: float) -> bool:
+    """Whether a plate has corners, and its own centre of pressure keeps to them."""
+    return plate.corners is not None and share_outside(plate, plate.corners, load)[0] <= OUTSIDE_SHARE
+
+
+def outside(plates: Sequence[ForcePlate], point: Array) -> Array:
+    """(n,) m, how far points (n, 3) lie outside every one of these plates; not positive on one of them."""
+    depths = [inside(plate.corners, point) for plate in plates if plate.corners is not None]
+    out: Array = -np.max(depths, axis=0)
     return out

@@ -25,12 +25,11 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.model.build import constant_motion
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.coordinates import COORDINATE_TABLE, TRANSLATION_RANGES, split_side
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.linkage import COORDINATES, JOINTS, Element, Joint, Source, is_translation, root_elements
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
+from gaitcal.model.subject_model import constant_motion
 
 GROUND = "ground"
 """The laboratory: y up, x forward, z right."""

@@ -17,11 +17,10 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.errors import InputError
-from gaitcal.export.osim import DOCUMENT_VERSION
-from gaitcal.export.xml_text import child, safe_name, write_xml
+from gaitcal.export.osim import DOCUMENT_VERSION, child, safe_name, write_xml
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.force_plate import point_and_torque
-from gaitcal.io.mot import StorageTable
+from gaitcal.io.trc_mot import StorageTable
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
 
 MOTION_COMMENTS = ("Coordinates of the model.osim beside this file; rotations in degrees, translations in m.",)

@@ -23,8 +23,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
-from gaitcal.faults.joint_link import JointLink, angle_of, side_turns
-from gaitcal.faults.trial_body import NO_MOTION, SPREAD, Body, gap_limit, offset_limit
+from gaitcal.faults.trial_body import NO_MOTION, SPREAD, Body, JointLink, angle_of, gap_limit, offset_limit, side_turns
 
 PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0}
 """Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a cluster's motion and a

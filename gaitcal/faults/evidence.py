@@ -1,7 +1,12 @@
-"""What all checks look at: one trial, what it is measured against, and how it says what was found."""
+"""What all checks look at: one trial, what it is measured against, and how it says what was found.
+
+What only follows from a cause that is told already is not told beside it: one fault, one finding.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,16 +14,24 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
+from gaitcal.dynamics.ground_reactions import CONTRADICTED
 from gaitcal.errors import InputError
+from gaitcal.faults.bounds import DISAGREE
+from gaitcal.faults.bounds import TOPIC as BOUNDS
 from gaitcal.faults.cluster import Cluster, clusters_of
-from gaitcal.faults.joint_link import JointLink, links_of
+from gaitcal.faults.force_diagnosis import TOPIC as FORCES
+from gaitcal.faults.joint_places import TOPIC as PLACES
+from gaitcal.faults.marker_structure import TOPIC as MARKERS_AFTER
 from gaitcal.faults.stance import Stance
-from gaitcal.findings import Finding, Severity
+from gaitcal.faults.trial_body import JointLink, links_of
+from gaitcal.faults.verdict import touches_model
+from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.gait.moments import joint_words
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
-from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.outliers import Stray, without_strays
 from gaitcal.model.rebuilt_markers import Rebuilding
-from gaitcal.model.strays import Stray, without_strays
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.study.settings import CalibrationSettings
@@ -248,3 +261,41 @@ class TrialEvidence:
         seen = self.seen[:, columns].T
         fit = rigid_fit(local, np.where(seen[:, None], measured, 0.0), seen.astype(float))
         return fit if fit.determined.any() else None
+
+
+_LABEL = re.compile(r"'([^']+)'")
+_UNEXPLAINED = (Code.UNEXPLAINED_RESIDUAL, Code.FORCES_CONTRADICT)
+
+
+def without_consequences(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """The findings without vertical forces and residuals that a named fault of the forces explains, and without markers
+    that are off after the fit and were named before it, nor what no body can do where markers do not tell how a leg
+    moves. Joints of another body lie elsewhere, and one that lies where nobody has it is beyond its bounds, too.
+    """
+    said = [f for f in findings if f.severity is not Severity.INFO]
+    at_fault = {f.where for f in said if f.topic == FORCES and f.cause != CONTRADICTED}
+    explained = {f.where for f in said if f.cause == DISAGREE or (f.topic == FORCES and f.code not in _UNEXPLAINED)}
+    errors = [f for f in said if f.leg and f.severity is Severity.ERROR]
+    spoilt = {(f.where, f.leg) for f in errors if touches_model(f.topic) and f.topic not in (BOUNDS, MARKERS_AFTER)}
+    astray = {where for where, _ in spoilt}
+    named = {(f.where, label) for f in said if f.topic != MARKERS_AFTER for label in _LABEL.findall(f.cause)}
+
+    another_body = any(f.code is Code.OTHER_BODY for f in said)
+    odd_places = [f.cause for f in said if f.topic == PLACES]
+
+    def follows(f: Finding) -> bool:
+        if f.topic == PLACES:
+            return another_body
+        if f.code is Code.JOINT_AT_BOUND:
+            return any(f" {joint_words(f.cause.split()[0])} " in cause for cause in odd_places)
+        if f.cause == CONTRADICTED:
+            return bool({f.where, STUDY} & at_fault) or f.where in astray
+        if f.code is Code.UNEXPLAINED_RESIDUAL:
+            return bool({f.where, STUDY} & explained) or f.where in astray
+        if f.topic == BOUNDS:
+            return (f.where, f.leg) in spoilt or (f.cause == DISAGREE and f.where in astray)
+        if f.topic == MARKERS_AFTER:
+            return any((f.where, label) in named for label in _LABEL.findall(f.cause))
+        return False
+
+    return tuple(f for f in findings if not follows(f))

@@ -16,8 +16,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array, cross
-from gaitcal.faults.force_evidence import ForceEvidence
-from gaitcal.faults.force_standing import FORCE_UNITS
+from gaitcal.faults.force_evidence import FORCE_UNITS, ForceEvidence
 from gaitcal.faults.plate_forces import PlateForces, joined, rotation
 
 
@@ -48,7 +47,7 @@ class Kind(Enum):
     TRUNK = "trunk"
 
 
-class Undone(NamedTuple):
+class Corrected(NamedTuple):
     """A trial as it would be without the fault."""
 
     wrenches: Array
@@ -59,7 +58,7 @@ class Undone(NamedTuple):
     """(plates,) N taken away from the vertical force throughout."""
 
 
-Undo: TypeAlias = Callable[[ForceEvidence, Array], Undone]
+Undo: TypeAlias = Callable[[ForceEvidence, Array], Corrected]
 OnePlate: TypeAlias = Callable[[PlateForces, Array], Array]
 
 
@@ -184,11 +183,11 @@ def _nearer(metres: float) -> OnePlate:
 def _on_plates(change: OnePlate, which: tuple[str, ...]) -> Undo:
     """`change` on the plates named, or on all."""
 
-    def undo(trial: ForceEvidence, x: Array) -> Undone:
+    def undo(trial: ForceEvidence, x: Array) -> Corrected:
         if len(x) > 1:
             x = trial.room[:, [0, 2]] @ x
         chosen = [change(p, x) if not which or p.name in which else p.wrench for p in trial.plates]
-        return Undone(np.stack(chosen))
+        return Corrected(np.stack(chosen))
 
     return undo
 
@@ -196,22 +195,22 @@ def _on_plates(change: OnePlate, which: tuple[str, ...]) -> Undo:
 def _without_offset(which: tuple[str, ...]) -> Undo:
     """x[0] N less on each of the plates, in their middle."""
 
-    def undo(trial: ForceEvidence, x: Array) -> Undone:
+    def undo(trial: ForceEvidence, x: Array) -> Corrected:
         less = np.array([float(x[0]) if not which or p.name in which else 0.0 for p in trial.plates])
         wrenches = [p.moments_kept(p.force - [0.0, n, 0.0]) for p, n in zip(trial.plates, less, strict=True)]
-        return Undone(np.stack(wrenches), None, less)
+        return Corrected(np.stack(wrenches), None, less)
 
     return undo
 
 
-def _later(trial: ForceEvidence, x: Array) -> Undone:
+def _later(trial: ForceEvidence, x: Array) -> Corrected:
     """Forces that come x[0] s late are those of a later moment."""
-    return Undone(np.stack([plate.later(trial.time + x[0]) for plate in trial.plates]))
+    return Corrected(np.stack([plate.later(trial.time + x[0]) for plate in trial.plates]))
 
 
-def _other_trunk(trial: ForceEvidence, x: Array) -> Undone:
+def _other_trunk(trial: ForceEvidence, x: Array) -> Corrected:
     """The trunk's mass centre lies x m (forward, right) from where the model has it."""
-    return Undone(trial.wrenches, trial.need + trial.trunk @ x)
+    return Corrected(trial.wrenches, trial.need + trial.trunk @ x)
 
 
 def _yawed(plate: PlateForces, x: Array) -> Array:
@@ -235,23 +234,23 @@ def _columns_exchanged(plate: PlateForces, x: Array) -> Array:
     return joined(plate.force[:, ::-1], plate.centre[:, ::-1], plate.free[:, ::-1])
 
 
-def _markers_upright(trial: ForceEvidence, x: Array) -> Undone:
+def _markers_upright(trial: ForceEvidence, x: Array) -> Corrected:
     """Markers tilted by x rad about x and z: seen from them, plates and weight are tilted the same way."""
     turn = rotation(trial.room[:, [0, 2]] @ x)
     up = np.array([0.0, trial.weight_of_model, 0.0])
     lean = turn @ up - up
     need = trial.need + np.hstack([np.tile(lean, (len(trial.time), 1)), cross(trial.mass_centre, lean)])
-    return Undone(np.stack([plate.turned_in_the_room(turn) for plate in trial.plates]), need)
+    return Corrected(np.stack([plate.turned_in_the_room(turn) for plate in trial.plates]), need)
 
 
 def _exchanged(one: str, other: str) -> Undo:
     """Each of two plates lies where the other is said to be."""
 
-    def undo(trial: ForceEvidence, x: Array) -> Undone:
+    def undo(trial: ForceEvidence, x: Array) -> Corrected:
         at = {plate.name: plate.place for plate in trial.plates}
         if one not in at or other not in at:
-            return Undone(trial.wrenches)
+            return Corrected(trial.wrenches)
         way = {one: at[other] - at[one], other: at[one] - at[other]}
-        return Undone(np.stack([p.moved(way.get(p.name, np.zeros(3))) for p in trial.plates]))
+        return Corrected(np.stack([p.moved(way.get(p.name, np.zeros(3))) for p in trial.plates]))
 
     return undo

@@ -5,10 +5,27 @@
 `need` is the wrench at the pelvis that motion and nominal masses ask for, w_k the wrench of plate k about the
 laboratory origin. Plates are filtered as the motion is, so that both hold the same oscillations. Only the sum of the
 plates enters: which foot a plate is given to cannot be judged here.
+
+The pelvis residual of one or several trials in units of what clean recordings leave, inertial errors marginalised.
+
+    r = e + N eta,  eta ~ N(0, 1)      N: change of r with one standard deviation of each inertial parameter, which all
+                                       trials of a person share
+    e: first-order autoregressive in each of the six components of each trial, rho = exp(-dt / TAU), standard
+       deviations USUAL times body weight (forces) and body weight times height (moments)
+    white(r)_i = (r_i - rho_i r_(i-1)) / (USUAL sqrt(1 - rho_i^2))
+    A = white(N) = U S V^T
+    y = (I + A A^T)^(-1/2) white(r) = white(r) - U (1 - 1 / sqrt(1 + S^2)) U^T white(r)
+
+so that |y|^2 = r^T cov(r)^(-1) r.
+
+Which foot stands on a plate, told by time alone: forces that are at fault may put their load anywhere.
+
+A plate's loading and a foot's contact belong together where they last together for most of the time that either does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,22 +34,88 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross
+from gaitcal.dynamics.expected_residual import TAU, USUAL
+from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
-from gaitcal.faults.force_standing import as_walked_on, off_feet, side_carried, standing_feet
+from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
 from gaitcal.faults.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
 from gaitcal.faults.plate_forces import PlateForces
 from gaitcal.io.axes import ABOUT_Y
 from gaitcal.io.filters import filter_plate, filterable, resample_wrench
+from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.intervals import duration, runs
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.build import GRAVITY
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, dynamic_jacobian, table
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_jacobian, table
+from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.study.study_trial import StudyTrial
+
+TOGETHER = 0.5
+"""Of the time that a plate's load and a foot's contact last together: the common part by which they belong together."""
+WALKING = (0.75, 2.2)
+"""Body weights that the plates carry at most while somebody walks or runs slowly."""
+FORCE_UNITS: dict[str, float] = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}
+"""N in a unit of force."""
+
+
+def as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> tuple[ForcePlate, ...]:
+    """The plates in newtons and without what they read while empty, by which feet can be told to stand; the same where
+    they need neither.
+    """
+    loads = np.stack([np.nan_to_num(resample_wrench(plate, time))[:, 1] for plate in plates])
+    most = float(loads.sum(axis=0).max()) / weight
+    unit = 1.0
+    if most < 0.5 * WALKING[0]:
+        unit = next((u for u in FORCE_UNITS.values() if WALKING[0] < most * u < WALKING[1]), 1.0)
+    empty = [unit * (empty_reading(plate, weight / unit) or 0.0) for plate in plates]
+    if unit == 1.0 and max(abs(b) for b in empty) < LOADED_N:
+        return plates
+    return tuple(
+        replace(plate, force=unit * plate.force - np.array([0.0, b, 0.0]), moment=unit * plate.moment)
+        for plate, b in zip(plates, empty, strict=True)
+    )
+
+
+def standing_feet(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArray:
+    """(nf,) the foot that is down while the plate is loaded, by time alone: 0 right, 1 left, -1 none."""
+    out = np.full(len(time), -1)
+    for loaded in runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
+        if duration(time, loaded) < SHORTEST:
+            continue
+        shares = [max((_common(loaded, down) for down in runs(resting[:, k])), default=0.0) for k in range(len(FEET))]
+        if max(shares) > TOGETHER:
+            out[loaded] = int(np.argmax(shares))
+    return out
+
+
+def _common(one: slice, other: slice) -> float:
+    """Part of the time that two stretches cover in which both last."""
+    both = min(one.stop, other.stop) - max(one.start, other.start)
+    return float(max(0, both) / (max(one.stop, other.stop) - min(one.start, other.start)))
+
+
+def side_carried(standing: IntArray) -> int | None:
+    """The foot that a plate carries for most of the time."""
+    counts = [int((standing == k).sum()) for k in range(len(FEET))]
+    return int(np.argmax(counts)) if max(counts) else None
+
+
+def off_feet(plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, feet: FootPoints) -> bool:
+    """Whether the load of a plate is not under the foot (plates, nf) that stands when it is loaded."""
+    for plate, row in zip(plates, standing, strict=True):
+        wrench = np.nan_to_num(resample_wrench(plate, time))
+        for foot in range(len(FEET)):
+            on = (row == foot) & (wrench[:, 1] > LOADED_N)
+            if on.any():
+                heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
+                away = distance_to_line(centre_on_ground(wrench[on])[:, [0, 2]], heel, toe)
+                if np.average(away, weights=wrench[on, 1]) > UNDER_FOOT:
+                    return True
+    return False
+
 
 STEP_S = 0.02
 """Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz."""
@@ -274,3 +357,52 @@ def _plate_forces(plate: ForcePlate, motion: Motion, frames: IntArray, under_foo
     place = corners.mean(axis=0) if corners is not None and np.isfinite(corners).all() else None
     middle = under_foot if place is None else place
     return PlateForces.of(plate.name, path, until, motion.time[frames], middle, place)
+
+
+BROKEN_S = 0.06
+"""Frames further apart know nothing of each other."""
+
+
+class ForceResidual:
+    """Several trials of one person with the same force plates, or one."""
+
+    def __init__(self, trials: Sequence[ForceEvidence]) -> None:
+        self.trials = tuple(trials)
+        self._rho = [_memory(trial.time) for trial in self.trials]
+        spread = np.concatenate([self._white(i, trial.spread) for i, trial in enumerate(self.trials)])
+        self._u, s, _ = np.linalg.svd(spread, full_matrices=False)
+        self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
+        ends = np.cumsum([6 * len(trial.time) for trial in self.trials])
+        self._parts = [slice(int(end) - 6 * len(t.time), int(end)) for end, t in zip(ends, self.trials, strict=True)]
+
+    def whitened(self, residuals: Sequence[Array]) -> Array:
+        """(rows,) y of residuals (k, 6), one for each trial."""
+        y = np.concatenate([self._white(i, r) for i, r in enumerate(residuals)])
+        out: Array = y - self._u @ (self._shrink * (self._u.T @ y))
+        return out
+
+    def squares(self, y: Array) -> Array:
+        """(trials,) sum of the squares of each trial's rows."""
+        return np.array([float(y[part] @ y[part]) for part in self._parts])
+
+    @property
+    def rows(self) -> Array:
+        """(trials,) how many rows each trial has."""
+        return np.array([part.stop - part.start for part in self._parts])
+
+    def _white(self, trial: int, r: Array) -> Array:
+        """(6 k, ...) of (k, 6, ...)."""
+        evidence = self.trials[trial]
+        scale = USUAL * np.repeat([evidence.weight, evidence.bwh], 3)
+        r = r / scale.reshape((6,) + (1,) * (r.ndim - 2))
+        rho = self._rho[trial].reshape((-1,) + (1,) * (r.ndim - 1))
+        out = r.copy()
+        out[1:] -= rho[1:] * r[:-1]
+        white: Array = (out / np.sqrt(1.0 - rho**2)).reshape((-1,) + r.shape[2:])
+        return white
+
+
+def _memory(time: Array) -> Array:
+    """(k,) correlation of each frame with the one before it."""
+    step = np.diff(time)
+    return np.concatenate([[0.0], np.where(step < BROKEN_S, np.exp(-step / TAU), 0.0)])

@@ -9,7 +9,7 @@ import numpy as np
 from gaitcal.codes import Code
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding
-from gaitcal.model.hip_centre import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
+from gaitcal.model.joint_centres import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
 from gaitcal.model.linkage import SIDES
 
 _LEFT = np.array([1.0, 1.0, -1.0])

@@ -28,14 +28,13 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import COVARIANCE
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.gait.words import joint_words
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
+from gaitcal.gait.moments import joint_words
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.study.joint_prior import JointPrior
@@ -68,7 +67,7 @@ _SEEN_FROM = {"front": "the front", "trans": "above", "sag": "the side"}
 
 
 def joint_place_findings(
-    model: SubjectModel, fitted: Parameters, influence: Influence, prior: JointPrior, isolated: Collection[str] = ()
+    model: SubjectModel, fitted: Parameters, influence: ErrorSources, prior: JointPrior, isolated: Collection[str] = ()
 ) -> Iterator[Finding]:
     """Joints of the legs that lie where fewer than `RARE` of all people have them, each once; notes from `UNUSUAL` on.
 
@@ -131,7 +130,7 @@ class Place:
 class _Places:
     """Where the joints of one fit lie against what is expected."""
 
-    def __init__(self, model: SubjectModel, fitted: Parameters, influence: Influence, prior: JointPrior) -> None:
+    def __init__(self, model: SubjectModel, fitted: Parameters, influence: ErrorSources, prior: JointPrior) -> None:
         expected = model.nominal.joint.copy()
         expected[[JP_INDEX[name] for name in prior.names]] += prior.mean
         self._offset = fitted.joint - expected

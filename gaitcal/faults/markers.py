@@ -1,4 +1,12 @@
-"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen."""
+"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen.
+
+Markers that the static trial lost: which were rebuilt from other trials, how well, and which were not.
+
+Whether the markers of pelvis and legs lie at their segments in the static trial.
+
+Each segment is a line between landmarks: ASIS to knee, knee to ankle, heel to toe, sacrum to the middle of the ASIS. A
+marker lies at most 0.088 body heights from the line of its segment on thirteen people.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +14,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import alike
 from gaitcal.faults.evidence import LIGHT, TrialEvidence
+from gaitcal.faults.standing import still_positions
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import marker_gaps, seen_mask
 from gaitcal.model.landmarks import one_psis, sacrum_words
-from gaitcal.model.linkage import LEG_SEGMENTS, carrier_of, joint_segments
+from gaitcal.model.linkage import LEG_SEGMENTS, SIDES, carrier_of, joint_segments
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.trial_problem import CARRIES_ITSELF, shown_share
 
@@ -261,3 +271,105 @@ def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
         f"label or fill the markers of the pelvis there{part}",
         code=Code.PELVIS_LOST,
     )
+
+
+LANDMARK_M = 0.008
+"""Uncertainty from which a rebuilt landmark is doubted: palpated again they scatter by 6 to 21 mm
+(Della Croce et al., Med Biol Eng Comput 37:155-161, 1999)."""
+
+
+def rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers that stand in the model where other trials say that they were."""
+    if trial.rebuilding is None or trial.model is None or not trial.rebuilding.markers:
+        return
+    markers = trial.rebuilding.markers
+    doubted = [m for m in markers if m.landmarks and (m.uncertainty > LANDMARK_M or m.stranger)]
+    for marker in doubted:
+        yield trial.warning(
+            "lost markers",
+            marker.words,
+            f'rename = {{ "{marker.stranger}" = "{marker.label}" }} under [markers], if it is the same'
+            if marker.stranger
+            else "look whether the angles of that segment are plausible; a static trial that shows it is better",
+            cause=f"the static trial lost '{marker.label}', which makes {listed(list(marker.landmarks))}",
+            weight=marker.uncertainty / LANDMARK_M,
+            code=Code.REBUILT_MARKER,
+        )
+    rest = [marker.words for marker in markers if marker not in doubted]
+    if rest:
+        yield trial.info("lost markers", listed(rest), code=Code.REBUILT_MARKER)
+
+
+def not_rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers that moving trials show and the static one does not, and that nothing places."""
+    if trial.rebuilding is None or trial.model is None or not trial.rebuilding.left:
+        return
+    reasons = [f"'{label}': {why}" for label, why in trial.rebuilding.left.items()]
+    yield trial.warning(
+        "lost markers",
+        f"not seen in this trial, seen in others, and left out of the model: {'; '.join(reasons)}",
+        "name a static trial that shows them, or give them no weight",
+        code=Code.MARKER_LEFT_OUT,
+    )
+
+
+LIMBS = ("thigh", "shank")
+FARTHEST = 0.14
+"""Share of body height; a marker on a stick is farther off than skin, by some 0.05."""
+ELSEWHERE, CLEARLY = 0.06, 0.4
+"""From the first share of body height on, a marker of a thigh or shank that another of these is nearer to by the second
+belongs to that one: on thirteen people the nearest such neighbour is 0.9 times as far as the marker's own segment."""
+
+
+def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers of a static trial that lie elsewhere than at their segment."""
+    lines = _lines(trial)
+    if not lines:
+        return
+    told = []
+    for label, position in still_positions(trial).items():
+        segment = trial.marker_set.segment_of.get(label)
+        if segment not in lines:
+            continue
+        away = {other: _distance(position, *ends) for other, ends in lines.items()}
+        nearest = min(away, key=lambda other: away[other])
+        share = away[segment] / trial.subject.height
+        limbs = segment.startswith(LIMBS) and nearest.startswith(LIMBS)
+        other = limbs and share > ELSEWHERE and away[nearest] < CLEARLY * away[segment]
+        if share > FARTHEST or other:
+            told.append(f"'{label}' {1e3 * away[segment]:.0f} mm from {segment} (nearest: {nearest})")
+    if told:
+        yield trial.finding(
+            Severity.ERROR,
+            "marker places",
+            f"{listed(told)}; usual: up to {1e3 * ELSEWHERE * trial.subject.height:.0f} mm, and nearer than any other",
+            "label the static trial again, or give the marker no weight and leave it out of the file",
+            cause="markers do not lie at the segments that they are to follow",
+            weight=5.0,
+            code=Code.MARKER_ELSEWHERE,
+        )
+
+
+def _lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]]:
+    """Segment -> its two ends, (3,) m."""
+    p = trial.posture or {}
+    ends = {
+        f"{segment}_{side}": (f"{a}_{side}", f"{b}_{side}")
+        for side in SIDES
+        for segment, a, b in (
+            ("thigh", "asis", "knee_lat"),
+            ("shank", "knee_lat", "ankle_lat"),
+            ("foot", "heel", "toe"),
+        )
+    }
+    out = {segment: (p[a], p[b]) for segment, (a, b) in ends.items() if a in p and b in p}
+    if all(name in p for name in ("asis_r", "asis_l", "sacrum")):
+        out["pelvis"] = (p["sacrum"], 0.5 * (p["asis_r"] + p["asis_l"]))
+    return out
+
+
+def _distance(point: Array, a: Array, b: Array) -> float:
+    """m, of a point (3,) from the line from a to b."""
+    along = b - a
+    share = float(np.clip((point - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0))
+    return float(np.linalg.norm(point - a - share * along))

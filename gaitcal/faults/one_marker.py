@@ -27,7 +27,7 @@ from gaitcal.io.labels import is_unlabelled
 from gaitcal.model.linkage import LEG_SEGMENTS, LOWER_BODY, SIDES, joint_segments
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import trial_problem
 
 TOPIC = "one marker"

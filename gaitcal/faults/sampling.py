@@ -16,8 +16,7 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.io.axes import net_progression
 from gaitcal.io.filters import filterable
 from gaitcal.io.text_file import UNEVEN
-from gaitcal.motion.node_rule import NODES_PER_SECOND, NodeRule, cutoff
-from gaitcal.motion.roughness import HALF_POWER
+from gaitcal.motion.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.motion.trial_problem import FEWEST_FRAMES
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 

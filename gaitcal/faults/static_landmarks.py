@@ -1,21 +1,201 @@
-"""The landmarks of a static trial against the body of a person: exchanged, displaced, or of another height."""
+"""The landmarks of a static trial against the body of a person: exchanged, displaced, or of another height.
+
+Which fault of the landmarks of a static trial would explain that its measures are not those of a body.
+
+Every candidate changes the landmarks p to p' and is judged by J of `plan.py`:
+
+    exchange    two landmarks, or two groups of them, carry each other's labels:  J(p')
+    displaced   one landmark lies d elsewhere:  min over d of  J(p with p_k - d) + |d|^2 / D^2      (Gauss-Newton)
+
+The candidate with the least cost is told if it saves enough; what it leaves is searched again, as faults come together.
+Candidates that cost hardly more than the best are told beside it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
+from gaitcal.faults.body_plan import Measure, body_axes, cost, cost_of_build, measures
+from gaitcal.faults.body_size import HIP_HEIGHT, hip_height
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.faults.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
-from gaitcal.faults.lengths import HIP_HEIGHT, hip_height
-from gaitcal.faults.measure import Measure
-from gaitcal.faults.plan import measures
-from gaitcal.faults.posture import standing_legs
+from gaitcal.faults.standing import standing_legs
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.landmark_names import REQUIRED
+from gaitcal.model.linkage import SIDES
+
+EXCHANGE_SAVES = 12.0
+"""Least gain of J that an exchange is told for: on clean recordings the best one costs 15 more than none."""
+DISPLACED_SAVES = 18.0
+"""Least gain of J that a displaced landmark is told for. On the thirteen recordings one saves at most 11.5; where all
+landmarks are put on with 3 mm of error along each axis, which makes J what it is there, none of 50 is told, with 4 mm
+1 or 2."""
+DISPLACED_M = 0.022
+"""Smallest displacement told."""
+SPREAD_M = 0.060
+"""D: landmarks that are wrong are rarely wrong by more."""
+RIVAL = 6.0
+"""Candidates within this much of the best J (odds of 20 to 1) are told beside it."""
+BUILD_SAVES = 12.0
+"""By how much build and stance must explain the measures better than one landmark does for none to be blamed: people
+whose joint axes are turned at random by up to 10 deg in every segment save 17 to 160; one landmark displaced by 30 to
+60 mm, never more than 8."""
+SUSPICIOUS_Z = 2.2
+"""Largest |z| up to which nothing is searched."""
+MOST_FAULTS = 3
+TALLER = np.exp(np.linspace(-0.5, 0.5, 101))
+"""Factors of body height that are tried."""
+HEIGHT_OFF, HEIGHT_SAVES = 0.075, 12.0
+"""Departure from 1 of the factor that fits best, and gain of J, from which body height is doubted: 0.961 to 1.041, and
+6 at most, on clean recordings of grown people and children."""
+STEPS = 6
+STEP_M = 1e-4
+
+LEG = ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe")
+Landmarks = Mapping[str, Array]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange:
+    """Landmarks that carry each other's labels."""
+
+    pairs: tuple[tuple[str, str], ...]
+    before: tuple[Measure, ...]
+    """The measures that spoke against it, the worst first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Displaced:
+    """One landmark that lies elsewhere than on its bone."""
+
+    landmark: str
+    away: Array
+    """(3,) m, by how much it lies off, in body axes: forward, up, right."""
+    rivals: tuple[tuple[str, float], ...]
+    """Other landmarks of which the same could be said, and their m."""
+    before: tuple[Measure, ...]
+
+    @property
+    def size(self) -> float:
+        """Its distance from there, m."""
+        return float(np.linalg.norm(self.away))
+
+
+def height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
+    """Factor of the given body height (m) that all lengths together ask for; 1 where they agree with it."""
+    lengths = [(m.value, m.mean, m.sd) for m in measures(p, height, even=even) if m.absolute]  # others know no height
+    value, mean, sd = np.reshape(lengths, (-1, 3)).T
+    costs = ((value / TALLER[:, None] - mean) ** 2 / sd**2).sum(axis=1)
+    best = int(np.argmin(costs))
+    gain = float(costs[len(costs) // 2] - costs[best])
+    factor = float(TALLER[best])
+    return factor if abs(factor - 1.0) > HEIGHT_OFF and gain > HEIGHT_SAVES else 1.0
+
+
+def faults(p: Landmarks, height: float, *, even: bool = True) -> Iterator[Exchange | Displaced]:
+    """What is wrong with the landmarks p ((3,) m each, y up) of a person of this height (m), one after another.
+
+    `even`: the person stands on both straight legs, so that right and left are alike in posture, too.
+    """
+    p = dict(p)
+    for _ in range(MOST_FAULTS):
+        found = _worst(p, height, even)
+        if found is None:
+            return
+        yield found
+        if isinstance(found, Displaced):
+            return
+        p = exchanged(p, found.pairs)
+
+
+def exchanged(p: Landmarks, pairs: tuple[tuple[str, str], ...]) -> dict[str, Array]:
+    """The landmarks with these pairs carrying each other's positions."""
+    out = dict(p)
+    for a, b in pairs:
+        out[a], out[b] = p[b], p[a]
+    return out
+
+
+def _worst(p: Landmarks, height: float, even: bool) -> Exchange | Displaced | None:
+    present = measures(p, height, even=even)
+    worst = sorted(present, key=lambda m: -abs(m.z))
+    if not worst or abs(worst[0].z) < SUSPICIOUS_Z:
+        return None
+    j = cost(present)
+    best, pairs = min(
+        ((cost(measures(exchanged(p, c), height, even=even)), c) for c in _candidates(p)), key=lambda found: found[0]
+    )
+    moved = sorted((_displace(p, height, name, even) for name in p if name != "sacrum"), key=lambda found: found[1])
+    told = tuple(m for m in worst if abs(m.z) >= SUSPICIOUS_Z)
+    if j - best > EXCHANGE_SAVES and best < moved[0][1] + RIVAL:
+        return Exchange(pairs=pairs, before=told)
+    name, least, away = moved[0]
+    if j - least < DISPLACED_SAVES or np.linalg.norm(away) < DISPLACED_M:
+        return None
+    if cost_of_build(p, height, even=even) < least - BUILD_SAVES:
+        return None  # somebody who is built so, or stands so: many landmarks lie otherwise, and no one is to blame
+    rivals = tuple((n, float(np.linalg.norm(a))) for n, c, a in moved[1:] if c - least < RIVAL)
+    return Displaced(landmark=name, away=away, rivals=rivals, before=told)
+
+
+def _candidates(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
+    """Exchanges that people make: sides of a landmark, joint, segment or leg; the two sides of a joint; two joints."""
+
+    def there(*pairs: tuple[str, str]) -> tuple[tuple[str, str], ...]:
+        return tuple(pair for pair in pairs if pair[0] in p and pair[1] in p)
+
+    def sides(*names: str) -> tuple[tuple[str, str], ...]:
+        return there(*((f"{name}_r", f"{name}_l") for name in names))
+
+    groups: list[tuple[str, ...]] = [(name,) for name in ("asis", *LEG)]
+    groups += [
+        ("knee_lat", "knee_med"),
+        ("ankle_lat", "ankle_med"),
+        ("heel", "toe"),
+        ("ankle_lat", "ankle_med", "heel", "toe"),
+    ]
+    groups += [("knee_med", "ankle_med"), LEG, ("asis", *LEG), LEG[:4]]
+    found = [sides(*group) for group in groups]
+    for joint in ("knee", "ankle"):
+        across = [there((f"{joint}_lat_{side}", f"{joint}_med_{side}")) for side in SIDES]
+        found += [*across, across[0] + across[1]]
+    for side, end in product(SIDES, ("lat", "med")):
+        found.append(there((f"knee_{end}_{side}", f"ankle_{end}_{side}")))
+    found += [there((f"heel_{side}", f"toe_{side}")) for side in SIDES]
+    found.append(there(*((f"heel_{side}", f"toe_{side}") for side in SIDES)))
+    yield from dict.fromkeys(pairs for pairs in found if pairs)
+    yield ()
+
+
+def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, float, Array]:
+    """The landmark, the least cost with it put elsewhere, and by how much it lies off (3,) m, in body axes."""
+
+    def residuals(d: Array) -> Array:
+        there = {**p, name: p[name] - d}
+        return np.array([*(m.z for m in measures(there, height, even=even)), *(d / SPREAD_M)])
+
+    d = np.zeros(3)
+    r = residuals(d)
+    damping = 1e-3
+    for _ in range(STEPS):
+        J = np.stack([(residuals(d + STEP_M * e) - r) / STEP_M for e in np.eye(3)], axis=1)
+        H = J.T @ J
+        step = np.linalg.solve(H + damping * np.diag(np.diag(H)), -J.T @ r)
+        new = residuals(d + step)
+        if new @ new < r @ r:
+            d, r, damping = d + step, new, 0.1 * damping
+            if np.linalg.norm(step) < 1e-4:
+                break
+        else:
+            damping = max(10 * damping, 0.1)
+    axes = body_axes(p)
+    return name, float(r @ r), d if axes is None else d @ axes
+
 
 IMPOSSIBLE_Z = 5.5
 """Standard deviations from which no body has such a length."""

@@ -13,42 +13,39 @@ import numpy as np
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.faults import (
-    body_mass,
+    body_size,
     contacts,
     direction,
     exchanged,
-    free_moment,
-    frozen,
     hip_centres,
     jumps,
     knee_lines,
-    left_place,
-    lengths,
-    lost_markers,
-    marker_places,
+    marker_slip,
     markers,
     moving_joint,
-    one_body,
     one_marker,
     outside_sole,
     plates,
-    posture,
     sampling,
-    several_statics,
     standing,
+    static_consistency,
     static_landmarks,
 )
+from gaitcal.faults import jumps as frozen
+from gaitcal.faults import markers as lost_markers
+from gaitcal.faults import markers as marker_places
+from gaitcal.faults import plates as free_moment
+from gaitcal.faults import standing as posture
+from gaitcal.faults import standing as several_statics
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.stance import Stance
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.model.hip_centre import HipCentre
-from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.joint_centres import HipCentre
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.static_markers import completed_static
-from gaitcal.study.study import Study
+from gaitcal.study.study import Study, completed_static
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 from gaitcal.study.study_trial import StudyTrial, read_trial
 
@@ -57,7 +54,7 @@ OTHER_RATE = 2.5
 
 TrialCheck: TypeAlias = Callable[[TrialEvidence], Iterator[Finding]]
 
-UNIT_CHECKS: tuple[TrialCheck, ...] = (lengths.size, lengths.scale)
+UNIT_CHECKS: tuple[TrialCheck, ...] = (body_size.size, body_size.scale)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
@@ -81,7 +78,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     markers.gaps,
     frozen.frozen,
     frozen.flat,
-    left_place.left_place,
+    marker_slip.marker_slip,
     moving_joint.declared_joint,
     moving_joint.one_joint_alone,
     standing.length,
@@ -98,14 +95,14 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     plates.told_on_reading,
     plates.signals,
     plates.corners,
-    body_mass.standing,
-    body_mass.stepping,
+    body_size.standing,
+    body_size.stepping,
     contacts.covered,
     contacts.contacts,
     plates.horizontal,
     free_moment.free_moment,
     plates.beside_feet,
-    body_mass.carried_mass,
+    body_size.carried_mass,
 )
 
 
@@ -157,7 +154,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
     model: SubjectModel | None = None
     faults: tuple[Finding, ...] = ()
-    if not any(lengths.size(_evidence(study, study.static, None))):
+    if not any(body_size.size(_evidence(study, study.static, None))):
         model, faults = standing.nominal_model_of(study)
     trials = evidence_of(study, model)
     findings: list[Finding] = []
@@ -168,7 +165,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
         if _shows_body(found):
             measured.append(trial)
     if study.static.name in [trial.name for trial in measured]:
-        findings += one_body.one_body(measured)
+        findings += static_consistency.static_consistency(measured)
     return (
         *findings,
         *knee_lines.knee_lines(measured, findings),
@@ -185,7 +182,7 @@ def check_further(
     """All findings on one further trial against a saved model and its marker set, the worst first."""
     evidence = TrialEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
     found = _without_consequences(_check_trial(evidence))
-    return tuple(_worst_first([*found, *one_body.one_body((evidence,))]))
+    return tuple(_worst_first([*found, *static_consistency.static_consistency((evidence,))]))
 
 
 def evidence_of(study: Study, model: SubjectModel | None) -> tuple[TrialEvidence, ...]:

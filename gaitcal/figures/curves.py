@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.figures.chart import Chart, Panel
-from gaitcal.figures.style import (
+from gaitcal.figures.chart import (
     FAINT,
     INK,
     NOMINAL,
@@ -22,14 +21,16 @@ from gaitcal.figures.style import (
     STANCE_KEY,
     TRUTH_DASHES,
     TRUTH_WORDS,
+    Chart,
     Key,
+    Panel,
     dress,
     limits,
     line_style,
 )
 from gaitcal.gait.cycles import POINTS
+from gaitcal.gait.moments import SIDE_WORDS, capitalised
 from gaitcal.gait.strides import Layout
-from gaitcal.gait.words import SIDE_WORDS, capitalised
 from gaitcal.model.coordinates import coordinate_words, split_side
 
 if TYPE_CHECKING:

@@ -1,14 +1,46 @@
-"""How near model markers come to measured ones: before, after, and the floor of rigid segments."""
+"""How near model markers come to measured ones: before, after, and the floor of rigid segments.
+
+What calibration changed: how far each joint parameter moved, with its standard error, and each joint moment.
+
+Ground reaction forces on each foot, and what they leave unexplained at the pelvis.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from gaitcal.figures.chart import Chart, Panel, Size
-from gaitcal.figures.style import INK, NOMINAL, WHOLE, Key, dress, dress_rows, plain
-from gaitcal.session.marker_fit import RmsErrors
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.figures.chart import (
+    FAINT,
+    INK,
+    NOMINAL,
+    SIDE_COLOURS,
+    SIDE_DASHES,
+    SIDE_KEYS,
+    SMALL,
+    STEP,
+    TRUTH_WORDS,
+    WHOLE,
+    Chart,
+    Key,
+    Panel,
+    Size,
+    dress,
+    dress_rows,
+    limits,
+    line_style,
+    plain,
+    write,
+)
+from gaitcal.gait.strides import thinned
+from gaitcal.io.intervals import runs
+from gaitcal.model.coordinates import coordinate_words, split_side
+from gaitcal.session.parameter_words import Group, Row
+from gaitcal.session.trial_result import RmsErrors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,3 +108,232 @@ def _panel(fits: list[RmsErrors], label: str, title: str) -> Panel:
         axes.spines["left"].set_visible(False)
 
     return Panel(label, draw, size)
+
+
+PARAMETERS_ROW = 0.2
+OFFSET = {"r": -0.16, "l": 0.16, "": 0.0}
+"""Of the right and the left side of one row, in rows."""
+
+
+def parameters_chart(groups: tuple[Group, ...], truth: Mapping[str, float] | None = None) -> Chart | None:
+    """Changes of positions (mm) and orientations (deg); None where no joint parameter was fitted.
+
+    `truth`: parameter -> true value in the unit of the rows, where it is known.
+    """
+    known = truth or {}
+    panels = [
+        panel
+        for title, unit in (("Positions", "mm"), ("Orientations", "deg"))
+        if (panel := _parameters_panel(groups, title, unit, known)) is not None
+    ]
+    if not panels:
+        return None
+    middle = any(g.right and g.right[0].part == "back" for g in groups)
+    shown = {"r": "right", "l": "left"} | ({"": "trunk"} if middle else {})
+    return Chart(
+        name="joint_parameters",
+        title="How far each joint parameter moved",
+        panels=tuple(panels),
+        keys=(
+            *(Key(label=label, colour=SIDE_COLOURS[side], kind="dot") for side, label in shown.items()),
+            *((Key(label=TRUTH_WORDS, colour=INK, kind="ring"),) if known else ()),
+        ),
+        columns=2,
+    )
+
+
+def _parameters_panel(groups: tuple[Group, ...], title: str, unit: str, truth: Mapping[str, float]) -> Panel | None:
+    rows: dict[str, list[Row]] = {}
+    for group in groups:
+        for row in (*group.right, *group.left):
+            if row.unit == unit and row.status in ("fitted", "at bound"):
+                rows.setdefault(row.words, []).append(row)
+    if not rows:
+        return None
+    size = Size(width=3.6, height=0.66 + PARAMETERS_ROW * len(rows), left=1.98, right=0.12, bottom=0.38, top=0.26)
+
+    def draw(axes: Axes) -> None:
+        dress(axes, xlabel=f"change ({unit})", title=title)
+        axes.axvline(0.0, color=FAINT, linewidth=0.8)
+        for line, sides in enumerate(rows.values()):
+            for row in sides:
+                y, colour, error = line + OFFSET[row.side], SIDE_COLOURS[row.side], row.error or 0.0
+                axes.plot([row.change - error, row.change + error], [y, y], color=colour, linewidth=1.2)
+                axes.plot([row.change], [y], "o", color=colour, markersize=3.6)
+                if row.name in truth:
+                    at = truth[row.name] - row.nominal
+                    axes.plot([at], [y], "o", color=colour, markerfacecolor="none", markersize=5.6, markeredgewidth=0.9)
+        dress_rows(axes, [words.replace(" in the ", ", ") for words in rows], labelsize=SMALL)
+
+    return Panel(f"{title} of joints: change by calibration, right and left, {unit}", draw, size)
+
+
+BAR, CHANGE_ROW = 0.36, 0.27
+
+
+def moment_change_chart(changes: Mapping[str, float], stem: str) -> Chart:
+    """A pair of bars for each joint moment; `changes`: coordinate -> % of body weight times height."""
+    bases = list(dict.fromkeys(split_side(name)[0] for name in changes))
+    size = Size(width=4.4, height=0.7 + CHANGE_ROW * len(bases), left=1.32, right=0.15, bottom=0.38, top=0.26)
+
+    def draw(axes: Axes) -> None:
+        dress(axes, xlabel="RMS change (% of body weight × height)", title="Nominal to calibrated")
+        for row, base in enumerate(bases):
+            sides = [name for name in changes if split_side(name)[0] == base]
+            offsets = np.linspace(-BAR / 2, BAR / 2, len(sides)) if len(sides) > 1 else np.zeros(1)
+            for name, offset in zip(sides, offsets, strict=True):
+                colour = SIDE_COLOURS[split_side(name)[1]]
+                axes.barh(row + offset, changes[name], height=BAR * 0.92, color=colour)
+        dress_rows(axes, [coordinate_words(base).title for base in bases])
+        axes.set_xlim(left=0.0)
+
+    return Chart(
+        name=f"{stem}_moment_change",
+        title="Change of the joint moments",
+        panels=(
+            Panel("RMS change of each joint moment, right and left, percent of body weight times height", draw, size),
+        ),
+        keys=tuple(
+            Key(label=label, colour=SIDE_COLOURS[side], width=4.5)
+            for side, label in (("r", "right"), ("l", "left"), ("", "trunk"))
+            if any(split_side(name)[1] == side for name in changes)
+        ),
+        columns=1,
+    )
+
+
+UPWARD = 1
+AXES = (("Vertical", "up", UPWARD), ("Fore-aft", "forward", 0), ("Sideways", "to the right", 2))
+INVALID = "#f7e3c4"
+INVALID_KEY = Key(label="whole body not valid", colour=INVALID, kind="area")
+LEG_KEY = Key(label="moments of a leg not valid: right above, left below", colour=INVALID, kind="area")
+LIMIT_KEY = Key(label="asked of simulations", colour=INK, dashes=(2.0, 2.0), width=1.0)
+LEAST = 5.0
+"""Smallest range of a vertical axis, % of body weight."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Forces:
+    """Ground reactions of one trial."""
+
+    time: Array
+    """(nf,) s."""
+    force: Array
+    """(nf, 2, 3) % of body weight, right and left foot: forward, up, to the right."""
+    valid_legs: BoolArray
+    """(nf, 2) torques of the right and the left leg may be used."""
+
+
+def forces_chart(forces: Forces, stem: str) -> Chart:
+    """Three components over time, right and left foot."""
+    return Chart(
+        name=f"{stem}_ground_reactions",
+        title="Ground reaction forces",
+        panels=tuple(_forces_panel(title, word, forces, k) for title, word, k in AXES),
+        keys=(*SIDE_KEYS, LEG_KEY),
+    )
+
+
+def shade_invalid(axes: Axes, time: Array, valid: BoolArray, part: tuple[float, float] = (0.0, 1.0)) -> None:
+    """Tint the stretches in which torques are not known, over a part of the height of the axes."""
+    for run in runs(~valid):
+        axes.axvspan(
+            float(time[max(run.start - 1, 0)]),
+            float(time[min(run.stop, len(time) - 1)]),
+            *part,
+            color=INVALID,
+            linewidth=0,
+            zorder=0,
+        )
+
+
+def _forces_panel(title: str, word: str, forces: Forces, axis: int) -> Panel:
+    time, force = forces.time, forces.force[:, :, axis]
+
+    def draw(axes: Axes) -> None:
+        dress(axes, xlabel="time (s)", ylabel=f"% body weight ({word} +)", title=title)
+        for leg, part in ((0, (0.5, 1.0)), (1, (0.0, 0.5))):
+            shade_invalid(axes, time, forces.valid_legs[:, leg], part)
+        axes.axhline(0.0, color=FAINT, linewidth=0.5)
+        for k, side in enumerate(("r", "l")):
+            x, y = thinned(time, np.where(forces.force[:, k, UPWARD] == 0.0, np.nan, force[:, k]))
+            axes.plot(x, y, color=SIDE_COLOURS[side], linestyle=line_style(SIDE_DASHES[side]), linewidth=1.4)
+        axes.set_xlim(float(time[0]), float(time[-1]))
+        axes.set_ylim(*limits([force, np.zeros(1)], LEAST))
+
+    return Panel(f"{title} ground reaction force on right and left foot, percent of body weight over time", draw)
+
+
+SIZE = Size(width=3.6, height=2.1)
+MOST = 0.98
+"""Share of the frames that the vertical axis is made for; a spike at a trial's end would hide all others."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Pelvis residuals with one model."""
+
+    name: str
+    """Which, in words."""
+    force: Array
+    """(nf,) N, magnitude."""
+    moment: Array
+    """(nf,) N·m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Residuals:
+    """Pelvis residuals of one trial with at least one valid frame."""
+
+    time: Array
+    """(nf,) s."""
+    valid: BoolArray
+    """(nf,) torques of the whole body may be used."""
+    stages: tuple[Stage, ...]
+    """From the nominal model to the last one."""
+    limit: tuple[float, float] | None = None
+    """N and N·m: what is commonly asked for; None: not known."""
+
+
+def residuals_chart(residuals: Residuals, stem: str) -> Chart:
+    """Magnitude of residual force and moment; the first step grey, the last one in colour."""
+    steps, time, valid = residuals.stages, residuals.time, residuals.valid
+    colours = [NOMINAL, *([STEP] * (len(steps) - 2)), WHOLE][-len(steps) :]
+    widths = [0.9, *([0.9] * (len(steps) - 2)), 1.6][-len(steps) :]
+    bounds = residuals.limit or (None, None)
+
+    def panel(title: str, unit: str, values: list[Array], bound: float | None) -> Panel:
+        def draw(axes: Axes) -> None:
+            dress(axes, xlabel="time (s)", ylabel=unit, title=title)
+            shade_invalid(axes, time, valid)
+            for value, colour, width in zip(values, colours, widths, strict=True):
+                x, y = thinned(time, np.where(valid, value, np.nan))
+                axes.plot(x, y, color=colour, linewidth=width)
+            if bound is not None:
+                axes.axhline(bound, color=INK, linewidth=1.0, linestyle=(0, (2, 2)))
+            axes.set_xlim(float(time[0]), float(time[-1]))
+            highest = max(float(v[valid].max()) for v in values)
+            usual = max(float(np.quantile(v[valid], MOST)) for v in values)
+            top = 1.12 * max(bound or 0.0, highest if highest < 1.5 * usual else 1.25 * usual)
+            axes.set_ylim(0.0, top)
+            last = np.where(valid, values[-1], -1.0)
+            if last.max() > top:
+                beyond = f"peak {last.max():.0f} {unit} at {time[last.argmax()]:.2f} s, not drawn"
+                write(axes, 0.5, 0.93, beyond, transform=axes.transAxes, ha="center")
+
+        return Panel(f"{title} in {unit} over time, with its limit", draw, SIZE)
+
+    return Chart(
+        name=f"{stem}_pelvis_residuals",
+        title="Pelvis residuals",
+        panels=(
+            panel("Residual force", "N", [s.force for s in steps], bounds[0]),
+            panel("Residual moment", "N·m", [s.moment for s in steps], bounds[1]),
+        ),
+        keys=(
+            *(Key(label=s.name, colour=c, width=w) for s, c, w in zip(steps, colours, widths, strict=True)),
+            *((LIMIT_KEY,) if residuals.limit else ()),
+            INVALID_KEY,
+        ),
+        columns=2,
+    )

@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from gaitcal.figures.chart import new_figure
-from gaitcal.figures.style import GRID, INK
-from gaitcal.gait.words import SIDE_WORDS
+from gaitcal.figures.chart import GRID, INK, new_figure
+from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.io.atomic import atomic_file
 from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.published.settings import ReactionFrame, Varied
-from gaitcal.published.statistics import levels_of
-from gaitcal.published.variance_shares import variance_shares
+from gaitcal.published.statistics import levels_of, variance_shares
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

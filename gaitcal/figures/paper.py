@@ -14,13 +14,24 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.figures.chart import Chart, Panel, Size
+from gaitcal.figures.chart import (
+    FAINT,
+    SIDE_COLOURS,
+    SIDE_DASHES,
+    Chart,
+    Key,
+    Panel,
+    Size,
+    Sizes,
+    dress,
+    limits,
+    line_style,
+)
 from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR
 from gaitcal.figures.report import HealthyBands
-from gaitcal.figures.style import FAINT, SIDE_COLOURS, SIDE_DASHES, Key, Sizes, dress, limits, line_style
 from gaitcal.gait.conventions import Convention
-from gaitcal.gait.variables import GROUND_REACTION, Kind, coordinate_of, kind_of
-from gaitcal.gait.words import SIDE_WORDS, capitalised, counted
+from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
+from gaitcal.gait.moments import SIDE_WORDS, capitalised, counted
 from gaitcal.model.coordinates import coordinate_words, senses_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject

@@ -1,31 +1,42 @@
 """The chart pages of a result, from what its folder holds: curves from the sheet, the rest from its tables.
 
 One figure shows all curves of a kind of one trial, its stance, the nominal model and, of made-up people, the truth.
+
+Charts as files: the same result gives the same bytes, whatever the day.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.figures.chart import Chart
+from gaitcal.figures.chart import Chart, chart_figure
 from gaitcal.figures.curves import Curves, Trace, angle_chart, moment_chart, power_chart
-from gaitcal.figures.fit import TrialFit, fit_chart
-from gaitcal.figures.forces import Forces, Residuals, Stage, forces_chart, residuals_chart
-from gaitcal.figures.parameters import moment_change_chart, parameters_chart
+from gaitcal.figures.fit import (
+    Forces,
+    Residuals,
+    Stage,
+    TrialFit,
+    fit_chart,
+    forces_chart,
+    moment_change_chart,
+    parameters_chart,
+    residuals_chart,
+)
 from gaitcal.figures.sheet import SheetCurve, SheetTrial
-from gaitcal.gait.variables import GROUND_REACTION, Kind, coordinate_of, kind_of
-from gaitcal.gait.words import parameter_direction, parameter_place, parameter_words, segment_words
+from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
+from gaitcal.gait.moments import parameter_direction, parameter_place, parameter_words, segment_words
 from gaitcal.model.linkage import LOWER_BODY, SIDES
 from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.session.marker_fit import RmsErrors
 from gaitcal.session.parameter_words import Group, Row
+from gaitcal.session.trial_result import RmsErrors
 
 HealthyBands = Mapping[str, Mapping[str, tuple[Array, Array]]]
 """Variable of `cycles.csv` -> side -> mean and SD (101,) of healthy people, in its unit, for that person's size."""
@@ -189,3 +200,33 @@ def _row(entry: Mapping[str, Any]) -> Row:
         error=None if error is None or not math.isfinite(error) else float(error),
         status=str(entry["status"]),
     )
+
+
+DPI: Final = 300
+"""What journals ask for."""
+FORMATS: Final = ("png", "svg", "pdf")
+_UNSIGNED: Final = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+"""Without date and program."""
+SALT: Final = "gaitcal"
+"""Identifiers of an SVG are made of its content and of this, not at random."""
+
+
+def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
+    """Draw every chart into `folder` (made if missing), a file a format; returns the files."""
+    import matplotlib as mpl
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    with mpl.rc_context({"svg.hashsalt": SALT, "pdf.fonttype": 42}):  # letters of a PDF stay letters
+        for chart in charts:
+            figure = chart_figure(chart)
+            for suffix in formats:
+                path = folder / f"{chart.name}.{suffix}"
+                figure.savefig(path, dpi=DPI, metadata=_UNSIGNED[suffix])
+                written.append(path)
+    return written

@@ -3,11 +3,41 @@
 The statistics are those of `gait/spread.py`. Samples that are not valid are left out one by one, so that n may change
 along the stride. Strides that turn (`gait/progression.py`) are left out whole: legs and trunk, too, move otherwise in a
 turn.
+
+Mean and spread of strides, percent by percent: how much is stride to stride, trial to trial, and measurement error.
+
+The value of stride j of trial i, at one percent of the stride of one foot, is taken to be
+
+    y_ij = mu + a_i + b_ij + e_ij + c,
+
+a_i what trials differ by (variance V_b), b_ij what strides of a trial differ by (V_w), e_ij the measurement error that
+each stride has of its own (variance s_ij^2), and c the error that all strides of one calibrated person share: joint
+centres and axes, masses, the direction of the segments' axes, bandwidth, force plates. c moves the mean and every
+stride alike and is no part of any spread between strides. From n strides in k trials, n_i in each (Searle, Casella &
+McCulloch, Variance Components, 1992, chapter 3):
+
+    mean  = sum y_ij / n                     every stride counts the same
+    sd^2  = sum (y_ij - mean)^2 / (n - 1)    what gait reports call the standard deviation
+    V_w   = sum (y_ij - mean_i)^2 / (n - k)
+    V_b   = max(0, (sum n_i (mean_i - mean)^2 / (k - 1) - V_w) / n_0),    n_0 = (n - sum n_i^2 / n) / (k - 1)
+    sd_error^2 = mean of s_ij^2              part of sd^2 and of V_w, not beside them
+
+V_w needs a trial with two strides, V_b in addition a second trial; where every trial has one stride the two cannot be
+told apart, and only sd is known. s_ij is the standard error by the markers of the trial itself (`se_stride` of
+`cycles.csv`). Skin that moves alike in every stride is in it, though it makes strides no less alike, so that sd_error
+is an upper limit: where it is larger than sd the error bars are wider than the strides show. The standard error of the
+mean joins both kinds of error; c, the same in all, does not become smaller by more strides:
+
+    se^2 = sd^2 / n + mean(sqrt(se_ij^2 - s_ij^2))^2         n >= 2;   one stride: its own se
+
+Samples that are not valid are left out one by one, so that n may change along the stride. Strides that turn
+(`gait/progression.py`) are left out whole: legs and trunk, too, move otherwise in a turn.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -16,13 +46,87 @@ from numpy.typing import NDArray
 from gaitcal.arrays import Array, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.gait.progression import TURNING
-from gaitcal.gait.spread import spread
-from gaitcal.gait.stride_table import CYCLE_COLUMNS, TOLD, conventions_of, typed
+from gaitcal.gait.cycles import CYCLE_COLUMNS, TOLD, conventions_of, typed
+from gaitcal.gait.strides import TURNING
 from gaitcal.runtime import with_one_blas_thread
 
 if TYPE_CHECKING:
-    import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
+    import pandas as pd
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """Statistics of strides at m points (percents); NaN where not known."""
+
+    n: Array
+    """(m,) strides with a valid value."""
+    trials: Array
+    """(m,) trials that they are of."""
+    mean: Array
+    """(m,) in the unit of the values, as all that follow."""
+    sd: Array
+    """(m,) over all strides."""
+    sd_within: Array
+    """(m,) between strides of one trial, sqrt(V_w)."""
+    sd_between: Array
+    """(m,) between trials, what strides within them do not explain, sqrt(V_b)."""
+    sd_error: Array
+    """(m,) the part of `sd`, and of `sd_within`, that is measurement error."""
+    se: Array
+    """(m,) standard error of the mean, shared errors included."""
+
+
+def spread(values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None) -> Spread:
+    """Statistics over strides.
+
+    Parameters
+    ----------
+    values : (n, m) n strides at m points; NaN where a value is not valid.
+    trials : (n,) the trial of each stride, by any label.
+    own : (n, m) standard errors s_ij that each stride has of its own; None: not known.
+    total : (n, m) standard errors se_ij with what strides share; None: not known.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    there = np.isfinite(values)
+    n = there.sum(axis=0)
+    zeroed = np.where(there, values, 0.0)
+    labels = [trials == label for label in dict.fromkeys(np.asarray(trials).tolist())]
+    in_trial = np.array([there[rows].sum(axis=0) for rows in labels], dtype=np.float64).reshape(len(labels), -1)
+    sums = np.array([zeroed[rows].sum(axis=0) for rows in labels]).reshape(len(labels), -1)
+    k, squares = (in_trial > 0).sum(axis=0), (in_trial**2).sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = zeroed.sum(axis=0) / n
+        of_trial = sums / in_trial
+        variance = np.where(there, (values - mean) ** 2, 0.0).sum(axis=0) / (n - 1)
+        apart = np.nansum(in_trial * (of_trial - mean) ** 2, axis=0)
+        inside = np.maximum((n - 1) * variance - apart, 0.0)
+        within = np.where(n > k, inside / (n - k), np.nan)
+        size = (n - squares / n) / (k - 1)
+        between = np.where((n > k) & (k > 1), np.maximum((apart / (k - 1) - within) / size, 0.0), np.nan)
+        error = _mean_over(np.square(own), there) if own is not None else np.full(len(n), np.nan)
+        se = np.full(len(n), np.nan)
+        if own is not None and total is not None:
+            shared = _mean_over(np.sqrt(np.maximum(np.square(total) - np.square(own), 0.0)), there)
+            alone = _mean_over(np.asarray(total, dtype=np.float64), there)
+            se = np.where(n > 1, np.sqrt(variance / n + shared**2), alone)
+    variance = np.where(n > 1, variance, np.nan)
+    return Spread(
+        n=n,
+        trials=k,
+        mean=np.where(n > 0, mean, np.nan),
+        sd=np.sqrt(variance),
+        sd_within=np.sqrt(within),
+        sd_between=np.sqrt(between),
+        sd_error=np.sqrt(error),
+        se=np.where(n > 0, se, np.nan),
+    )
+
+
+def _mean_over(values: Array, there: Array) -> Array:
+    """(m,) mean over the strides whose value counts; NaN where one of them has no error."""
+    out: Array = np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
+    return out
+
 
 GROUP: Final = ("person", "session", "side", "variable")
 """Columns of `cycles.csv` whose strides belong together."""

@@ -20,13 +20,12 @@ from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet
 from gaitcal.findings import Finding
 from gaitcal.gait.cycles import FootEvents, steady
-from gaitcal.gait.event_clock import SAME_EVENT, checked_events
-from gaitcal.gait.event_order import order_findings
+from gaitcal.gait.event_clock import SAME_EVENT, checked_events, order_findings
 from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.swing import OFF, STRIKE, swing_events
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.intervals import runs
-from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion

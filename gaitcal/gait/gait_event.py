@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
-from gaitcal.io.metadata import FootEvent
+from gaitcal.io.labels import FootEvent
 
 
 class EventSource(Enum):

@@ -38,10 +38,9 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.gait.cycles import POINTS
-from gaitcal.gait.variables import Kind, coordinate_of, kind_of, known_variables
-from gaitcal.io.package_data import models_path
+from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of, known_variables
 from gaitcal.io.text_file import read_lines
+from gaitcal.io.toml import models_path
 from gaitcal.model.coordinates import coordinate_words, split_side
 from gaitcal.model.subject_model import Subject
 

@@ -36,10 +36,10 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.gait.cycles import CYCLE_RANGE, FootEvents, between, is_stride, resample
-from gaitcal.gait.event_order import double_support
+from gaitcal.gait.event_clock import double_support
 from gaitcal.gait.events import SIDES, TrialEvents
 from gaitcal.gait.gait_event import EventSource
-from gaitcal.gait.progression import turn_between
+from gaitcal.gait.strides import turn_between
 
 PER_STRIDE: Final = 120.0
 """Two steps, sixty seconds."""

@@ -7,6 +7,11 @@ positive where the right one is larger. There is none of the step width, which i
 and standard deviations are those of `gait/spread.py`: each stride counts the same, also one of which the recording
 shows a part. Strides that turn are left out, and legs that are refused, with steps and supports beside them, to which
 both feet belong: what makes a leg's markers or forces wrong, or of the other side, need not spare its clock.
+
+Peaks of a curve over strides: each stride's own, then their mean and standard deviation.
+
+A stride of which little is valid says nothing of its peak: it counts where at least `LEAST_VALID` of its percents are
+valid. Of one stride alone the standard error of its peak stands for the deviation.
 """
 
 from __future__ import annotations
@@ -17,13 +22,14 @@ from typing import Final
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity
+from gaitcal.gait.ensemble import spread
 from gaitcal.gait.events import SIDES
-from gaitcal.gait.progression import turns
+from gaitcal.gait.moments import SIDE_WORDS, listed
 from gaitcal.gait.spatiotemporal import LEAST_STRIDE, MEASURES, Stride
-from gaitcal.gait.spread import spread
-from gaitcal.gait.words import SIDE_WORDS, listed
+from gaitcal.gait.strides import turns
 
 OF_BOTH_LEGS: Final = ("step_width",)
 """One distance between both feet, told at the strikes of either."""
@@ -153,3 +159,38 @@ def _average(strides: Mapping[str, Sequence[Stride]], side: str, name: str) -> A
         sd_within=figure(found.sd_within),
         sd_between=figure(found.sd_between),
     )
+
+
+LEAST_VALID: Final = 0.9
+"""Part of a stride that must be valid: the peak of a curve that is not seen is not known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StridePeaks:
+    """The largest values of a curve in the strides of a leg."""
+
+    mean: float
+    """Over the strides that count; NaN where none does."""
+    error: float
+    """Standard deviation over them; of one alone, the standard error of its peak; NaN where it is not known."""
+    count: int
+    """Strides that count."""
+    strides: int
+    """All that were looked at."""
+
+
+def stride_peaks(values: Array, errors: Array) -> StridePeaks:
+    """Of the largest value of each stride.
+
+    Parameters
+    ----------
+    values : (n, points) n strides; NaN where a value is not valid.
+    errors : (n, points) standard errors; NaN where not known.
+    """
+    counting = np.flatnonzero(np.isfinite(values).mean(axis=1) >= LEAST_VALID)
+    if not len(counting):
+        return StridePeaks(mean=np.nan, error=np.nan, count=0, strides=len(values))
+    places = np.nanargmax(values[counting], axis=1)
+    peaks, own = values[counting, places], errors[counting, places]
+    error = peaks.std(ddof=1) if len(peaks) > 1 else own[0]
+    return StridePeaks(mean=float(peaks.mean()), error=float(error), count=len(counting), strides=len(values))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.metadata import ComputedPoints
+from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import ForcePlate, Recording, seen_mask
 
 LOADED_N = 100.0

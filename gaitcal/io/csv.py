@@ -35,8 +35,7 @@ from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
 from gaitcal.io.axes import UP_TO_Y, Turn, body_vertical, turn_up
 from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
-from gaitcal.io.labels import axes_points, clean, unique
-from gaitcal.io.metadata import ComputedPoints, Facts, FootEvent, FootMoment
+from gaitcal.io.labels import ComputedPoints, Facts, FootEvent, FootMoment, axes_points, clean, unique
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
 from gaitcal.io.text_file import NumberTable, number_lines, parse_rows, read_lines, require_increasing
 

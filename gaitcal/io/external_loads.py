@@ -21,8 +21,8 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError, side_named
 from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, standing
 from gaitcal.io.labels import clean, unique
-from gaitcal.io.mot import StorageTable, read_table
 from gaitcal.io.text_file import readable_size, undo_rounding
+from gaitcal.io.trc_mot import StorageTable, read_table
 
 FOOT = re.compile(r"calc|foot|toe|talus|heel|mtp|forefoot|hindfoot|rearfoot|midfoot", re.IGNORECASE)
 """Bodies of a foot, in the models that people use."""

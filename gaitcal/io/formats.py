@@ -39,10 +39,9 @@ from gaitcal.io.csv import (
 )
 from gaitcal.io.external_loads import read_external_loads
 from gaitcal.io.force_tables import Forces
-from gaitcal.io.mot import read_mot_forces, write_forces_mot
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.io.text_file import readable_size
-from gaitcal.io.trc import read_trc, write_trc
+from gaitcal.io.trc_mot import read_mot_forces, read_trc, write_forces_mot, write_trc
 from gaitcal.runtime import with_one_blas_thread
 
 MARKER_READERS = {".c3d": read_c3d, ".trc": read_trc, ".csv": read_markers_csv}

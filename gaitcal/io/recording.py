@@ -16,8 +16,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.labels import clean
-from gaitcal.io.metadata import ComputedPoints, Facts, FootEvent
+from gaitcal.io.labels import ComputedPoints, Facts, FootEvent, clean
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,8 +17,7 @@ from typing import TypeVar
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.lock import put_back
-from gaitcal.io.ownership import MANIFEST, ResultKind, files_of, read_object, refuse_cohort
+from gaitcal.io.lock import MANIFEST, ResultKind, files_of, put_back, read_object, refuse_cohort
 
 FILES, HASHES, SELF = "files", "sha256", "own_sha256"
 """Entries of a manifest: names of files, file -> SHA-256, and SHA-256 of all other entries."""

@@ -1,4 +1,9 @@
-"""TOML files a user writes: read with one-line errors, written back. Also the one check that a named file is there."""
+"""TOML files a user writes: read with one-line errors, written back. Also the one check that a named file is there.
+
+What is installed: where the data folder `models/` lies, and versions of packages.
+
+The data folder is inside the installed package, or at the top of a source checkout.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +12,13 @@ import os
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import GaitcalError, InputError, nearest
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -123,3 +130,29 @@ def toml_value(value: object) -> str:
 def toml_table(header: str, content: Mapping[str, object]) -> str:
     """A table as text: `header` (`[subject]`, `[[trial]]`) and one line a key. Keys must be bare TOML keys."""
     return "\n".join([header, *(f"{key} = {toml_value(value)}" for key, value in content.items())]) + "\n"
+
+
+def models_path() -> Path:
+    """The folder `models/`: linkage, marker sets, anthropometric tables, the nominal subject.
+
+    A wheel carries it as `gaitcal/models`; a source checkout, also one installed in editable mode, has it beside the
+    package.
+
+    Raises
+    ------
+    GaitcalError
+        The installation is incomplete: neither place holds the folder.
+    """
+    package = Path(str(files("gaitcal")))
+    for folder in (package / "models", package.parent / "models"):
+        if (folder / "nominal_subject.json").is_file():
+            return folder
+    raise GaitcalError(f"{package}: the data folder 'models' is missing; install gaitcal again")
+
+
+def package_version(name: str) -> str:
+    """Version of an installed package, or `unknown`."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"

@@ -10,7 +10,7 @@ from gaitcal.model.landmark_names import REQUIRED, missing_landmarks
 from gaitcal.model.linkage import LEG_SEGMENTS
 
 if TYPE_CHECKING:
-    from gaitcal.model.marker_roles import MarkerSet
+    from gaitcal.model.marker_set import MarkerSet
 
 PELVIS_NEEDS = 3
 """Markers of the pelvis, from which the pose of the body starts."""

@@ -21,10 +21,8 @@ from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
 from gaitcal.io.toml import toml_value
 from gaitcal.io.validation import Table, read_validated, require_known, shown
-from gaitcal.model.inertial_parameters import IP_NAMES, IP_UNITS
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 
 FORMAT = 1

@@ -13,15 +13,13 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.package_data import models_path
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
+from gaitcal.io.toml import models_path
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words
 from gaitcal.model.chain import axis_rotation, root_angles
-from gaitcal.model.hip_centre import HipCentre
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.model.knee_and_ankle import JointWidths
+from gaitcal.model.joint_centres import HipCentre, JointWidths
 from gaitcal.model.landmark_names import SEGMENT_OF
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
 from gaitcal.model.linkage import (
@@ -34,14 +32,13 @@ from gaitcal.model.linkage import (
     coordinates_before,
     segment_kind,
 )
-from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
-from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters, published_subject
+from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.segment_frames import Frame, lower_body, sign
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-from gaitcal.model.upper_body import upper_body
-from gaitcal.model.worn_markers import complete_static, worn
+from gaitcal.model.trunk import upper_body
 from gaitcal.runtime import with_one_blas_thread
 
 __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]

@@ -24,8 +24,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.segment_frames import Frame, sign
 
 TALOCRURAL_FRONT = np.deg2rad(7.3)

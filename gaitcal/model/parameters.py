@@ -1,17 +1,272 @@
-"""All numbers of one person's linkage: joint parameters, inertial parameters, and the ankles' zero angles."""
+"""All numbers of one person's linkage: joint parameters, inertial parameters, and the ankles' zero angles.
+
+The inertial parameters (IPs): mass, mass centre and principal moments of the segments that have mass.
+
+Moments are about the mass centre, principal axes parallel to the segment axes; `ant sup lat` = x y z. The talus is
+massless. The 36 symmetric IPs (left = right) are those of Reinbolt et al. 2007, Table IV, less `foot superior`.
+
+The catalogue of the joint parameters (JPs): where each joint axis lies in the two segments it connects.
+
+Which joint has which is told once, by the tables of `linkage.py`; this is their list in the order of files and arrays.
+Reinbolt et al., IEEE TBME 2007, Table II lists the 27 of one leg; the lists for back, shoulder and elbow
+(6, 10, 9) are the natural split of the remaining 98 - 2 * 27 = 44. Positions are `ant sup lat` (x y z),
+orientations `front trans sag` (about x, y, z) of the segment's frame: x anterior, y superior, z to the right
+on both sides. A left value is the mirror image z -> -z of the right one.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 
-from gaitcal.arrays import Array
-from gaitcal.io.package_data import models_path
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
-from gaitcal.model.linkage import ZERO_ANGLES, Element, Source, segment_kind
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.io.toml import models_path
+from gaitcal.model.linkage import (
+    JOINT_OF_CHILD,
+    JOINTS,
+    LEGS,
+    SEGMENT_TABLE,
+    SEGMENTS,
+    ZERO_ANGLES,
+    Element,
+    Source,
+    moved_joints,
+    segment_kind,
+)
+
+MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if segment_kind(s).parts)
+"""Those with inertia: row s of a (ns, 7) table of IPs is [mass, com x y z, moment x y z]."""
+
+QUANTITIES = ("mass", "com.ant", "com.sup", "com.lat", "moi.ant", "moi.sup", "moi.lat")
+UNITS = ("kg", "mm", "mm", "mm", "kg*mm^2", "kg*mm^2", "kg*mm^2")
+_TO_SI = (1.0, 1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 1e-6)
+
+IP_NAMES: tuple[str, ...] = tuple(f"{s}.{q}" for s in MASSIVE_SEGMENTS for q in QUANTITIES)
+"""All, in the order of every (ni,) array of inertial parameters (kg, m, kg m^2)."""
+
+IP_INDEX: dict[str, int] = {name: i for i, name in enumerate(IP_NAMES)}
+IP_UNITS: tuple[str, ...] = UNITS * len(MASSIVE_SEGMENTS)
+IP_TO_SI: Array = np.array(_TO_SI * len(MASSIVE_SEGMENTS))
+"""(ni,) factors from kg, mm, kg mm^2 to SI."""
+
+
+@dataclass(frozen=True)
+class InertialSet:
+    """Free variables x of an IP calibration: IPs = selection @ x, and as they were where no variable enters."""
+
+    names: tuple[str, ...]
+    """Of the free variables: `pelvis.mass`, `thigh.com.sup`, ... (symmetric) or the IP names (all)."""
+    selection: Array
+    """(ni, n): column k holds the factors (1, or -1 for a mirrored coordinate) with which variable k enters the IPs."""
+
+
+def symmetric_set() -> InertialSet:
+    """The symmetric IPs: masses, those mass-centre coordinates that `free_centre` names, moments."""
+    names: list[str] = []
+    columns: list[Array] = []
+    centres = {row.name: row.free_centre for row in SEGMENT_TABLE.values() if row.parts}
+    masses, moments = dict.fromkeys(centres, ("mass",)), dict.fromkeys(centres, ("moi.ant", "moi.sup", "moi.lat"))
+    for group in (masses, centres, moments):
+        for body, quantities in group.items():
+            for quantity in quantities:
+                column = np.zeros(len(IP_NAMES))
+                for segment in MASSIVE_SEGMENTS:
+                    if segment == body or segment[:-2] == body:
+                        column[IP_INDEX[f"{segment}.{quantity}"]] = 1.0
+                names.append(f"{body}.{quantity}")
+                columns.append(column)
+    return InertialSet(tuple(names), np.stack(columns, axis=1))
+
+
+def full_set() -> InertialSet:
+    """All IPs, each free by itself."""
+    return InertialSet(IP_NAMES, np.eye(len(IP_NAMES)))
+
+
+def table(inertial: Array) -> Array:
+    """(ns, 7) view of an (ni,) array."""
+    return inertial.reshape(len(MASSIVE_SEGMENTS), len(QUANTITIES))
+
+
+def dynamic_parameters(inertial: Array) -> Array:
+    """(ns, 10) parameters in which dynamics is linear: m, m c, and the inertia about the segment origin.
+
+    Order of Pinocchio: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz; kg, kg m, kg m^2.
+    """
+    rows = table(inertial)
+    m, c, moments = rows[:, 0], rows[:, 1:4], rows[:, 4:7]
+    out = np.empty((len(rows), 10))
+    out[:, 0] = m
+    out[:, 1:4] = m[:, None] * c
+    square = np.sum(c * c, axis=1)
+    for axis, column in ((0, 4), (1, 6), (2, 9)):
+        out[:, column] = moments[:, axis] + m * (square - c[:, axis] ** 2)
+    for (a, b), column in (((0, 1), 5), ((0, 2), 7), ((1, 2), 8)):
+        out[:, column] = -m * c[:, a] * c[:, b]
+    return out
+
+
+def dynamic_jacobian(inertial: Array) -> Array:
+    """(ns, 10, 7): derivative of `dynamic_parameters` by each segment's own seven IPs."""
+    rows = table(inertial)
+    m, c = rows[:, 0], rows[:, 1:4]
+    jac = np.zeros((len(rows), 10, 7))
+    jac[:, 0, 0] = 1.0
+    square = np.sum(c * c, axis=1)
+    for axis in range(3):
+        jac[:, 1 + axis, 0] = c[:, axis]
+        jac[:, 1 + axis, 1 + axis] = m
+    for axis, column in ((0, 4), (1, 6), (2, 9)):
+        jac[:, column, 0] = square - c[:, axis] ** 2
+        jac[:, column, 4 + axis] = 1.0
+        for other in range(3):
+            if other != axis:
+                jac[:, column, 1 + other] = 2.0 * m * c[:, other]
+    for (a, b), column in (((0, 1), 5), ((0, 2), 7), ((1, 2), 8)):
+        jac[:, column, 0] = -c[:, a] * c[:, b]
+        jac[:, column, 1 + a] = -m * c[:, b]
+        jac[:, column, 1 + b] = -m * c[:, a]
+    return jac
+
+
+def placed_dynamic_parameters(rotation: Array, translation: Array) -> Array:
+    """(10, 10): dynamic parameters in a frame F from those in a frame S placed in it by (rotation, translation).
+
+    With the pseudo-inertia J = [[sum x x^T, m c], [m c^T, m]] of point masses, J_F = X J_S X^T, X homogeneous.
+    """
+    x = np.eye(4)
+    x[:3, :3], x[:3, 3] = rotation, translation
+    out: Array = _FROM_PSEUDO @ np.kron(x, x) @ _TO_PSEUDO
+    return out
+
+
+_SYMMETRIC = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
+"""Where the ten dynamic parameters hold each entry of the inertia about the origin."""
+
+
+def _to_pseudo(p: Array) -> Array:
+    """(4, 4) pseudo-inertia of dynamic parameters (10,): sum x x^T = tr(I) / 2 - I."""
+    inertia = p[_SYMMETRIC]
+    out = np.zeros((4, 4))
+    out[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    out[:3, 3] = out[3, :3] = p[1:4]
+    out[3, 3] = p[0]
+    return out
+
+
+def _from_pseudo(j: Array) -> Array:
+    """(10,) dynamic parameters of a pseudo-inertia (4, 4): I = tr(S) - S, S the sum of x x^T."""
+    second = j[:3, :3]
+    inertia = np.trace(second) * np.eye(3) - second
+    out = np.empty(10)
+    out[0], out[1:4] = j[3, 3], j[:3, 3]
+    out[_SYMMETRIC] = inertia
+    return out
+
+
+_TO_PSEUDO = np.stack([_to_pseudo(unit).ravel() for unit in np.eye(10)], axis=1)
+_FROM_PSEUDO = np.stack([_from_pseudo(unit.reshape(4, 4)) for unit in np.eye(16)], axis=1)
+"""The same as matrices, of the 16 entries of a pseudo-inertia."""
+
+
+def is_physical(inertial: Array) -> BoolArray:
+    """(ns,) whether mass and moments are positive and moments obey the triangle inequality (pseudo-inertia > 0)."""
+    rows = table(inertial)
+    moments = np.sort(rows[:, 4:7], axis=1)
+    return (rows[:, 0] > 0) & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] > moments[:, 2])
+
+
+def impossible_bodies(inertial: Array) -> tuple[str, ...]:
+    """Names of the segments whose inertial parameters no real body can have."""
+    return tuple(s for s, possible in zip(MASSIVE_SEGMENTS, is_physical(inertial), strict=True) if not possible)
+
+
+class Kind(Enum):
+    """What a joint parameter is: a position (mm outside, m inside) or an orientation (deg, rad)."""
+
+    POSITION = "position"
+    ORIENTATION = "orientation"
+
+    @property
+    def unit(self) -> str:
+        """Unit in files."""
+        return "mm" if self is Kind.POSITION else "deg"
+
+    @property
+    def to_si(self) -> float:
+        """Factor from the unit in files to m or rad."""
+        return 1e-3 if self is Kind.POSITION else float(np.pi / 180.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointParameter:
+    """One entry of the catalogue."""
+
+    name: str
+    """For example `hip_r.pelvis.ant`."""
+    joint: str
+    """`hip_r`, `back`, ..."""
+    segment: str
+    """The segment in whose frame it is measured: `pelvis`, `thigh_r`, ..."""
+    kind: Kind
+    axis: int
+    """0, 1, 2: the coordinate (position) or the axis turned about (orientation)."""
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the left value has the opposite sign of the right one."""
+        lateral = self.axis == 2
+        return lateral if self.kind is Kind.POSITION else not lateral
+
+
+def _catalogue() -> Iterator[JointParameter]:
+    """Joint by joint; the parent's before the child's, of each orientations before positions, by axis."""
+    for joint in JOINTS:
+        moves = next(i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE)
+        for segment, elements in ((joint.parent, joint.elements[:moves]), (joint.child, joint.elements[moves:])):
+            for e in sorted(elements, key=lambda e: (not e.rotates, e.axis)):
+                if e.source is Source.JOINT_PARAMETER:
+                    kind = Kind.ORIENTATION if e.rotates else Kind.POSITION
+                    yield JointParameter(name=e.name, joint=joint.name, segment=segment, kind=kind, axis=e.axis)
+
+
+JOINT_PARAMETERS: tuple[JointParameter, ...] = tuple(_catalogue())
+"""All, in the order of every (np,) array of joint parameters."""
+
+JP_NAMES: tuple[str, ...] = tuple(p.name for p in JOINT_PARAMETERS)
+JP_INDEX: dict[str, int] = {name: i for i, name in enumerate(JP_NAMES)}
+JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])
+"""(np,) factors from mm and deg to m and rad."""
+
+
+def isolated_parameters(isolated: str) -> tuple[str, ...]:
+    """The JPs that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) determines: 6, 9 or 12."""
+    joints = [joint.name for joint in moved_joints(isolated)]
+    return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
+
+
+def gait_parameters(side: str) -> tuple[str, ...]:
+    """The 17 JPs of one leg that a gait trial determines: the rows of Table II that change from the isolated trials.
+
+    Hip: pelvis and thigh, anterior and superior; knee: all nine; talocrural: all but lateral.
+    """
+    kept = []
+    for p in JOINT_PARAMETERS:
+        hip = p.joint == f"hip_{side}" and p.axis != 2
+        talocrural = p.joint == f"talocrural_{side}" and not (p.kind is Kind.POSITION and p.axis == 2)
+        if hip or talocrural or p.joint == f"knee_{side}":
+            kept.append(p.name)
+    return tuple(kept)
+
+
+def leg_parameters(side: str) -> tuple[str, ...]:
+    """The JPs of one leg."""
+    joints = [JOINT_OF_CHILD[segment].name for segment in LEGS[side]]
+    return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
 
 
 @dataclass(frozen=True)
@@ -19,9 +274,9 @@ class Parameters:
     """Parameters in SI units (m, rad, kg, kg m^2). Arrays are not to be changed in place."""
 
     joint: Array
-    """(np,) m, rad: joint parameters in the order of `gaitcal.model.joint_parameters.JP_NAMES`."""
+    """(np,) m, rad: joint parameters in the order of `gaitcal.model.parameters.JP_NAMES`."""
     inertial: Array
-    """(ni,) kg, m, kg m^2: inertial parameters in the order of `gaitcal.model.inertial_parameters.IP_NAMES`."""
+    """(ni,) kg, m, kg m^2: inertial parameters in the order of `gaitcal.model.parameters.IP_NAMES`."""
     zero_angles: Array
     """(nz,) rad: constants that make zero ankle coordinates the posture with the foot at right angles to the shank, in
     the order of `gaitcal.model.linkage.ZERO_ANGLES`."""

@@ -28,10 +28,10 @@ from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
-from gaitcal.model.carried_points import carried, left_share, lever, off_line, rigid_motions
-from gaitcal.model.hip_centre import HipCentre, hip_centre
+from gaitcal.model.ankle_zero import carried, left_share, lever, off_line, rigid_motions
+from gaitcal.model.joint_centres import HipCentre, hip_centre
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import MarkerSet
 
 FEWEST = 3
 """Points that tell how a segment is turned."""

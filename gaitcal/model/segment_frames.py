@@ -21,16 +21,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, cross
-from gaitcal.model.hip_centre import (
+from gaitcal.model.joint_centres import (
+    TIBIAL_TORSION,
     HipCentre,
+    JointWidths,
     PelvicWidth,
+    centre_notes,
     given_hips,
     given_note,
     hip_centre,
+    joint_centre,
     offer_note,
     regression_note,
 )
-from gaitcal.model.knee_and_ankle import TIBIAL_TORSION, JointWidths, centre_notes, joint_centre
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
 

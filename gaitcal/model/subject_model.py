@@ -1,13 +1,125 @@
-"""One person's model: who, which parameters, which markers where."""
+"""One person's model: who, which parameters, which markers where.
+
+The linkage as a `pinocchio.Model`.
+
+The same chain of elements as everywhere: elements with a fixed amount are folded into joint placements; coordinates,
+and those joint parameters that are left free, become one-DOF joints. A free joint parameter is a joint like any other,
+constant in time, so Pinocchio's own derivatives are derivatives with respect to it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+import pinocchio as pin
+
 from gaitcal.arrays import Array
-from gaitcal.model.build import GRAVITY
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.chain import axis_rotation
+from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_elements
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
+from gaitcal.runtime import with_one_blas_thread
+
+GRAVITY = 9.81
+"""m/s^2, downwards along -y."""
+
+_REVOLUTE = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
+_PRISMATIC = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
+_HALF_TURN = [np.diag(d) for d in ((-1.0, -1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0))]
+"""Half turns that reverse the x, y, z axis: exact, so a joint about -x is a joint about x in a turned frame."""
+
+
+@dataclass(frozen=True)
+class LinkageModel:
+    """A Pinocchio model of the linkage and where its parts are."""
+
+    model: pin.Model
+    coordinates: tuple[str, ...]
+    """Name of each entry of q and v: coordinates, free joint parameters, reactions, in the order of the chain."""
+    segment_joint: dict[str, int]
+    """Pinocchio joint that carries each segment."""
+    segment_placement: dict[str, pin.SE3]
+    """Constant placement of each segment frame in the frame of that joint."""
+
+    def index(self, name: str) -> int:
+        """Place of a coordinate, free joint parameter or reaction in q and v."""
+        return self.coordinates.index(name)
+
+
+@with_one_blas_thread
+def build_model(parameters: Parameters) -> pin.Model:
+    """The 27-degree-of-freedom model with all joint parameters baked into the joint placements.
+
+    Coordinates in the order of `gaitcal.COORDINATES` (m, rad); y up, gravity along -y; segment frames are added as
+    body frames with their names. Units SI.
+    """
+    return build_linkage(parameters).model
+
+
+def build_linkage(parameters: Parameters, free: tuple[str, ...] = (), *, reactions: bool = False) -> LinkageModel:
+    """The linkage with the joint parameters `free` as joints, and the knees' locked reaction joints if wanted."""
+    builder = _Builder(parameters, free)
+    builder.add_chain(root_elements("pelvis"), None, "pelvis")
+    for joint in JOINTS:
+        builder.add_chain(joint_elements(joint, reactions=reactions), joint.parent, joint.child)
+    return builder.finish()
+
+
+class _Builder:
+    """A Pinocchio model that grows chain by chain, each from the place of its parent."""
+
+    def __init__(self, parameters: Parameters, free: tuple[str, ...]) -> None:
+        self.parameters = parameters
+        self.free = set(free)
+        self.model = pin.Model()
+        self.model.name = "gaitcal"
+        self.model.gravity.linear = np.array([0.0, -GRAVITY, 0.0])
+        self.names: list[str] = []
+        self.joint: dict[str, int] = {}
+        self.place: dict[str, pin.SE3] = {}
+
+    def add_chain(self, elements: tuple[Element, ...], parent: str | None, child: str) -> None:
+        joint = 0 if parent is None else self.joint[parent]
+        place = pin.SE3.Identity() if parent is None else self.place[parent].copy()
+        for e in elements:
+            if e.source is not Source.COORDINATE and e.name not in self.free:
+                place = place * constant_motion(e, self.parameters)
+                continue
+            turned = pin.SE3(np.eye(3) if e.sign > 0 else _HALF_TURN[e.axis], np.zeros(3))
+            kind = (_REVOLUTE if e.rotates else _PRISMATIC)[e.axis]()
+            joint = self.model.addJoint(joint, kind, place * turned, e.name)
+            self.model.addJointFrame(joint)
+            self.names.append(e.name)
+            place = turned.inverse()
+        self.joint[child], self.place[child] = joint, place
+
+    def finish(self) -> LinkageModel:
+        for segment, joint in self.joint.items():
+            frame = pin.Frame(segment, joint, self.place[segment], pin.FrameType.BODY)
+            self.model.addFrame(frame)
+        linkage = LinkageModel(self.model, tuple(self.names), self.joint, self.place)
+        set_inertias(linkage, self.parameters.inertial)
+        return linkage
+
+
+def constant_motion(element: Element, parameters: Parameters) -> pin.SE3:
+    """The motion of an element that is no coordinate."""
+    amount = parameters.amount(element)
+    if element.rotates:
+        return pin.SE3(axis_rotation(element.axis, amount), np.zeros(3))
+    translation = np.zeros(3)
+    translation[element.axis] = amount
+    return pin.SE3(np.eye(3), translation)
+
+
+def set_inertias(linkage: LinkageModel, inertial: Array) -> None:
+    """Put the inertial parameters (ni,) into the model, in place."""
+    for segment, row in zip(MASSIVE_SEGMENTS, table(inertial), strict=True):
+        inertia = pin.Inertia.Zero()  # filled in piece by piece: the constructor refuses impossible bodies,
+        inertia.mass, inertia.lever, inertia.inertia = float(row[0]), row[1:4], np.diag(row[4:7])  # which the
+        # published cost may well return; they are told as such, not hidden
+        linkage.model.inertias[linkage.segment_joint[segment]] = linkage.segment_placement[segment].act(inertia)
 
 
 @dataclass(frozen=True)

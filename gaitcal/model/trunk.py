@@ -16,6 +16,29 @@ The shoulder centres lie, by what is known of the person,
 4. straight above the lumbar joint as the person stands, at the nominal subject's height and width.
 
 Only 1 and 2 are measured. How the trunk then moves is what its markers say, however few (`motion/undetermined.py`).
+
+Trunk and arms in the static posture, or the assumption that stands in for a part that no marker shows.
+
+A part without any marker is frozen: its place is assumed, its lengths are de Leva's, scaled by height. A frozen trunk
+is upright, its mass and shoulders straight above the lumbar joint. A frozen arm hangs along the trunk.
+
+Frames in the static posture as in `segment_frames.py`; one marker at the elbow and one at the wrist do for an arm:
+
+    trunk       as in `trunk.py`: y from the lumbar joint to the middle of the shoulders, z to the right
+    upper arm   origin shoulder centre; y = unit(shoulder - elbow); z the elbow's axis across y
+    forearm     origin elbow centre; y = unit(elbow - wrist); z the same axis across y
+
+The shoulder turns about two axes, Rz(flexion) Rx(adduction), so how the upper arm is turned about its own length is a
+constant, Ry(-trans). Elbow axis, in this order of preference:
+
+1. the line of a medial and a lateral marker;
+2. the normal n of the plane of shoulder S, elbow centre E and wrist W: with the lateral marker M = E + s d n, d half
+   the elbow's width, n . (W - S) = 0 and n . (M - S) = s d, where the elbow is bent enough to tell;
+3. where the z axis of a hanging arm goes by flexion and adduction alone.
+
+With an arm raised sideways by more than RAISED, flexion and turn about the arm's length are nearly the same motion:
+the turn seen there says nothing of walking, and `trans` is taken as zero; with one elbow marker, so is the angle
+between upper arm and forearm across the elbow's axis.
 """
 
 from __future__ import annotations
@@ -25,12 +48,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.anthropometry import default_length
-from gaitcal.model.knee_and_ankle import NOMINAL_HEIGHT, SIDE_WORDS
+from gaitcal.model.anthropometry import default_length, default_limbs
+from gaitcal.model.chain import axis_rotation
+from gaitcal.model.joint_centres import NOMINAL_HEIGHT, ROUNDS, SETTLED, SIDE_WORDS, half_width
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.model.segment_frames import Frame, across, frame_yz, sign, unit
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.nominal_joints import ArmJoints
+from gaitcal.model.segment_frames import Frame, LowerBody, across, frame_yz, sign, unit
 from gaitcal.model.subject_model import Subject
 
 IN_A_PLANE = 3
@@ -163,3 +188,189 @@ def _above(lumbar: Array, sideways: Array, height: float) -> dict[str, Array]:
 
 def _horizontal(direction: Array) -> Array:
     return unit(direction - (direction @ _UP) * _UP)
+
+
+RAISED = np.deg2rad(45.0)
+"""How far an arm may hang from the trunk's sagittal plane and still show its turn about its own length."""
+BENT = 1.5
+"""Distance of the elbow marker from the line shoulder-wrist, in half elbow widths, from which the plane is used."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpperBody:
+    """Frames and joint centres of trunk and arms, laboratory."""
+
+    frames: dict[str, Frame]
+    centres: dict[str, Array]
+    """`sjc ejc wjc` of both sides, (3,) m."""
+    arms: ArmJoints
+    raised: tuple[str, ...]
+    """Sides whose arm is raised sideways in the static trial."""
+    frozen_segments: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, subject: Subject) -> UpperBody:
+    """Trunk and arms, measured as far as there are markers."""
+    frozen: list[str] = []
+    body = trunk_of(posture, marker_set, legs.frames["pelvis"], legs.centres["lumbar"], subject)
+    trunk, centres, notes = body.frame, dict(body.shoulders), [*body.notes]
+    frames = {"head_trunk": trunk}
+    turn, axis, raised = dict.fromkeys(SIDES, 0.0), dict.fromkeys(SIDES, trunk.rotation[:, 2]), []
+    limbs = default_limbs(subject)
+    for side in SIDES:
+        upper_arm, forearm = f"upper_arm_{side}", f"forearm_hand_{side}"
+        shoulder = centres[f"sjc_{side}"]
+        no_arm = _why_no_segment(posture, marker_set, upper_arm, f"elbow_lat_{side}")
+        no_forearm = _why_no_segment(posture, marker_set, forearm, f"wrist_{side}")
+        if no_arm is not None:
+            frozen += [upper_arm, forearm]
+            notes.append(f"{upper_arm} and {forearm} hang along the trunk, as {no_arm}")
+            elbow = shoulder - limbs[upper_arm] * trunk.rotation[:, 1]
+            frames |= {upper_arm: Frame(trunk.rotation, shoulder), forearm: Frame(trunk.rotation, elbow)}
+            centres |= {f"ejc_{side}": elbow, f"wjc_{side}": elbow - limbs[forearm] * trunk.rotation[:, 1]}
+            continue
+        arm = measured_arm(posture, side, trunk, shoulder, subject.height)
+        notes += arm.notes
+        frames[upper_arm], centres[f"ejc_{side}"] = arm.upper, arm.elbow
+        turn[side], axis[side] = arm.turn, arm.axis
+        raised += [side] if arm.raised else []
+        if no_forearm is None and arm.forearm is not None and arm.wrist is not None:
+            frames[forearm], centres[f"wjc_{side}"] = arm.forearm, arm.wrist
+        else:
+            frozen.append(forearm)
+            notes.append(f"{forearm} is taken to be straight with the upper arm, as {no_forearm}")
+            frames[forearm], axis[side] = Frame(arm.upper.rotation, arm.elbow), arm.upper.rotation[:, 2]
+            centres[f"wjc_{side}"] = arm.elbow - limbs[forearm] * arm.upper.rotation[:, 1]
+    if not body.seen and all(f"upper_arm_{side}" in frozen for side in SIDES):
+        frozen.insert(0, "head_trunk")
+    return UpperBody(
+        frames=frames,
+        centres=centres,
+        arms=ArmJoints(turn, axis),
+        raised=tuple(raised),
+        frozen_segments=tuple(frozen),
+        notes=tuple(notes),
+    )
+
+
+def _why_no_segment(posture: StaticPosture, marker_set: MarkerSet, segment: str, landmark: str) -> str | None:
+    """Why a segment of an arm cannot be measured; None where it can."""
+    if not posture.has(landmark):
+        return posture.why_not(landmark)
+    if not any(label in posture.markers for label in marker_set.tracking.get(segment, ())):
+        return "no tracking marker was seen"
+    return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm:
+    """One arm in the static posture."""
+
+    upper: Frame
+    elbow: Array
+    """(3,) m, elbow centre."""
+    forearm: Frame | None
+    """None where no wrist is known."""
+    wrist: Array | None
+    """(3,) m."""
+    turn: float
+    """rad, the joint parameter `shoulder.upperarm.trans`."""
+    axis: Array
+    """(3,) the elbow's axis as the forearm has it, pointing right."""
+    raised: bool
+    """Whether the arm is raised sideways."""
+    notes: tuple[str, ...]
+
+
+def measured_arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Array, height: float) -> Arm:
+    """Frames of one arm from `elbow_lat` and, where they are known, `elbow_med` and `wrist`; height in m."""
+    p = posture.landmarks
+    lateral, wrist = p[f"elbow_lat_{side}"], p.get(f"wrist_{side}")
+    notes: list[str] = []
+    elbow_words, shoulder_words = (f"{joint}, {SIDE_WORDS[side]}" for joint in ("elbow", "shoulder"))
+    if posture.has(f"elbow_med_{side}"):
+        medial = p[f"elbow_med_{side}"]
+        elbow = 0.5 * (lateral + medial)
+        axis = sign(side) * (lateral - medial)
+        if axis @ _unturned(unit(shoulder - elbow), trunk) < 0:
+            axis = -axis
+            notes.append(f"{elbow_words}: the lateral marker lies medially; the two markers were exchanged")
+    else:
+        inwards = sign(side) * half_width("elbow", height)
+        normal = None if wrist is None else _plane_normal(shoulder, lateral, wrist, inwards)
+        elbow, axis = _from_lateral(shoulder, lateral, inwards, trunk, normal)
+        how = "at right angles to the plane of the bent arm" if normal is not None else "as in an arm not turned"
+        notes.append(
+            f"{elbow_words}: one marker; its centre is assumed {1e3 * abs(inwards):.0f} mm inwards, its axis {how}"
+        )
+    upper = frame_yz(shoulder, unit(shoulder - elbow), axis)
+    forearm = None if wrist is None else frame_yz(elbow, unit(elbow - wrist), upper.rotation[:, 2])
+    turn = _turn(trunk.rotation.T @ upper.rotation)
+    axis = upper.rotation[:, 2]
+    if turn is None:
+        notes.append(
+            f"{shoulder_words}: the arm is raised sideways in the static trial, so that its turn about its own "
+            "length is assumed zero; the static posture of the arm is met less closely"
+        )
+        if forearm is not None and not posture.has(f"elbow_med_{side}"):
+            axis = forearm.rotation[:, 2]
+    return Arm(
+        upper=upper,
+        elbow=elbow,
+        forearm=forearm,
+        wrist=wrist,
+        turn=turn or 0.0,
+        axis=axis,
+        raised=turn is None,
+        notes=tuple(notes),
+    )
+
+
+def _turn(rotation: Array) -> float | None:
+    """`trans` from trunk to upper arm = Rz Rx Ry(-trans); None where the arm is raised sideways."""
+    if abs(np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))) > RAISED:
+        return None
+    return float(np.arctan2(rotation[2, 0], rotation[2, 2]))
+
+
+def _unturned(y: Array, trunk: Frame) -> Array:
+    """The z axis of an arm that flexion and adduction alone bring to this y."""
+    a = trunk.rotation.T @ y
+    lift = axis_rotation(0, float(np.arcsin(np.clip(a[2], -1.0, 1.0))))
+    if abs(np.arcsin(np.clip(a[2], -1.0, 1.0))) > RAISED:
+        return trunk.rotation @ across(lift[:, 2], a)
+    z: Array = trunk.rotation @ axis_rotation(2, float(np.arctan2(-a[0], a[1]))) @ lift[:, 2]
+    return z
+
+
+def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float) -> Array | None:
+    """Rule 2 above: the normal of the plane of the bent arm, (3,); None where the elbow is too straight to tell.
+
+    With w from shoulder to wrist and m from their line to the marker: n = cos m - sin (w x m), cos = s d / |marker -
+    line|. The other solution, + sin, is the one about which the forearm would be bent backwards.
+    """
+    w = unit(wrist - shoulder)
+    off = (lateral - shoulder) - ((lateral - shoulder) @ w) * w
+    distance = float(np.linalg.norm(off))
+    if distance < BENT * abs(inwards):
+        return None
+    m, cosine = off / distance, inwards / distance
+    normal: Array = cosine * m - np.sqrt(1.0 - cosine**2) * np.cross(w, m)
+    return normal
+
+
+def _from_lateral(
+    shoulder: Array, lateral: Array, inwards: float, trunk: Frame, normal: Array | None
+) -> tuple[Array, Array]:
+    """Elbow centre and axis from the lateral marker; without the normal of a bent arm, as of an arm not turned."""
+    if normal is not None:
+        return lateral - inwards * normal, normal
+    elbow = lateral
+    for _ in range(ROUNDS):
+        before = elbow
+        axis = _unturned(unit(shoulder - elbow), trunk)
+        elbow = lateral - inwards * axis
+        if np.abs(elbow - before).max() <= SETTLED:
+            break
+    return elbow, axis

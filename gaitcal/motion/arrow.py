@@ -24,7 +24,7 @@ import numpy as np
 from gaitcal.arrays import Array, IntArray
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import BandFactor, NormalEquations
-from gaitcal.motion.minimised import Evaluation
+from gaitcal.motion.descent import Evaluation
 from gaitcal.motion.track import NOTHING_LEFT_M
 from gaitcal.motion.trial_problem import TrialProblem
 

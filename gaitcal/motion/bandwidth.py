@@ -31,11 +31,9 @@ from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData
-from gaitcal.motion.roughness import frame_rate, smoothing
-from gaitcal.motion.smoother import Smoother, onto
-from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, spline_basis
+from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, frame_rate, smoothing, spline_basis
 from gaitcal.motion.start import starting_coordinates, starting_nodes
-from gaitcal.motion.track import track_nodes
+from gaitcal.motion.track import Smoother, onto, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
 SPANS_TIMES_CUTOFF = 4.0

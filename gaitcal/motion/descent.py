@@ -13,19 +13,99 @@ the gain that it promises.
 - *Going further* (`secant.py`). Slow steps may take in what the one before shows of the curvature left out.
 - *The end.* A step that promises too little, or is too short, is the last and is taken; so is one after which the cost
   has hardly fallen. Whatever else ends the iteration has an `Ending` of its own, and is not called converged.
+
+What `descend` minimises: a sum of squares that tells its cost and gradient at a point, and, for more, its matrix.
+
+A slow step that goes further: what two steps in a row tell of the curvature that their matrix leaves out.
+
+With s the step at x, g the gradient there and d the changes since the step before, x + s - t d(x + s) takes back the
+part of the last step that did not do what it promised; t makes s - t d(s) shortest in the metric of M, where M d(s) is
+-d(g): t = d(s) . g / d(s) . d(g) (Anderson 1965, with one step remembered).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.motion.minimised import AnyFactor, Linearisation, Point, Problem
-from gaitcal.motion.secant import Step, further
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The cost at a point."""
+
+    cost: float
+    gradient: Array
+    """Half of it, in the shape of x."""
+
+
+class Factor(Protocol):
+    """A factorised matrix M."""
+
+    def solve(self, gradient: Array) -> Array:
+        """M^-1 gradient, in the shape of x."""
+
+
+Point = TypeVar("Point", bound=Evaluation)
+AnyFactor = TypeVar("AnyFactor", bound=Factor)
+PointOf = TypeVar("PointOf", bound=Evaluation, covariant=True)
+FactorOf = TypeVar("FactorOf", bound=Factor, covariant=True)
+
+
+class Linearisation(Protocol[PointOf, FactorOf]):
+    """Cost, gradient and matrix at a point. `spent`: the factor took the place of the matrix in memory."""
+
+    @property
+    def evaluation(self) -> PointOf: ...  # noqa: D102
+    @property
+    def spent(self) -> bool: ...  # noqa: D102
+
+    def factor(self, damping: float) -> FactorOf:
+        """The factor of M + damping diag(M); LinAlgError where that is not positive definite."""
+
+
+class Problem(Protocol[PointOf, FactorOf]):
+    """What is minimised. Below `nothing_left` nothing is left to fit; `has_curvature`: it can give Newton's matrix."""
+
+    @property
+    def nothing_left(self) -> float: ...  # noqa: D102
+    @property
+    def has_curvature(self) -> bool: ...  # noqa: D102
+
+    def evaluate(self, x: Array) -> PointOf:
+        """Cost and gradient at x."""
+
+    def linearise(self, x: Array, *, curved: bool) -> Linearisation[PointOf, FactorOf]:
+        """The same with the matrix: Gauss-Newton's or, if `curved`, Newton's."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step that a matrix formed where it begins gives."""
+
+    x: Array
+    """Where it begins."""
+    step: Array
+    gradient: Array
+    """Half of it, at x."""
+
+
+def further(now: Step, before: Step | None) -> Array | None:
+    """Where a step and the one before it lead together; None where they tell nothing."""
+    if before is None:
+        return None
+    change = now.step - before.step
+    curvature = float(np.vdot(change, now.gradient - before.gradient))
+    if curvature >= 0.0:
+        return None
+    t = float(np.vdot(change, now.gradient)) / curvature
+    out: Array = now.x + now.step - t * (now.x - before.x + change)
+    return out
+
 
 STALE = 0.1
 """A factor is stale when a step on it promises more than this part of what the step before promised."""

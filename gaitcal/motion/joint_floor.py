@@ -26,16 +26,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.model.chain import Chain, chain_of, root_angles
-from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.chain import Chain, chain_of, forward, root_angles, segment_poses
 from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source
-from gaitcal.model.parameters import Parameters
-from gaitcal.motion.descent import DescentSettings, descend
-from gaitcal.motion.marker_residual import FrameEquations, MarkerData, VariablePairs, frame_equations, marker_positions
-from gaitcal.motion.minimised import Evaluation
+from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.motion.descent import DescentSettings, Evaluation, descend
+from gaitcal.motion.marker_residual import (
+    FrameEquations,
+    MarkerData,
+    PlacedMarkers,
+    VariablePairs,
+    frame_equations,
+    marker_positions,
+)
 from gaitcal.motion.motion import MarkerErrors, rigid_floor
-from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.start import ROOT_COORDINATES
 from gaitcal.motion.trial_problem import TrialProblem
 

@@ -27,19 +27,43 @@ w_k x (v_l + w_l x x_m), so that the half Hessian of the cost gains
 
 Far from the measured markers this term is large: with joint parameters 10 mm and 10 degrees off, Gauss-Newton alone
 converges by a factor of about two a step, with it by factors of hundreds; 300 mm off, not at all without damping.
+
+Markers in their segments.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.model.chain import Chain, ChainConstants
-from gaitcal.model.kinematics import SecondaryMotion, forward, jacobian, segment_transforms
-from gaitcal.motion.placed_markers import PlacedMarkers
+from gaitcal.model.chain import Chain, ChainConstants, SecondaryMotion, forward, jacobian, segment_transforms
+
+
+@dataclass(frozen=True)
+class PlacedMarkers:
+    """Where markers sit in their segments, sorted by segment."""
+
+    segment: IntArray
+    """(nm,) index into the chain's segments, not decreasing."""
+    local: Array
+    """(nm, 3) m, position in the segment frame."""
+
+    @cached_property
+    def groups(self) -> list[tuple[int, slice]]:
+        """Segments that carry markers, and which."""
+        edges = np.flatnonzero(np.diff(self.segment)) + 1
+        bounds = [0, *edges.tolist(), len(self.segment)]
+        return [(int(self.segment[a]), slice(a, b)) for a, b in pairwise(bounds)] if len(self.segment) else []
+
+    @cached_property
+    def extended(self) -> Array:
+        """(nm, 4) [l; 1]."""
+        return np.concatenate([self.local, np.ones((len(self.local), 1))], axis=1)
+
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 ALL = slice(None)

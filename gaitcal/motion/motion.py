@@ -12,10 +12,8 @@ from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.node_rule import NodeRule, cutoff
 from gaitcal.motion.rigid import rigid_distances
-from gaitcal.motion.roughness import HALF_POWER
-from gaitcal.motion.spline import SplineBasis
+from gaitcal.motion.spline import HALF_POWER, NodeRule, SplineBasis, cutoff
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem

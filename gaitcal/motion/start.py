@@ -17,8 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.model.chain import Chain, ChainConstants, root_angles
-from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.chain import Chain, ChainConstants, forward, root_angles, segment_poses
 from gaitcal.motion.coordinate_prior import within_walls
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.rigid import RigidFit, SegmentMoments

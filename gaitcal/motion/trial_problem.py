@@ -16,22 +16,33 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain, ChainConstants, chain_of
-from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import ROOT_SUFFIXES, SEGMENTS, Source, moved_joints
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
-from gaitcal.motion.coordinate_prior import CoefficientPrior, CoordinatePrior, walls
-from gaitcal.motion.marker_residual import MarkerData, VariablePairs, frame_equations, marker_cost, marker_positions
-from gaitcal.motion.node_rule import NodeRule
-from gaitcal.motion.placed_markers import PlacedMarkers
+from gaitcal.motion.coordinate_prior import (
+    LUMBAR,
+    POSES,
+    CoefficientPrior,
+    CoordinatePrior,
+    about_posture,
+    coordinates_asked,
+    undetermined,
+    upright_trunk,
+    walls,
+)
+from gaitcal.motion.marker_residual import (
+    MarkerData,
+    PlacedMarkers,
+    VariablePairs,
+    frame_equations,
+    marker_cost,
+    marker_positions,
+)
 from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.motion.roughness import Smoothing
-from gaitcal.motion.secondary_motion import SecondaryColumns
-from gaitcal.motion.soft_tissue import SoftTissue, tissue_gradient, with_tissue_columns
-from gaitcal.motion.spline import SplineBasis, spline_basis
+from gaitcal.motion.soft_tissue import SecondaryColumns, SoftTissue, tissue_gradient, with_tissue_columns
+from gaitcal.motion.spline import NodeRule, Smoothing, SplineBasis, spline_basis
 from gaitcal.motion.start import starting_coordinates, starting_nodes
-from gaitcal.motion.undetermined import LUMBAR, POSES, about_posture, coordinates_asked, undetermined, upright_trunk
 from gaitcal.runtime import keep_freed_memory
 
 

@@ -1,10 +1,9 @@
 """What people open: body in motion, curves and tables in one self-contained file that needs no network."""
 
 from gaitcal.page.bones.bone_files import BoneMeshes, bones_of_folder, installed_bones
-from gaitcal.page.playback import left_out
-from gaitcal.page.redirect import FORMER, redirect_html
 from gaitcal.page.scene import Scene, TrialScene, person_scene, scene_of, trial_scene
-from gaitcal.page.scene_file import load_scene, save_scene
+from gaitcal.page.scene_file import left_out, load_scene, save_scene
+from gaitcal.page.server import FORMER, redirect_html
 from gaitcal.page.view import (
     BodyText,
     Shown,

@@ -1,6 +1,13 @@
 """The human body meshes of example-robot-data; capsules where that package has none.
 
 They are shown as they are, but for those that are mere balls of 5800 triangles, for which 480 do as well.
+
+How the human body meshes of example-robot-data are laid over a person's segments.
+
+Each mesh is drawn in its own unit around the joint it hangs from; x forward, y up, z to the right, as ours. The
+reference body (that package's `human.urdf`) says where in a mesh the joints lie. A limb mesh is stretched along its
+length so that its joints meet the person's own joint centres, and across it by a girth that follows body mass and
+height; pelvis and trunk are stretched to hip and shoulder centres. Each mesh moves with its segment.
 """
 
 from __future__ import annotations
@@ -12,7 +19,184 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.page.body_fit import MESHES
+from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
+from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.model.subject_model import SubjectModel
+
+MESHES: dict[str, tuple[Array, Array]] = {
+    name: (np.array(low), np.array(high))
+    for name, low, high in (
+        ("abdomen", (-14.9, -2.8, -15.4), (15.1, 27.1, 14.6)),
+        ("elbow", (-6.25, -6.25, -6.25), (6.25, 6.25, 6.25)),
+        ("foot", (-9.5, -11.4, -8.9), (31.0, 5.1, 9.1)),
+        ("hand", (-4.5, -27.5, -8.3), (7.6, 4.4, 8.3)),
+        ("head", (-15.8, 4.2, -16.1), (16.2, 46.2, 16.0)),
+        ("knee", (-6.25, -6.25, -6.25), (6.25, 6.25, 6.25)),
+        ("lowerarm", (-7.3, -40.6, -7.7), (8.2, -0.1, 7.9)),
+        ("lowerleg", (-9.0, -70.2, -9.0), (8.9, -3.2, 9.0)),
+        ("neck", (-9.25, -9.25, -9.25), (9.25, 9.25, 9.25)),
+        ("pelvis", (-20.0, -15.9, -20.0), (17.1, 16.6, 19.2)),
+        ("shoulder", (-8.75, -8.75, -8.75), (8.75, 8.75, 8.75)),
+        ("torso", (-20.1, 22.9, -20.2), (16.9, 74.9, 19.8)),
+        ("upperarm", (-8.6, -53.1, -8.6), (8.5, -7.1, 8.6)),
+        ("upperleg", (-10.6, -62.3, -10.3), (10.4, 6.2, 10.6)),
+    )
+}
+"""The meshes in use and their bounding boxes in their own unit; what replaces a missing mesh fills its box."""
+
+REFERENCE_MASS, REFERENCE_HEIGHT = 74.7, 1.787
+"""kg, m of the reference body: sums over its URDF."""
+_HIP_DROP, _HIP_FORWARD = 0.100, 0.023
+"""m: lumbar joint to mid-hip."""
+_FOOT_LENGTH = 0.271
+_HEAD_FORWARD = 0.05
+"""m that the head is carried before the line from lumbar joint to shoulders."""
+_FOOT_OF_HEIGHT, _FOREARM_OF_HEIGHT, _HEAD_OF_HEIGHT, _ANKLE_OF_HEIGHT = 0.152, 0.1545, 0.130, 0.039
+"""Foot length, elbow to wrist, chin to vertex, ankle centre above the floor, as shares of body height (Drillis and
+Contini 1966; forearm: de Leva 1996)."""
+
+
+@dataclass(frozen=True)
+class FittedMesh:
+    """One mesh, fixed in one segment."""
+
+    mesh: str
+    segment: str
+    place: Array
+    """(3, 4) affine map from the mesh's own unit to the segment frame, m."""
+
+
+def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
+    """The body of a person: lengths from the joint centres of the model, girths from mass and height."""
+    tall = model.subject.height / REFERENCE_HEIGHT
+    girth = float(np.sqrt(model.subject.mass / REFERENCE_MASS / tall))
+    jp = dict(zip(JP_INDEX, model.parameters.joint, strict=True))
+    meshes = [*_trunk(jp, model.subject.height, girth), _pelvis(jp, girth)]
+    for side in SIDES:
+        meshes += [*_leg(jp, side, girth), _foot(model, side), *_arm(model, jp, side, girth)]
+    return tuple(meshes)
+
+
+def _point(jp: dict[str, float], place: str) -> Array:
+    """(3,) m of a joint centre in one of its segments; what is no parameter is zero by definition of the frames."""
+    return np.array([jp.get(f"{place}.{axis}", 0.0) for axis in ("ant", "sup", "lat")])
+
+
+def _limb(
+    mesh: str, segment: str, ends: tuple[Array, Array], heights: tuple[float, float], across: float
+) -> FittedMesh:
+    """A mesh whose `heights` (its own unit) come to the joint centres `ends` (proximal, distal)."""
+    along = (ends[0] - ends[1]) / (heights[0] - heights[1])
+    scale = float(np.linalg.norm(along))
+    y = along / scale
+    x = np.cross(y, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    turn = np.column_stack([x, y, np.cross(x, y)])
+    place = turn * np.array([across, scale, across])
+    return FittedMesh(mesh, segment, np.column_stack([place, ends[0] - heights[0] * along]))
+
+
+def _straight(mesh: str, segment: str, origin: Array, scale: tuple[float, float, float]) -> FittedMesh:
+    """A mesh with the axes of its segment, its own origin at `origin` (m), m per unit along each axis."""
+    return FittedMesh(mesh, segment, np.column_stack([np.diag(scale), origin]))
+
+
+def _trunk(jp: dict[str, float], height: float, girth: float) -> list[FittedMesh]:
+    """Torso as wide as the shoulders; neck and head so that the standing person is as tall as measured."""
+    lumbar = _point(jp, "back.trunk")
+    half = float(jp["shoulder_r.trunk.lat"] - jp["shoulder_l.trunk.lat"]) / 2
+    head = _HEAD_OF_HEIGHT * height / 42.0
+    neck = vertex_above_lumbar(jp, height) - 46.2 * head
+    thick = 0.0056 * girth
+    high = (neck - 0.03) / 52.0
+    return [
+        _straight("abdomen", "head_trunk", lumbar, (0.0074 * girth, 0.45 * neck / 27.1, 0.0076 * girth)),
+        _straight("torso", "head_trunk", lumbar + [0.0, 0.05 - 22.9 * high, 0.0], (0.00578 * girth, high, half / 22.0)),
+        _straight("neck", "head_trunk", lumbar + [_HEAD_FORWARD / 2, neck, 0.0], (thick, 0.0075, thick)),
+        _straight("head", "head_trunk", lumbar + [_HEAD_FORWARD, neck, 0.0], (head, head, head)),
+    ]
+
+
+def vertex_above_lumbar(jp: dict[str, float], height: float) -> float:
+    """Metres from the lumbar joint to the top of the head of the upright person, `height` m tall."""
+    lumbar = _point(jp, "back.trunk")
+    shoulders = (_point(jp, "shoulder_r.trunk") + _point(jp, "shoulder_l.trunk")) / 2
+    return max(height - _lumbar_height(jp, height), float(shoulders[1] - lumbar[1]) + 0.9 * _HEAD_OF_HEIGHT * height)
+
+
+def _lumbar_height(jp: dict[str, float], height: float) -> float:
+    """Metres from the floor to the lumbar joint of the upright person."""
+    thighs = [jp[f"hip_{s}.thigh.sup"] - jp[f"knee_{s}.thigh.sup"] for s in SIDES]
+    shanks = [jp[f"knee_{s}.shank.sup"] - jp[f"talocrural_{s}.shank.sup"] for s in SIDES]
+    hips = (jp["hip_r.pelvis.sup"] + jp["hip_l.pelvis.sup"]) / 2
+    return (sum(thighs) + sum(shanks)) / 2 + jp["back.pelvis.sup"] - hips + _ANKLE_OF_HEIGHT * height
+
+
+def _pelvis(jp: dict[str, float], girth: float) -> FittedMesh:
+    hips = (_point(jp, "hip_r.pelvis") + _point(jp, "hip_l.pelvis")) / 2
+    back = _point(jp, "back.pelvis")
+    rise = max(float(back[1] - hips[1]), 0.02) / _HIP_DROP
+    origin = np.array([hips[0] - _HIP_FORWARD * girth, back[1] - 0.05 * rise, hips[2]])
+    return _straight("pelvis", "pelvis", origin, (0.00643 * girth, 0.005897 * rise, 0.005897 * girth))
+
+
+def _leg(jp: dict[str, float], side: str, girth: float) -> list[FittedMesh]:
+    thigh, shank = f"thigh_{side}", f"shank_{side}"
+    hip, knee = _point(jp, f"hip_{side}.thigh"), _point(jp, f"knee_{side}.thigh")
+    top, ankle = _point(jp, f"knee_{side}.shank"), _point(jp, f"talocrural_{side}.shank")
+    return [
+        _limb("upperleg", thigh, (hip, knee), (7.8, -60.8), 0.0065 * girth),
+        _limb("lowerleg", shank, (top, ankle), (0.0, -66.7), 0.0066 * girth),
+        _straight("knee", shank, top, (0.0056 * girth,) * 3),
+    ]
+
+
+def _foot(model: SubjectModel, side: str) -> FittedMesh:
+    """The foot mesh at the fitted ankle centre, upright as at zero nominal coordinates, x to the toe."""
+    _, upright = _ankle_and_up(model.nominal, side)
+    ankle, _ = _ankle_and_up(model.parameters, side)
+    z = np.cross([1.0, 0.0, 0.0], upright)
+    z /= np.linalg.norm(z)
+    turn = np.column_stack([np.cross(upright, z), upright, z])
+    length = _FOOT_OF_HEIGHT * model.subject.height
+    return FittedMesh("foot", f"foot_{side}", np.column_stack([turn * (0.0067 * length / _FOOT_LENGTH), ankle]))
+
+
+def _ankle_and_up(parameters: Parameters, side: str) -> tuple[Array, Array]:
+    """(3,) talocrural centre and (3,) upward direction in the foot frame, all coordinates zero."""
+    chain = Chain("pelvis", SEGMENTS)
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, np.zeros((1, len(COORDINATES)))))
+    foot, talus = (chain.segments.index(f"{name}_{side}") for name in ("foot", "talus"))
+    into_foot = axes[foot, :, :, 0]
+    return into_foot @ (origins[talus, :, 0] - origins[foot, :, 0]), into_foot[:, 1].copy()
+
+
+def _arm(model: SubjectModel, jp: dict[str, float], side: str, girth: float) -> list[FittedMesh]:
+    upper, fore = f"upper_arm_{side}", f"forearm_hand_{side}"
+    shoulder, elbow = _point(jp, f"shoulder_{side}.upperarm"), _point(jp, f"elbow_{side}.upperarm")
+    top = _point(jp, f"elbow_{side}.forearm")
+    end = wrist(model, jp, side)
+    hand = 0.0061 * model.subject.height / REFERENCE_HEIGHT
+    return [
+        _straight("shoulder", upper, shoulder, (0.00585 * girth,) * 3),
+        _limb("upperarm", upper, (shoulder, elbow), (-8.3, -54.3), 0.0062 * girth),
+        _limb("lowerarm", fore, (top, end), (0.0, -44.8), 0.0064 * girth),
+        _straight("elbow", fore, top, (0.0055 * girth,) * 3),
+        _straight("hand", fore, end, (hand, hand, hand)),
+    ]
+
+
+def wrist(model: SubjectModel, jp: dict[str, float], side: str) -> Array:
+    """(3,) m of the wrist in the forearm: its landmark, else below the elbow by the forearm's share of body height."""
+    known = model.landmarks.get(f"wrist_{side}")
+    if known is not None and known[0] == f"forearm_hand_{side}":
+        return known[1]
+    down = np.array([0.0, _FOREARM_OF_HEIGHT * model.subject.height, 0.0])
+    out: Array = _point(jp, f"elbow_{side}.forearm") - down
+    return out
+
 
 PACKAGE = "example-robot-data"
 _FOLDER = "robots/human_description/meshes"

@@ -3,34 +3,58 @@
 MeshCat's own JavaScript viewer, uPlot, our scripts, and the results as data stand inline. A Content-Security-Policy in
 the file lets exactly these scripts run, known by their SHA-256, and forbids every request: whatever a marker or a
 subject is called, it is text.
+
+Scenes of one person joined: the trials of several runs around one body.
+
+What a page of ours may do: run the scripts that stand in it, and nothing else.
+
+`cohort.html`: the people of a cohort in one file that opens offline, written piece by piece, as they may be many.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from gaitcal.errors import GaitcalError
-from gaitcal.gait.stride_peaks import LEAST_VALID
+from gaitcal.gait.symmetry import LEAST_VALID
 from gaitcal.io.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bones.bone_files import BoneMeshes, installed_bones
 from gaitcal.page.bones.placement import landmarked
-from gaitcal.page.playback import MOST_BYTES, left_out, scene_json
-from gaitcal.page.policy import inline, policy
-from gaitcal.page.scene import Scene, scene_of
-from gaitcal.page.sheet.sheet_file import sheet_text
-from gaitcal.page.sheet.thinning import MOST_LETTERS, curves_left_out, thinned
+from gaitcal.page.scene import Scene, TrialScene, scene_of
+from gaitcal.page.scene_file import MOST_BYTES, left_out, scene_json
+from gaitcal.page.sheet.sheet import MOST_LETTERS, curves_left_out, sheet_text, thinned
 
 if TYPE_CHECKING:
     from gaitcal.session.result import Calibration
+
+
+def policy(*scripts: str) -> str:
+    """A Content-Security-Policy under which only these inline scripts run and nothing is requested."""
+    hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def inline(script: str) -> str:
+    """A script that may stand between `<script>` and `</script>`, and that a browser hashes as we do."""
+    text = script.replace("\r\n", "\n").replace("\r", "\n")
+    return text.replace("<!--", "<\\!--").replace("</script", "<\\/script").replace("</SCRIPT", "<\\/SCRIPT")
+
 
 SCRIPTS = (
     "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js", "stage.js",
@@ -178,3 +202,77 @@ def _mesh_licence() -> list[str]:
     except PackageNotFoundError:
         return []
     return [f"Body meshes of {PACKAGE}\n\n{text}"] if text else []
+
+
+def with_trials(scene: Scene, further: Scene, names: Mapping[str, str] | None = None) -> Scene | None:
+    """The scene with the trials of another one after its own; None where they have other segments.
+
+    Parameters
+    ----------
+    names : other names for trials of `further`: old -> new.
+    """
+    if further.segments != scene.segments:
+        return None
+    told = names or {}
+    trials = (
+        replace(_with_markers(trial, further.labels, scene.labels), name=told.get(trial.name, trial.name))
+        for trial in further.trials
+    )
+    return replace(scene, trials=(*scene.trials, *trials))
+
+
+def after_trials(scene: Scene, earlier: Scene) -> Scene | None:
+    """The scene with those trials of an earlier one before its own whose names it does not have; None as above."""
+    names = {trial.name for trial in scene.trials}
+    kept = tuple(trial for trial in earlier.trials if trial.name not in names)
+    joined = with_trials(replace(scene, trials=()), replace(earlier, trials=kept))
+    return None if joined is None else replace(joined, trials=(*joined.trials, *scene.trials))
+
+
+def _with_markers(trial: TrialScene, labels: tuple[str, ...], wanted: tuple[str, ...]) -> TrialScene:
+    """The trial with the measured markers in the order of another model; NaN for one that it did not have."""
+    if labels == wanted:
+        return trial
+    measured = np.full((len(trial.time), len(wanted), 3), np.nan, dtype=np.float32)
+    for k, label in enumerate(wanted):
+        if label in labels:
+            measured[:, k] = trial.measured[:, labels.index(label)]
+    return replace(trial, measured=measured)
+
+
+COHORT_SCRIPTS: Final = (
+    *("unpack.js", "blocks.js", "convention.js", "pictures.js", "verdict.js", "pen.js"),
+    *("cohort/people.js", "cohort/measures.js", "cohort/choices.js", "cohort/filters.js", "cohort/triage.js"),
+    *("cohort/chooser.js", "cohort/table.js", "cohort/distributions.js", "cohort/groups.js", "cohort/mean_panel.js"),
+    *("cohort/mean_curves.js", "cohort/failures.js", "cohort/cohort.js"),
+)
+"""In the order in which they run: what `result.html` has too; people and what is chosen; each part; all together."""
+COHORT_STYLES: Final = ("page.css", "sections.css", "cohort.css")
+DATA: Final = ("CURVES", "COHORT")
+"""What a page is of: packed mean curves, and everything else as JSON, in the order of the file."""
+
+
+def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
+    """Write the page; `data`: the pieces of each of `DATA`, asked for when they are due."""
+    folder = files("gaitcal.page")
+
+    def part(name: str) -> str:
+        return (folder / name).read_text(encoding="utf-8")
+
+    plots = inline(part(f"libraries/{PLOTS}.iife.min.js"))
+    page = inline("\n".join(part(f"scripts/{name}") for name in COHORT_SCRIPTS))
+    fixed = {
+        "POLICY": policy(plots, page),
+        "STYLE": "\n".join([part(f"libraries/{PLOTS}.min.css"), *(part(f"styles/{name}") for name in COHORT_STYLES)]),
+        "LICENCES": f"uPlot\n\n{part(f'libraries/{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
+        "PLOTS": plots,
+        "PAGE": page,
+    }
+    with path.open("w", encoding="utf-8", newline="\n") as stream:
+        for number, piece in enumerate(re.split(r"@@([A-Z]+)@@", part("templates/cohort.html"))):
+            if number % 2 == 0:
+                stream.write(piece)
+            elif piece in DATA:
+                stream.writelines(data[piece])
+            else:
+                stream.write(fixed[piece])

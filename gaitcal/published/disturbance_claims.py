@@ -13,8 +13,16 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.published.claims import Claim, Verdict, tested
-from gaitcal.published.conclusions import INTERACTION_LIMIT, IP_LIMIT, PUBLISHED, PublishedFigure, top_errors
+from gaitcal.published.claims import (
+    INTERACTION_LIMIT,
+    IP_LIMIT,
+    PUBLISHED,
+    Claim,
+    PublishedFigure,
+    Verdict,
+    tested,
+    top_errors,
+)
 from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.published.published import SIDE
 from gaitcal.published.settings import PUBLISHED_DRAWS, ReactionFrame, Varied

@@ -19,10 +19,15 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
-from gaitcal.calibration.inertial_calibration import fit_consistent, fit_published
-from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
-from gaitcal.model.inertial_parameters import IP_INDEX, IP_TO_SI, MASSIVE_SEGMENTS, is_physical, symmetric_set, table
-from gaitcal.model.parameters import Parameters
+from gaitcal.calibration.inertial_calibration import (
+    LoadedMotion,
+    RootEquations,
+    TorqueScale,
+    equations_of,
+    fit_consistent,
+    fit_published,
+)
+from gaitcal.model.parameters import IP_INDEX, IP_TO_SI, MASSIVE_SEGMENTS, Parameters, is_physical, symmetric_set, table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import motion_of
 from gaitcal.motion.trial_problem import TrialProblem

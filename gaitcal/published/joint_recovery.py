@@ -23,23 +23,22 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_parameters import (
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import (
     JOINT_PARAMETERS,
     JP_INDEX,
     JP_TO_SI,
     Kind,
+    Parameters,
     gait_parameters,
     isolated_parameters,
     leg_parameters,
 )
-from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.arrow import ArrowFactor, SharedTrials
-from gaitcal.motion.descent import Descent, DescentSettings, descend
-from gaitcal.motion.minimised import Evaluation
+from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
 from gaitcal.motion.motion import motion_of
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.published.published import SIDE

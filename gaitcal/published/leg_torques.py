@@ -22,13 +22,11 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET, unloaded_forces, with_reactions
-from gaitcal.model.build import build_linkage
-from gaitcal.model.chain import Chain, ChainConstants
+from gaitcal.model.chain import Chain, ChainConstants, Poses, forward, jacobian, segment_poses
 from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.kinematics import Poses, forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SIDES, joint_elements, joints_above
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
+from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.spline import SplineBasis
 
 TORQUES = LEG_COORDINATES

@@ -11,11 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.calibration.inertial_calibration import fit_published
-from gaitcal.calibration.inertial_equations import LoadedMotion, equations_of
-from gaitcal.model.inertial_parameters import is_physical, symmetric_set
+from gaitcal.calibration.inertial_calibration import LoadedMotion, equations_of, fit_published
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.parameters import is_physical, symmetric_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.published.inertial_recovery import pelvis_width
 from gaitcal.published.published import SIDE

@@ -1,18 +1,27 @@
-"""The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims, real people."""
+"""The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims, real people.
+
+The files of a reproduction: tables, claims and draws as CSV, a README, the manifest.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import json
+import platform
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
 
+from gaitcal.io.lock import MANIFEST
+from gaitcal.io.toml import package_version
 from gaitcal.published.case import nominal_case
 from gaitcal.published.claims import Claim, table_claims
 from gaitcal.published.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
-from gaitcal.published.inertial_recovery import RANDOM_SEEDS
-from gaitcal.published.noise_seed import SeedResult, noiseless, noisy_draws
+from gaitcal.published.inertial_recovery import RANDOM_SEEDS, InertialRecovery
 from gaitcal.published.people import people_rows
+from gaitcal.published.refit import iteration_frame
 from gaitcal.published.sensitivities import (
     Sensitivities,
     SensitivityDraws,
@@ -20,8 +29,7 @@ from gaitcal.published.sensitivities import (
     sensitivity_claims,
     sensitivity_rows,
 )
-from gaitcal.published.settings import MonteCarloSettings, Plan, Varied
-from gaitcal.published.stop_watch import StopWatch
+from gaitcal.published.settings import MonteCarloSettings, Plan, SeedResult, Varied, noiseless, noisy_draws
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.tables import (
     TableRow,
@@ -33,7 +41,7 @@ from gaitcal.published.tables import (
     table_two_rows,
     time_rows,
 )
-from gaitcal.published.workers import LocalProcesses
+from gaitcal.published.workers import LocalProcesses, StopWatch
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 
 NOISE_SEEDS = 20
@@ -137,3 +145,94 @@ def _disturb(settings: ReproductionSettings, folder: Path | None, progress: Prog
         study("inertial50", "inertial parameters +-50 %", wide, only_inertial),
         settings.draws,
     )
+
+
+TABLE_COLUMNS = ("table", "row", "column", "published", "ours", "unit", "note")
+CLAIM_COLUMNS = ("kind", "claim", "published", "ours", "verdict")
+DIGITS = 6
+"""Significant digits of figures."""
+
+
+def write_tables(reproduction: Reproduction, folder: Path) -> None:
+    """Write everything into an empty folder, as `atomic_directory` gives."""
+    tables = {
+        "tables": table_frame(reproduction.tables),
+        "claims": claim_frame(reproduction.claims),
+        "draws": draw_frame(reproduction.noisy),
+        "times": table_frame(reproduction.times),
+        "montecarlo": reproduction.disturbances,
+        "iterations": iteration_frame(found.stopped) if (found := reproduction.sensitivities) else None,
+    }
+    for name, frame in tables.items():
+        if frame is not None:
+            frame.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
+    shutil.copyfile(Path(__file__).with_name("tables_readme.txt"), folder / "README.txt")
+    settings = reproduction.settings
+    versions = {name: package_version(name) for name in ("gaitcal", "pin", "numpy", "scipy")}
+    manifest = {
+        "gaitcal": versions["gaitcal"],
+        "versions": versions | {"python": platform.python_version()},
+        "settings": {
+            "noise_seeds": settings.noise_seeds,
+            "seed": settings.seed,
+            "draws": settings.draws,
+            "sensitivities": settings.sensitivities and asdict(settings.sensitivities),
+            "real_people": settings.data is not None,
+        },
+    }
+    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+
+
+def table_frame(rows: Iterable[TableRow]) -> pd.DataFrame:
+    """`tables.csv`: a figure that does not exist is empty."""
+
+    def shown(value: str | float | None) -> str:
+        return value if isinstance(value, str) else "" if value is None else f"{value:.{DIGITS}g}"
+
+    values = [[shown(getattr(row, column)) for column in TABLE_COLUMNS] for row in rows]
+    return pd.DataFrame(values, columns=list(TABLE_COLUMNS))
+
+
+def claim_frame(claims: Iterable[Claim]) -> pd.DataFrame:
+    """`claims.csv`."""
+    rows = [(c.kind.value, c.claim, c.published, c.ours, c.verdict.value) for c in claims]
+    return pd.DataFrame(rows, columns=list(CLAIM_COLUMNS))
+
+
+def draw_frame(draws: Sequence[SeedResult]) -> pd.DataFrame:
+    """One row per draw of the noise: the figures of Tables I and III."""
+    return pd.DataFrame([{"draw": k, **_figures(draw)} for k, draw in enumerate(draws)])
+
+
+def _figures(draw: SeedResult) -> dict[str, object]:
+    row: dict[str, object] = {}
+    for problem, joint in draw.joints.items():
+        key = problem.replace(" ", "_")
+        row[f"{key}_marker_mm"] = joint.marker_mm
+        row[f"{key}_largest_marker_mm"] = joint.largest_mm
+        row[f"{key}_position_mm"] = joint.position_mm
+        if joint.orientation_deg is not None:
+            row[f"{key}_orientation_deg"] = joint.orientation_deg
+        row[f"{key}_steps"] = joint.steps
+        row[f"{key}_converged"] = joint.converged
+    row["true_ip_force_N"], row["true_ip_torque_Nm"] = draw.residual_before
+    seeds = {"correct_seed": (draw.correct,), "single_pass": (draw.single_pass,), "random_seeds": draw.random}
+    for name, fits in seeds.items():
+        figures = pd.DataFrame([_inertial_figures(fit) for fit in fits]).mean()
+        row |= {f"{name}_{key}": value for key, value in figures.items()}
+    if draw.third is not None:
+        row["third_step_force_N"] = draw.third.force[1]
+        row["third_step_torque_Nm"] = draw.third.torque[1]
+        row["third_step_marker_mm"] = draw.third.marker_mm[1]
+    return row
+
+
+def _inertial_figures(fit: InertialRecovery) -> dict[str, float]:
+    return {
+        "force_N": fit.force,
+        "torque_Nm": fit.torque,
+        "inertia_kg_mm2": fit.errors.inertia,
+        "mass_kg": fit.errors.mass,
+        "com_mm": fit.errors.centre,
+        "seeds": float(fit.seeds),
+    }

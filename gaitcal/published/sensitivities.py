@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gaitcal.published import absorbed_noise, pressure_centre, refit_end, trial_length
+from gaitcal.published import absorbed_noise, pressure_centre, refit, trial_length
 from gaitcal.published.absorbed_noise import Absorbed
 from gaitcal.published.claims import Claim, Kind
 from gaitcal.published.pressure_centre import PressureCentres
-from gaitcal.published.refit_end import StoppedRefits
+from gaitcal.published.refit import StoppedRefits
 from gaitcal.published.tables import TableRow
 from gaitcal.published.trial_length import LengthDraws
 from gaitcal.runtime import Progress, silent
@@ -21,7 +21,7 @@ class SensitivityDraws:
     noise: int = trial_length.DRAWS
     """Of phase 1, for each length of the isolated trials."""
     absorbed: int = absorbed_noise.DRAWS
-    stopped: int = refit_end.DRAWS
+    stopped: int = refit.DRAWS
     """Of the Monte Carlo study, each set and level, their re-fits stopped on the way."""
     centres: int = pressure_centre.DRAWS
     """Of the Monte Carlo study, for each division of the ground reactions."""
@@ -47,7 +47,7 @@ def sensitivities(
     progress("noise that a motion can absorb")
     absorbed = absorbed_noise.absorbed_noise(seed, draws.absorbed, jobs)
     progress("sensitivity to the end of re-fits")
-    stopped = refit_end.stopped_refits(seed, draws.stopped, jobs)
+    stopped = refit.stopped_refits(seed, draws.stopped, jobs)
     progress("sensitivity to the centre of pressure")
     centres = pressure_centre.pressure_centres(seed, draws.centres, jobs)
     return Sensitivities(lengths=lengths, absorbed=absorbed, stopped=stopped, centres=centres)
@@ -58,7 +58,7 @@ def sensitivity_rows(found: Sensitivities) -> list[TableRow]:
     return [
         *trial_length.trial_length_rows(found.lengths),
         *absorbed_noise.absorbed_rows(found.absorbed),
-        *refit_end.refit_rows(found.stopped),
+        *refit.refit_rows(found.stopped),
         *pressure_centre.pressure_centre_rows(found.centres),
     ]
 
@@ -68,7 +68,7 @@ def sensitivity_claims(found: Sensitivities | None) -> list[Claim]:
     claims = [
         *trial_length.trial_length_claims(None if found is None else found.lengths),
         *absorbed_noise.absorbed_claims(None if found is None else found.absorbed),
-        *refit_end.refit_claims(None if found is None else found.stopped),
+        *refit.refit_claims(None if found is None else found.stopped),
         *pressure_centre.pressure_centre_claims(None if found is None else found.centres),
     ]
     return [replace(claim, kind=Kind.SENSITIVITY) for claim in claims]

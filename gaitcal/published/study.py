@@ -20,8 +20,7 @@ from gaitcal.errors import GaitcalError
 from gaitcal.io.atomic import atomic_file, disk_errors
 from gaitcal.io.lock import locked
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.context import MonteCarloContext
-from gaitcal.published.draw import draw
+from gaitcal.published.draw import MonteCarloContext, draw
 from gaitcal.published.settings import MonteCarloSettings, Plan
 from gaitcal.published.statistics import statistics, unconverged
 from gaitcal.published.store import Chunk, MemoryStore, Store, records

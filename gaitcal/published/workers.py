@@ -6,6 +6,8 @@ their iterator as workers become free, so that memory stays bounded however many
 A cluster is one of `dask.distributed` (extra `gaitcal[cluster]`). Its scheduler gives a dead worker's chunks to others
 by itself; a chunk that it gives up because several workers died over it (they may have been killed from outside, one
 after the other) is handed in anew a few times.
+
+How long the parts of a run take, by the clock.
 """
 
 from __future__ import annotations
@@ -252,3 +254,18 @@ def _given_up(future: Any, left: int) -> str:
     if (error is None or isinstance(error, _library().KilledWorker)) and left > 0:
         return ""
     return f"{future.status}: {type(error).__name__}: {error}"
+
+
+class StopWatch:
+    """Runs from the moment it is made."""
+
+    def __init__(self) -> None:
+        self._began = time.perf_counter()
+        self.laps: dict[str, float] = {}
+        """Part -> seconds, in order."""
+
+    def lap(self, part: str) -> None:
+        """A part is done, and the next one begins."""
+        now = time.perf_counter()
+        self.laps[part] = now - self._began
+        self._began = now

@@ -9,28 +9,25 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.export.mjcf import write_mjcf
 from gaitcal.export.motion_files import write_external_loads, write_mot, write_sto_moments
 from gaitcal.export.osim import write_osim
-from gaitcal.export.urdf import write_urdf
+from gaitcal.export.robot_files import write_mjcf, write_urdf
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.ownership import MANIFEST, ResultKind
-from gaitcal.io.package_data import package_version
-from gaitcal.io.trc import write_trc
-from gaitcal.model.inertial_parameters import impossible_bodies
+from gaitcal.io.lock import MANIFEST, ResultKind
+from gaitcal.io.toml import package_version
+from gaitcal.io.trc_mot import write_trc
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
+from gaitcal.model.parameters import impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.scene import scene_of
 from gaitcal.page.sheet.sheet import calibration_sheet
-from gaitcal.results.json_types import Json
-from gaitcal.results.kinetics import write_kinetics
 from gaitcal.results.page_files import write_body, write_former_pages, write_joined_page, write_told
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
-from gaitcal.results.summary import summary
-from gaitcal.results.table_file import columns_of, refused_lines, write_csv
+from gaitcal.results.summary import summary, write_kinetics
+from gaitcal.results.table_file import Json, columns_of, refused_lines, write_csv
 from gaitcal.results.truth import write_truth
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.result import Calibration, LoadedTrial, TrialResult

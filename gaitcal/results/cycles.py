@@ -15,24 +15,27 @@ from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
-from gaitcal.gait.cycles import POINTS, GaitCycle, normalise
+from gaitcal.gait.cycles import (
+    CYCLE_COLUMNS,
+    GROUND_REACTION,
+    POINTS,
+    GaitCycle,
+    Kind,
+    conventions_of,
+    normalise,
+    typed,
+)
 from gaitcal.gait.ensemble import require_once
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
-from gaitcal.gait.progression import PELVIS_ANGLES, TURNING, pelvis_angles, turns
 from gaitcal.gait.spatiotemporal import Stride
-from gaitcal.gait.stride_table import CYCLE_COLUMNS, conventions_of, typed
-from gaitcal.gait.strides import strides_of
-from gaitcal.gait.variables import GROUND_REACTION, Kind
+from gaitcal.gait.strides import PELVIS_ANGLES, TURNING, pelvis_angles, strides_of, turns
 from gaitcal.io.lock import put_back
 from gaitcal.model.linkage import SIDES, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.session.angle_validity import angle_counts
-from gaitcal.session.kinetic_tables import told_powers
-from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
-from gaitcal.session.stride_pelvis import pelvis_in_stride
-from gaitcal.session.tables import relative_header, taken_off
+from gaitcal.session.result import Calibration, LoadedTrial, TrialResult, angle_counts
+from gaitcal.session.tables import pelvis_in_stride, relative_header, taken_off, told_powers
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
@@ -102,7 +105,7 @@ def cycles(calibration: Calibration) -> pd.DataFrame:
     """Angles, moments and vertical ground reaction of every stride of a calibration's walks, 0 to 100 %, in long form.
 
     Columns as in `cycles.csv`: person, session, trial, side (`r`, `l`), stride (from 1), percent, variable (units:
-    `gaitcal/gait/variables.py`), value, se, valid (1: may be used), se_stride (the part of se that differs from stride
+    `gaitcal/gait/cycles.py`), value, se, valid (1: may be used), se_stride (the part of se that differs from stride
     to stride), turn (deg to the left over the stride). Pelvis angles are against each stride's line of progression.
     """
     return cycle_table(calibration.model, calibration.trials, calibration.relative_to)

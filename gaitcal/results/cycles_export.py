@@ -2,13 +2,22 @@
 
 Angles, powers, moments of the coordinates and which of them count are those of `cycles.csv`; moments in the frames of
 segments or of the joint coordinate system come from `moment_vectors/TRIAL.csv`, over the same strides.
+
+The manifest of a folder of exported files: what was written, from which result, and the SHA-256 of each.
+
+Where the recordings lie that a result was made from: found by name, known by their SHA-256.
+
+A result does not say in which folder its study was, as it may be given away. So recordings are looked for beside the
+result, in the folder of the command, where the study that was drafted for it has them, or where the user says; whatever
+is found must be what was read then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -21,17 +30,19 @@ from gaitcal.errors import InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles, normalise
 from gaitcal.gait.events import times_of
-from gaitcal.io.metadata import FootMoment
-from gaitcal.io.ownership import MANIFEST, read_object
-from gaitcal.io.snapshot import Snapshot, read_whole
+from gaitcal.io.labels import FootMoment
+from gaitcal.io.lock import MANIFEST, ResultKind, files_of, read_object
+from gaitcal.io.snapshot import HASHES, SELF, Snapshot, listed, read_whole, self_hash, sha256_of
+from gaitcal.io.toml import package_version, read_toml
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, DIGITS
-from gaitcal.results.kinetics import VECTOR_FOLDER, read_vectors
-from gaitcal.results.saved_trial import saved_events
-from gaitcal.results.table_file import VERDICT, read_csv, write_csv
+from gaitcal.results.saved import saved_events
+from gaitcal.results.summary import VECTOR_FOLDER, read_vectors
+from gaitcal.results.table_file import VERDICT, Json, read_csv, write_csv
 from gaitcal.results.verdict import SUMMARY
-from gaitcal.session.kinetic_tables import told_components, vector_column
+from gaitcal.session.tables import told_components, vector_column
 
 MOMENT, POWER, FORCE = "_moment", "_power", "ground_reaction_vertical"
 NUMBERS = ("value", "se", "se_stride")
@@ -206,3 +217,125 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
                     )
                 )
     return parts
+
+
+def write_export_manifest(
+    stage: Path, folder: Path, read: Mapping[str, str | None], subject: str, written: Mapping[str, Mapping[str, Json]]
+) -> None:
+    """Put a manifest into `stage` that lists its files and those of earlier exports that still lie in `folder`.
+
+    Parameters
+    ----------
+    stage : holds the files that will join `folder`.
+    folder : may hold an earlier export, and a manifest of it; a manifest of another kind of result is left alone.
+    read : file of the result that these were made of -> SHA-256.
+    subject : the person's name.
+    written : file -> what is to be said of it: format, source, notes.
+
+    Raises
+    ------
+    InputError
+        The earlier manifest is damaged.
+    """
+    earlier = read_object(folder / MANIFEST)
+    if earlier and earlier.get("kind") != ResultKind.EXPORT.value:
+        return
+    if "result" in earlier and not isinstance(earlier.get("written"), dict):
+        raise InputError(
+            "is damaged; move it away and export again", source=folder / MANIFEST, code=Code.DAMAGED_RESULT
+        )
+    hashes = {name: digest for name, digest in listed(folder).items() if (folder / name).is_file()}
+    hashes |= {name: sha256_of(stage / name) or "" for name in files_of(stage)}
+    about = {
+        **cast(dict[str, Json], earlier.get("written", {})),
+        **{name: dict(words) for name, words in written.items()},
+    }
+    result: dict[str, Json] = {"subject": subject, "sha256": dict(read)}
+    for name in written:
+        about[name] = {**cast(dict[str, Json], about[name]), "result": result}
+    manifest: dict[str, Json] = {
+        "gaitcal": package_version("gaitcal"),
+        "kind": ResultKind.EXPORT.value,
+        "written": {name: about[name] for name in sorted(about) if name in hashes},
+        "files": list[Json](sorted(hashes)),
+        HASHES: dict[str, Json](sorted(hashes.items())),
+    }
+    manifest[SELF] = self_hash(manifest)
+    (stage / MANIFEST).write_text(json_text(manifest), encoding="utf-8")
+
+
+STUDY = "study.toml"
+
+
+def trial_files(folder: Path) -> dict[str, dict[str, str]]:
+    """Trial -> `file` and, where there is one, `forces`, as the manifest of a result names them.
+
+    Raises
+    ------
+    InputError
+        It is no result.
+    """
+    trials = read_object(folder / MANIFEST).get("trials")
+    if not isinstance(trials, dict):
+        raise InputError(
+            "found no list of its trials' files; calibrate again",
+            source=folder / MANIFEST,
+            field="trials",
+            code=Code.CHANGED_FILE,
+        )
+    return {str(t): {str(k): str(v) for k, v in files.items()} for t, files in trials.items()}
+
+
+def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
+    """The input `name` (as the manifest of the result in `folder` has it), unchanged since it was read.
+
+    `inputs`: where the user says that recordings lie; it and its subfolders are looked through. Else they are looked
+    for beside the result, in it, in the working folder, where its `study.toml` says, and in the folders there.
+
+    Raises
+    ------
+    InputError
+        There is none, or it has changed.
+    """
+    hashes = read_object(folder / MANIFEST).get("inputs_sha256")
+    wanted = hashes.get(name) if isinstance(hashes, Mapping) else None
+    changed: Path | None = None
+    for path, is_its_place in _places(folder, name, inputs):
+        if not path.is_file():
+            continue
+        if wanted is not None and sha256_of(path) == wanted:
+            return path
+        changed = changed or (path if is_its_place else None)
+    if changed is not None:
+        message = "is not the file that the result was made from (another SHA-256); calibrate again"
+        raise InputError(message, source=changed, code=Code.CHANGED_FILE)
+    where = inputs or folder.resolve().parent
+    cure = "" if inputs else "; say with --inputs FOLDER where the recordings lie"
+    raise InputError(f"found no '{name}', which the result was made from{cure}", source=where, code=Code.CHANGED_FILE)
+
+
+def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path, bool]]:
+    """Where it may lie, and whether a file of that name there must be it: elsewhere others may share the name."""
+    roots = [inputs] if inputs else [folder.resolve().parent, folder, Path.cwd()]
+    last = PurePosixPath(name).name
+    for root in roots:
+        yield root / name, True
+        yield root / last, True
+    for path in () if inputs else _of_study(folder):
+        if path.name == last:
+            yield path, False
+    for root in roots:
+        for path in sorted(root.rglob(last) if inputs else root.glob(f"*/{last}")):
+            yield path, False
+
+
+def _of_study(folder: Path) -> Iterator[Path]:
+    """Files of the trials of the study that was drafted into a result; none where it says nothing."""
+    try:
+        content = read_toml(folder / STUDY)
+    except InputError:
+        return
+    trials = content.get("trial")
+    for trial in trials if isinstance(trials, list) else ():
+        named = (trial.get(key) for key in ("file", "forces")) if isinstance(trial, Mapping) else ()
+        yield from (folder / name for name in named if isinstance(name, str))

@@ -8,15 +8,13 @@ from typing import Any, Final
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.ownership import MANIFEST, read_object
+from gaitcal.io.lock import MANIFEST, read_object
 from gaitcal.io.snapshot import read_whole, sha256_of
-from gaitcal.page.joining import with_trials
-from gaitcal.page.redirect import FORMER, redirect_html
 from gaitcal.page.scene import Scene
 from gaitcal.page.scene_file import load_scene, save_scene
-from gaitcal.page.sheet.merging import doubted, followed_by, only, renamed
-from gaitcal.page.sheet.sheet_file import SHEET, read_sheet, write_sheet
-from gaitcal.page.view import BodyText, Shown, body_texts, joined_page, told_text
+from gaitcal.page.server import FORMER, redirect_html
+from gaitcal.page.sheet.sheet import SHEET, doubted, followed_by, only, read_sheet, renamed, write_sheet
+from gaitcal.page.view import BodyText, Shown, body_texts, joined_page, told_text, with_trials
 from gaitcal.results.saved import MODEL
 
 PAGE: Final = "result.html"

@@ -25,13 +25,12 @@ from gaitcal.io.c3d.reader import PER_METRE
 from gaitcal.io.c3d.supplement import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.formats import read_recording
-from gaitcal.io.metadata import FootEvent
-from gaitcal.io.package_data import package_version
+from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.snapshot import Snapshot, read_whole, sha256_of
-from gaitcal.results.originals import find_original, trial_files
-from gaitcal.results.saved import MODEL
-from gaitcal.results.saved_trial import SPLINES, SavedTrial, load_trial, moving_trials
+from gaitcal.io.toml import package_version
+from gaitcal.results.cycles_export import find_original, trial_files
+from gaitcal.results.saved import MODEL, SPLINES, SavedTrial, load_trial, moving_trials
 from gaitcal.results.verdict import SUMMARY
 
 PREFIX = "gc"

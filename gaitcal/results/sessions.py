@@ -17,23 +17,20 @@ from gaitcal.compare.difference import DIFFERENCES_HEADER
 from gaitcal.compare.session import Session
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.errors import InputError
+from gaitcal.gait.cycles import typed
 from gaitcal.gait.spatiotemporal import MEASURES
-from gaitcal.gait.stride_table import typed
 from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.lock import put_back
-from gaitcal.io.ownership import MANIFEST, ResultKind, read_object
-from gaitcal.io.package_data import package_version
+from gaitcal.io.lock import MANIFEST, ResultKind, put_back, read_object
 from gaitcal.io.snapshot import Snapshot, read_whole, sha256_of
+from gaitcal.io.toml import package_version
 from gaitcal.model.model_file import load_model
 from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, read_cycles
-from gaitcal.results.cycles_export import made_with_another_model
-from gaitcal.results.json_types import Json
-from gaitcal.results.originals import trial_files
+from gaitcal.results.cycles_export import made_with_another_model, trial_files
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty
-from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
+from gaitcal.results.stride_files import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
 from gaitcal.results.summary import JOINT_PRIOR
-from gaitcal.results.table_file import read_csv, write_csv
+from gaitcal.results.table_file import Json, read_csv, write_csv
 from gaitcal.results.verdict import SUMMARY
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.trial_result import axis_deviations

@@ -14,30 +14,27 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.codes import Code
 from gaitcal.compare.session import Common, Session, common_to
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.shared_model import SharedJoints, require_fit_to_share, shared_joints
 from gaitcal.errors import ConvergenceError, InputError
-from gaitcal.gait.stride_table import typed
-from gaitcal.io.ownership import MANIFEST, read_object
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
+from gaitcal.gait.cycles import typed
+from gaitcal.io.lock import MANIFEST, read_object
 from gaitcal.model.linkage import LEG_JOINTS
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.cycles import cycle_table
-from gaitcal.results.originals import STUDY
+from gaitcal.results.cycles_export import STUDY
 from gaitcal.results.saved import UNCERTAINTY, load_uncertainty
 from gaitcal.results.sessions import load_session, named_apart
-from gaitcal.results.spatiotemporal import spatiotemporal_table
+from gaitcal.results.stride_files import spatiotemporal_table
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.joint_parameters import joint_stage
 from gaitcal.session.result import Uncertainty
-from gaitcal.session.static_angles import counted_from_static
-from gaitcal.session.trial_result import analyse
-from gaitcal.study.static_markers import completed_static
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.session.trial_result import analyse, counted_from_static
+from gaitcal.study.study import Study, completed_static, nominal_of
 from gaitcal.study.study_trial import Role
 
 DIGITS = 6
@@ -185,7 +182,7 @@ def retracked(
     )
 
 
-def _with_others(known: Influence | None, errors: Influence) -> Influence:
+def _with_others(known: ErrorSources | None, errors: ErrorSources) -> ErrorSources:
     """Errors of the shared parameters, beside those of trunk and arms as they were."""
     return errors if known is None else known.of([name for name in known.free if name in JP_INDEX]).updated(errors)
 

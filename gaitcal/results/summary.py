@@ -1,18 +1,31 @@
-"""The figures of `summary.json`: fit quality, residuals, phases. A figure that does not exist is absent, never 0."""
+"""The figures of `summary.json`: fit quality, residuals, phases. A figure that does not exist is absent, never 0.
+
+Joint powers and moment vectors of a trial in a result folder: written, and read back for exports.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.faults.verdict import Verdict
 from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
-from gaitcal.results.json_types import Json
-from gaitcal.results.spatiotemporal import means_summary
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.results.stride_files import means_summary
+from gaitcal.results.table_file import Json, refused_lines, write_csv
 from gaitcal.results.truth import truth_summary
 from gaitcal.results.verdict import verdict_summary, walk_summary
 from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.session.tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NO_FLOOR = 1e-6
 """mm: one or two markers follow a segment exactly; a ratio to that means nothing."""
@@ -165,3 +178,34 @@ def _pelvis_residual(loads: LoadedTrial) -> dict[str, Json]:
         force, torque = moments.residual_rms(loads.reactions.valid)
         out[stage.key] = {"force_N": force, "torque_Nm": torque}
     return out
+
+
+POWER_FOLDER, VECTOR_FOLDER = "powers", "moment_vectors"
+DIGITS = 6
+"""A millionth of a watt or newton metre."""
+
+
+def write_kinetics(trial: TrialResult, model: SubjectModel, out: Path) -> None:
+    """`powers/TRIAL.csv` and `moment_vectors/TRIAL.csv` of a trial with force plates; else nothing."""
+    loads = trial.loads
+    if loads is None or loads.kinetics is None:
+        return
+    of_powers = power_table(loads, loads.kinetics, model.subject.mass)
+    of_vectors = vector_table(loads, loads.kinetics)
+    tables = ((POWER_FOLDER, of_powers, POWER_HEADER), (VECTOR_FOLDER, of_vectors, VECTOR_HEADER))
+    for folder, table, header in tables:
+        (out / folder).mkdir(exist_ok=True)
+        write_csv(_short(table), out / folder / f"{trial.name}.csv", (*refused_lines(trial), *header))
+
+
+def read_vectors(folder: Path, trial: str) -> pd.DataFrame | None:
+    """The moment vectors of a trial of a result; None where there are none: no force plates."""
+    import pandas as pd
+
+    path = folder / VECTOR_FOLDER / f"{trial}.csv"
+    return pd.read_csv(path, comment="#") if path.exists() else None
+
+
+def _short(table: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Rounded, but for the time."""
+    return {name: values if name == "time" else np.round(values, DIGITS) for name, values in table.items()}

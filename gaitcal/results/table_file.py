@@ -1,4 +1,7 @@
-"""CSV files of a result: comment lines above the header, first of them what the verdict says of the numbers."""
+"""CSV files of a result: comment lines above the header, first of them what the verdict says of the numbers.
+
+What a JSON file of a result may hold.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.gait.words import SIDE_WORDS
+from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.session.result import TrialResult
 
 if TYPE_CHECKING:
-    import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
+    import pandas as pd
 
 Column: TypeAlias = NDArray[Any] | list[Any]
 """Values of one column; None or NaN where there is none."""
@@ -95,3 +98,6 @@ def read_csv(path: Path) -> tuple[pd.DataFrame, tuple[str, ...]]:
             comments.append(line.removeprefix("# ").rstrip("\n"))
     table = pd.read_csv(path, skiprows=len(comments), dtype=str, keep_default_na=False, encoding="utf-8")
     return table, tuple(comments)
+
+
+Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"

@@ -9,26 +9,22 @@ from typing import Any, cast
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.export.xml_text import safe_name
+from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Verdict
 from gaitcal.io.atomic import also_at, atomic_directory, disk_errors
-from gaitcal.io.lock import locked
-from gaitcal.io.ownership import MANIFEST, ResultKind, read_object
-from gaitcal.io.package_data import package_version
+from gaitcal.io.lock import MANIFEST, ResultKind, locked, read_object
 from gaitcal.io.snapshot import listed, sha256_of
-from gaitcal.page.joining import after_trials
+from gaitcal.io.toml import package_version
 from gaitcal.page.scene import person_scene, trial_scene
-from gaitcal.page.sections.further import Origin
-from gaitcal.page.sheet.merging import doubted, merged, only
-from gaitcal.page.sheet.sheet import further_sheet
-from gaitcal.page.sheet.sheet_file import SHEET, read_sheet
-from gaitcal.page.view import Shown
+from gaitcal.page.sections.fit import Origin
+from gaitcal.page.sheet.sheet import SHEET, doubted, further_sheet, merged, only, read_sheet
+from gaitcal.page.view import Shown, after_trials
 from gaitcal.results.calibration import json_text, write_trial
-from gaitcal.results.json_types import Json
 from gaitcal.results.page_files import AGAIN, OTHER_MODEL, SCENE, read_page, write_page
 from gaitcal.results.saved import MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import trial_summary
+from gaitcal.results.table_file import Json
 from gaitcal.results.verdict import SUMMARY, verdict_summary
 from gaitcal.session.result import TrialResult
 

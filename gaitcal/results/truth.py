@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.results.json_types import Json
-from gaitcal.results.table_file import columns_of, write_csv
+from gaitcal.results.table_file import Json, columns_of, write_csv
 from gaitcal.session.truth_errors import CurveTruth, FeatureTruth, TruthErrors
 from gaitcal.study.truth import MOMENTS, MOTION
 

@@ -1,6 +1,8 @@
 """The main job: from a study to a calibrated person.
 
 nominal model (static trial) -> motions -> joint parameters -> inertial parameters -> generalised forces
+
+The fits that a calibration made, as a user is told of them.
 """
 
 from __future__ import annotations
@@ -13,42 +15,90 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
-from gaitcal.calibration.inertial_calibration import InertialFit, fit_published
+from gaitcal.calibration.inertial_calibration import (
+    InertialFit,
+    LoadedMotion,
+    TorqueScale,
+    equations_of,
+    fit_published,
+    torque_length,
+)
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
-from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of, torque_length
 from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
-from gaitcal.calibration.influence import Influence, TrialScores, nominal_influence
-from gaitcal.calibration.joint_phases import JointCalibration, parameters_for
-from gaitcal.calibration.marker_moves import whole_body_scores
+from gaitcal.calibration.error_sources import ErrorSources, TrialScores, nominal_influence, whole_body_scores
+from gaitcal.calibration.joint_phases import JointCalibration, Phase, parameters_for
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.faults.consequences import without_consequences
+from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import judge, stopping
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.anthropometry import child_spread
-from gaitcal.model.inertial_parameters import InertialSet, full_set, impossible_bodies, symmetric_set
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import InertialSet, Parameters, full_set, impossible_bodies, symmetric_set
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.motion import Motion, motion_of
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
-from gaitcal.session.fitted_motion import FittedMotion, fitted_motion
-from gaitcal.session.force_faults import diagnose_forces, left_out_of_masses, spoilt_motions
 from gaitcal.session.joint_parameters import joint_stage
-from gaitcal.session.phases import phases_of
 from gaitcal.session.prepare import PreparedTrial
 from gaitcal.session.result import Calibration, Stage, Uncertainty, withdrawn
-from gaitcal.session.static_angles import as_fitted, counted_from_static, shifted
-from gaitcal.session.tracked import tracked_trials
-from gaitcal.session.trial_result import axis_deviations, trial_result
+from gaitcal.session.trial_result import (
+    FittedMotion,
+    as_fitted,
+    axis_deviations,
+    counted_from_static,
+    fitted_motion,
+    shifted,
+    tracked_trials,
+    trial_result,
+)
 from gaitcal.session.truth_comparison import with_truth
-from gaitcal.session.unmeasured import is_trunk_unmeasured, unmeasured_mass, unmeasured_words
-from gaitcal.session.warnings import calibration_findings
+from gaitcal.session.warnings import (
+    calibration_findings,
+    diagnose_forces,
+    is_trunk_unmeasured,
+    left_out_of_masses,
+    spoilt_motions,
+    unmeasured_mass,
+    unmeasured_words,
+)
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.static_markers import completed_static
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Study, completed_static, nominal_of
+
+
+def phases_of(
+    joint: JointCalibration | None, inertial: InertialFit | None, combined: CombinedFit | None, trials: tuple[str, ...]
+) -> tuple[Phase, ...]:
+    """The fits that were made, those of the joint parameters first; `trials` told of inertial parameters."""
+    phases = list(joint.phases) if joint else []
+    if inertial is not None:
+        phases.append(
+            Phase(
+                name="inertial",
+                trials=trials,
+                parameters=len(inertial.names),
+                iterations=inertial.iterations,
+                seconds=inertial.seconds,
+                converged=inertial.converged,
+                message=inertial.message,
+            )
+        )
+    if combined is not None and joint is not None and inertial is not None:
+        text = "" if combined.converged else f"{combined.ending.value}; "
+        text += f"marker sigma {1e3 * combined.marker_sigma:.2f} mm a coordinate, load share {combined.load_share:g}"
+        phases.append(
+            Phase(
+                name="joint and inertial",
+                trials=trials,
+                parameters=len(joint.free) + len(inertial.names),
+                iterations=combined.steps,
+                seconds=combined.seconds,
+                converged=combined.converged,
+                message=text,
+            )
+        )
+    return tuple(phases)
 
 
 @with_one_blas_thread
@@ -181,7 +231,7 @@ def calibrate(
 
 
 def _scores(
-    trial: PreparedTrial, motions: Mapping[str, Motion], parameters: Parameters, influence: Influence
+    trial: PreparedTrial, motions: Mapping[str, Motion], parameters: Parameters, influence: ErrorSources
 ) -> TrialScores:
     return whole_body_scores(trial.with_skin, motions[trial.name].nodes, parameters, influence)
 
@@ -196,7 +246,7 @@ def _inertial_fit(
     trials: Sequence[PreparedTrial],
     nominal: SubjectModel,
     parameters: Parameters,
-    influence: Influence,
+    influence: ErrorSources,
     motions: Mapping[str, Motion],
     scores: Mapping[str, TrialScores],
     on_plates: Mapping[str, GroundReactions],

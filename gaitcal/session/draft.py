@@ -2,17 +2,38 @@
 
 Nothing is dropped without a word: every file of the folder is a row of `Draft.seen`, with what it is used as or why it
 is not.
+
+One row for every file of a folder: what it is, what it shows, what it is used as, and why or why not.
+
+The text of a drafted study: every line with the reason for it, and how sure that is.
+
+`sure` is told by a file, by the user, or by figures far from every limit; `likely` by figures near one; what nobody
+tells stands as a comment that names the field, so that reading the study ends with its name.
 """
 
 from __future__ import annotations
 
+import os
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path, PureWindowsPath
+from typing import TypeGuard
 
-from gaitcal.session.folder import Folder, FolderFile
+from gaitcal.codes import Code
+from gaitcal.errors import InputError, alike
+from gaitcal.io.toml import toml_table, toml_value
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.marker_set import built_in_sets, load_marker_set
+from gaitcal.session.folder import FileKind, Folder, FolderFile
 from gaitcal.session.force_files import ForceChoice
-from gaitcal.session.marker_sets import SetChoice
+from gaitcal.session.marker_sets import SetChoice, explained, respelt
+from gaitcal.session.movement import Movement
 from gaitcal.session.person_facts import Known
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import Study
+from gaitcal.study.study_file import StudyFile, load_study_file
+from gaitcal.study.study_trial import read_trial
 
 NEEDED = {"mass_kg": "--mass", "height_m": "--height", "sex": "--sex"}
 """Fields of the person without which nothing can be calibrated, and the options that give them."""
@@ -90,3 +111,263 @@ class Draft:
             trials=tuple(trial for trial in self.trials if trial.name not in trials),
             seen=tuple(replace(row, used="", reason=out[row.name]) if row.name in out else row for row in self.seen),
         )
+
+
+FIRST_LABELS = 8
+"""Shown of a recording that no marker set explains."""
+
+
+@dataclass(frozen=True)
+class Roles:
+    """What became of the recordings and tables of a folder; recordings by their number."""
+
+    roles: Mapping[int, tuple[str, str]]
+    """Role and joint."""
+    out: Mapping[int, str]
+    """Why a recording is not used."""
+    moves: Mapping[int, Movement]
+    forces: Mapping[int, ForceChoice]
+    unpaired: Mapping[str, str]
+    """Table -> why it is nobody's."""
+    of_set: frozenset[int]
+    """Recordings with the labels of the marker set."""
+
+
+def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "", reason: str = "") -> Seen:
+    """A file as it was read, and what became of it."""
+    frames = None if file.recording is None else len(file.recording.time)
+    if file.recording is not None and not labels:
+        labels = f"{len(file.recording.labels)}: {' '.join(file.recording.labels[:FIRST_LABELS])}"
+    return Seen(
+        name=file.name,
+        kind=file.kind.value,
+        frames=frames,
+        labels=labels,
+        shows=shows,
+        used=used,
+        reason=reason or file.reason,
+    )
+
+
+def rows_of(folder: Folder, files: tuple[FolderFile, ...], choice: SetChoice, became: Roles) -> tuple[Seen, ...]:
+    """One row a file, in the order of the folder; `files` are its recordings."""
+    number = {file.name: i for i, file in enumerate(files)}
+    owner = {forces.file.name: files[i].name for i, forces in became.forces.items()}
+    return tuple(
+        _recording(file, number[file.name], choice, became)
+        if file.name in number
+        else _other(file, choice, owner, became.unpaired)
+        for file in folder.files
+    )
+
+
+def _recording(file: FolderFile, i: int, choice: SetChoice, became: Roles) -> Seen:
+    labels = file.recording.labels if file.recording is not None else ()
+    found = explained(choice.marker_set, respelt(labels, choice.rename))
+    counts = f"{found.known} of {len(labels)} known"
+    if i not in became.of_set:
+        more = " ..." if len(labels) > FIRST_LABELS else ""
+        reason = f"not of marker set {choice.entry}: has {' '.join(labels[:FIRST_LABELS])}{more}"
+        return row_of(file, labels=counts, reason=reason)
+    moves = became.moves.get(i)
+    shows, evidence = ("", "") if moves is None else (moves.shows.value, moves.evidence)
+    used = " ".join(filter(None, became.roles.get(i, ())))
+    return row_of(file, labels=counts, shows=shows, used=used, reason=became.out.get(i, "") or evidence)
+
+
+def _other(file: FolderFile, choice: SetChoice, owner: Mapping[str, str], unpaired: Mapping[str, str]) -> Seen:
+    """A row of a file that is no recording."""
+    if file.forces is not None:
+        used = f"forces of {owner[file.name]}" if file.name in owner else ""
+        return row_of(file, used=used, reason="" if used else unpaired.get(file.name, "no walk needs it"))
+    if file.kind is FileKind.EXTERNAL_LOADS:
+        table = PureWindowsPath(file.names).name  # takes / and \ alike
+        used = f"says that {table} holds forces" if any(PureWindowsPath(name).name == table for name in owner) else ""
+        return row_of(file, used=used, reason="" if used else f"names {table}, which is not used")
+    if file.kind is FileKind.MARKER_SET:
+        chosen = str(file.path) == choice.entry
+        return row_of(file, used="marker set" * chosen, reason="" if chosen else "another set knows more labels")
+    if file.kind is FileKind.CORNERS:
+        return row_of(file, used="corners of the plates in the table of forces beside it")
+    if file.kind is FileKind.STUDY:
+        return row_of(file, reason="a study file; it is not looked into")
+    return row_of(file)
+
+
+STUDY = "study.toml"
+WIDEST = 70
+"""Characters of a line up to which its comment stands beside it; else above."""
+MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex": '"female" or "male"'}
+"""What is to be written where nobody tells; no value that could be taken over without a thought."""
+OPTION_VALUES = {"mass_kg": "KG", "height_m": "M", "sex": "female|male"}
+
+
+def draft_text(draft: Draft, folder: Path | None) -> str:
+    """The study as the text of a study file, paths relative to `folder`; absolute with None."""
+    lines = [
+        f"# Drafted from the folder '{draft.folder.name}'. Each line says what told it; look at what is 'likely'.",
+        "",
+        *_subject(draft),
+        *_markers(draft, folder),
+    ]
+    for trial in draft.trials:
+        lines += _trial(trial, folder)
+    left = [row for row in draft.left_out if row.kind != FileKind.STUDY.value]  # one of them is this text, later
+    if left:
+        lines += ["# Not used:", *(f"#   {_one_line(row.name)}: {_one_line(row.reason or row.kind)}" for row in left)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def settings_text(settings: CalibrationSettings, priors: Path | None = None, folder: Path | None = None) -> str:
+    """What is said of how to calibrate, as the table of a study file in `folder`; empty where nothing is."""
+    said = settings.model_dump(exclude_unset=True) | ({} if priors is None else {"priors": _path(priors, folder)})
+    return "\n" + toml_table("[calibration]", said) if said else ""
+
+
+def _subject(draft: Draft) -> list[str]:
+    lines = ["[subject]"]
+    for field in ("name", "session", "mass_kg", "height_m", "sex", "age_years"):
+        known = draft.person.get(field)
+        if known is not None:
+            lines += _line(field, known.value, known.reason, known.certain)
+        elif field in MISSING:
+            write = f"write {MISSING[field]}, and take the first # away"
+            lines.append(f"# {field} =   # MISSING: {_nobody(draft)} says it; {write}")
+    for field in ("knee_width_mm", "ankle_width_mm", "asis_distance_mm", "marker_diameter_mm"):
+        if (known := draft.person.get(field)) is not None:
+            lines += _line(field, known.value, known.reason, known.certain)
+    if "age_years" not in draft.person:
+        lines.append("# age_years =   # no file says it; it may be left out")
+    return [*lines, ""]
+
+
+def _markers(draft: Draft, folder: Path | None) -> list[str]:
+    choice = draft.choice
+    if choice is None:
+        raise InputError(draft.fault, source=draft.folder.path, code=Code.FOLDER)
+    found = choice.explained
+    reason = f"knows {found.known} of {found.known + len(found.left_over)} labels of {len(choice.members)} files"
+    reason += left_over_words(choice)
+    if choice.clashes:
+        reason += f"; not renamed, as the name is taken: {', '.join(choice.clashes[:4])}"
+    built_in = choice.entry in built_in_sets()
+    lines = [
+        "[markers]",
+        *_line("set", choice.entry if built_in else _path(Path(choice.entry), folder), reason, choice.certain),
+    ]
+    if choice.rename:
+        lines += _line(
+            "rename", dict(sorted(choice.rename.items())), "differ only in case, separators or a prefix", False
+        )
+    if found.missing:
+        lines.append(f"# No marker of the files gives: {', '.join(found.missing)}")
+    return [*lines, ""]
+
+
+def left_over_words(choice: SetChoice) -> str:
+    """`; left over: ...`, and which labels of the set they look like; empty where the set knows all labels."""
+    left = choice.explained.left_over
+    if not left:
+        return ""
+    more = f" and {len(left) - 8} more" if len(left) > 8 else ""
+    meant = {label: alike(label, choice.marker_set.labels) for label in left[:8]}
+    hints = ", ".join(f"{label} like {like[0]}" for label, like in meant.items() if like)
+    return f"; left over: {', '.join(left[:8])}{more}" + (f" ({hints}: rename them if they are)" if hints else "")
+
+
+def _trial(trial: DraftTrial, folder: Path | None) -> list[str]:
+    lines = ["[[trial]]", f"name = {toml_value(trial.name)}  # after the file"]
+    lines += _line("role", trial.role, trial.reason, trial.certain)
+    if trial.joint:
+        lines.append(f"joint = {toml_value(trial.joint)}  # the one that turns most, see role")
+    recording = trial.file.recording
+    frames = "" if recording is None else f"{len(recording.time)} frames at {recording.rate:.4g} Hz"
+    plates = 0 if recording is None else len(recording.plates)
+    if trial.role == "gait":
+        frames += (
+            f", {plates} plates of its own" if plates else "" if trial.forces else ", no forces: angles, no torques"
+        )
+    lines.append(f"file = {toml_value(_path(trial.file.path, folder))}  # {frames}")
+    if trial.forces is not None:
+        lines += _line("forces", _path(trial.forces.file.path, folder), trial.forces.reason, trial.forces.certain)
+        if trial.forces.time is not None:
+            start, stop = (round(t, 4) for t in trial.forces.time)
+            lines += _line("time", [start, stop], "the part that the forces cover", True)
+    return [*lines, ""]
+
+
+def _line(field: str, value: object, reason: str, certain: bool) -> list[str]:
+    """`field = value  # sure: reason`, the comment above where the line would be long."""
+    comment = f"# {'sure' if certain else 'likely'}: {_one_line(reason)}"
+    shown = f"{{ {', '.join(f'{k} = {v:g}' for k, v in value.items())} }}" if _is_sided(value) else toml_value(value)
+    text = f"{field} = {shown}"
+    return [f"{text}  {comment}"] if len(text) <= WIDEST else [comment, text]
+
+
+def _is_sided(value: object) -> TypeGuard[Mapping[str, float]]:
+    return isinstance(value, Mapping) and set(value) <= set(SIDES)
+
+
+def _one_line(text: str) -> str:
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
+def _path(path: Path, folder: Path | None) -> Path:
+    whole = path.parent.resolve() / path.name
+    if folder is None:
+        return whole
+    try:
+        return Path(os.path.relpath(whole, folder.resolve()))
+    except ValueError:  # another drive
+        return whole
+
+
+def missing_words(draft: Draft) -> str:
+    """What nobody tells."""
+    doubts = f" ({'; '.join(draft.doubts[:2])})" if draft.doubts else ""
+    return f"{_nobody(draft)} says " + ", ".join(f"subject.{field}" for field in draft.missing) + doubts
+
+
+def _nobody(draft: Draft) -> str:
+    """Who says nothing; a file of another person may say something."""
+    return "no file that is used" if draft.strangers else "no file"
+
+
+def missing_options(draft: Draft) -> str:
+    """The options that tell it."""
+    return " ".join(f"{NEEDED[field]} {OPTION_VALUES[field]}" for field in draft.missing)
+
+
+def study_of(draft: Draft) -> Study:
+    """The drafted study with its recordings, without a study file on disk.
+
+    Raises
+    ------
+    InputError
+        No study follows from the folder; something is missing; or as of `Study.load`.
+    """
+    path = draft.folder.path / STUDY
+    if draft.fault:
+        raise InputError(draft.fault, source=draft.folder.path, code=Code.FOLDER)
+    if draft.missing:
+        raise InputError(
+            f"{missing_words(draft)}: give {missing_options(draft)}", source=draft.folder.path, code=Code.WHO_IT_IS
+        )
+    file = _study_file(draft_text(draft, None))
+    marker_set = load_marker_set(file.markers.set)
+    trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
+    study = Study.assemble(file, marker_set, trials, path)
+    return _without_file(study, path)
+
+
+def _study_file(text: str) -> StudyFile:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / STUDY
+        path.write_text(text, encoding="utf-8")
+        return load_study_file(path)
+
+
+def _without_file(study: Study, path: Path) -> Study:
+    """The study without the study file among its inputs, as there is none."""
+    files = tuple(f for f in study.files if f != path)
+    return replace(study, files=files, inputs={name: h for name, h in study.inputs.items() if name != STUDY})

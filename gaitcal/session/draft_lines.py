@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from gaitcal.session.draft import Draft
-from gaitcal.session.draft_text import left_over_words
+from gaitcal.session.draft import Draft, left_over_words
 
 LIKELY = "likely, to be looked at: "
 

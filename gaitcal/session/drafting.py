@@ -1,29 +1,89 @@
-"""From a folder as it was read to the study that follows: marker set, session, roles, forces, person."""
+"""From a folder as it was read to the study that follows: marker set, session, roles, forces, person.
+
+Why no study follows from a folder, in one line and file by file.
+
+Trials of a drafted study in which the checks find an error, while others are sound: they are left out, and told.
+
+Somebody who names a trial in a study file wants it, and is told to look at it; a folder holds what was recorded, bad
+takes too.
+
+Walks of a drafted study without torques though a table of forces lies beside them: no part of a whole result.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.metadata import Facts
+from gaitcal.faults.study import check_study
+from gaitcal.findings import Finding, Severity
+from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
-from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
-from gaitcal.session.draft import Draft, DraftTrial
-from gaitcal.session.folder import FileKind, Folder, FolderFile, marker_sets_above, read_folder
-from gaitcal.session.force_files import ForceChoice, pair_forces
-from gaitcal.session.impossible_mass import mass_fault
-from gaitcal.session.marker_sets import SetChoice, choose_set, explained, respelt
-from gaitcal.session.movement import Movement, Shows, movement
+from gaitcal.session.draft import Draft, DraftTrial, Roles, row_of, rows_of
+from gaitcal.session.folder import (
+    FileKind,
+    Folder,
+    FolderFile,
+    marker_sets_above,
+    name_contradicts,
+    read_folder,
+    trial_names,
+)
+from gaitcal.session.force_files import ForceChoice, names_alike, pair_forces
+from gaitcal.session.marker_sets import SetChoice, candidates, choose_set, explained, respelt
+from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Session, session_of
-from gaitcal.session.person_facts import Options, figures_in_doubt, person_of, weighed
+from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed
 from gaitcal.session.placing import same_recording
-from gaitcal.session.refusals import no_set, nothing_here, refused, several_people
-from gaitcal.session.seen import Roles, rows_of
-from gaitcal.session.standing import standing
-from gaitcal.session.trial_names import name_contradicts, trial_names
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role
+
+
+def several_people(files: Sequence[FolderFile], people: Mapping[int, tuple[str, ...]]) -> tuple[str, dict[str, str]]:
+    """That files hold the markers of several people, in one line, and file -> of whom."""
+    told = {files[i].name: f"markers of {len(found)} people ({', '.join(found)})" for i, found in people.items()}
+    name, words = next(iter(told.items()))
+    more = f", and {len(told) - 1} more files too" if len(told) > 1 else ""
+    return f"{words} in one file, {name}{more}: write each person's markers into a file of their own", told
+
+
+def nothing_here(folder: Folder) -> str:
+    """That a folder has no recording, and where some are."""
+    if folder.subfolders:
+        below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])
+        return f"holds no recording that can be read; folders in it do: {below}; name one of them, one person a folder"
+    if not folder.files:
+        return "is empty; .c3d, .trc or .csv files of one person are needed"
+    return f"holds {len(folder.files)} files, but no recording that can be read (.c3d, .trc or .csv)"
+
+
+def no_set(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> str:
+    """Which labels no marker set knows, and what the nearest set misses."""
+    labels = list(dict.fromkeys(label for r in recordings for label in r.labels))
+    nearest, found = max(
+        ((entry, explained(s, labels)) for entry, s in candidates(own)),
+        key=lambda pair: (pair[1].legs, -len(pair[1].missing)),
+    )
+    lacks = ", ".join(found.missing[:6]) + (", ..." if len(found.missing) > 6 else "")
+    shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
+    return (
+        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows {found.known} of "
+        f"{len(labels)} and misses {lacks or 'nothing'}; name your own in a TOML file in the folder "
+        "(models/markersets has examples), or put the labels right by 'rename' in a study file"
+    )
+
+
+def refused(folder: Folder, fault: str, told: Mapping[str, str]) -> Draft:
+    """What was seen of a folder from which no study follows."""
+    seen = tuple(row_of(file, reason=told.get(file.name, "")) for file in folder.files)
+    return Draft(folder=folder, choice=None, person={}, trials=(), seen=seen, fault=fault)
+
 
 MOST_BELOW = 60
 """Recordings in subfolders that are read to see whether they are of one person's session."""
@@ -276,3 +336,58 @@ class _Drafting:
 
 
 _ORDER = {"static": 0, "joint": 1, "gait": 2}
+
+
+def without_faulty_trials(
+    study: Study, findings: tuple[Finding, ...]
+) -> tuple[Study, tuple[Finding, ...], dict[str, str]]:
+    """The study without trials that an error speaks against, what the checks find then, and trial -> error.
+
+    Nothing is left out where the first static trial, or the study as a whole, is at fault, or where no trial of a kind
+    (walks, or isolated trials without walks) would be left.
+    """
+    errors = [f for f in findings if f.severity is Severity.ERROR]
+    faulty = _told(errors)
+    if not faulty or not _may_go(study, errors, set(faulty)):
+        return study, findings, {}
+    rest = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
+    return rest, check_study(rest), faulty
+
+
+def _told(errors: Sequence[Finding]) -> dict[str, str]:
+    out: dict[str, str] = {}
+    for finding in errors:
+        cure = f"; {finding.cure}" if finding.cure else ""
+        out.setdefault(finding.where, f"{finding.topic}: {finding.evidence}{cure}")
+    return out
+
+
+def _may_go(study: Study, errors: Sequence[Finding], faulty: set[str]) -> bool:
+    names = {trial.name for trial in study.trials}
+    if not faulty <= names - {study.static.name}:
+        return False
+    kind = Role.GAIT if any(trial.role is Role.GAIT for trial in study.moving) else Role.JOINT
+    return any(trial.role is kind and trial.name not in faulty for trial in study.moving)
+
+
+def rejected_forces(draft: Draft) -> tuple[Finding, ...]:
+    """A warning for each walk without forces whose name a table of forces bears that is nobody's."""
+    tables = [row for row in draft.left_out if row.kind == FileKind.FORCES.value]
+    walks = {t.file.path.stem: t for t in draft.trials if t.role == "gait"}
+    out = []
+    for row in tables:
+        stem = max(walks, key=lambda name: names_alike(name, PurePath(row.name).stem), default="")
+        trial = walks.get(stem)
+        if trial is None or trial.forces is not None or (trial.file.recording and trial.file.recording.plates):
+            continue
+        warning = Finding(
+            severity=Severity.WARNING,
+            topic="forces",
+            where=trial.name,
+            found=f"{row.name} is not used: {row.reason}",
+            cause="no forces, no torques",
+            cure="find the forces of this walk; or take the table out of the folder, if angles are wanted",
+            code=Code.FORCES_NOT_USED,
+        )
+        out.append(warning)
+    return tuple(out)

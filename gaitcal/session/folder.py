@@ -1,12 +1,14 @@
 """Every file of a folder, read once: recordings, tables of forces, marker sets, studies, and what is none of these.
 
 Only files directly in the folder: one person a folder. A file that cannot be read ends nothing; it keeps its reason.
+
+Names of trials, and what the names of files say of them: weak evidence, told where it contradicts.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -19,11 +21,10 @@ from gaitcal.errors import InputError
 from gaitcal.io.csv import CORNER_HEADER, is_force_header, read_header
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import FORCE_READERS, read_forces, read_recording
-from gaitcal.io.ownership import MANIFEST, ResultKind, read_object
+from gaitcal.io.lock import MANIFEST, ResultKind, read_object
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import read_toml
-from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
 
 MOST_FILES = 2000
 """A folder with more files is no person's."""
@@ -239,3 +240,32 @@ def marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
     except OSError:
         return ()
     return tuple(found for found in (_read(file, file.name) for file in files) if found.kind is FileKind.MARKER_SET)
+
+
+_JOINT_WORD = re.compile(r"(hip|knee|ankle)(?![a-z]*cent)", re.IGNORECASE)
+
+
+def name_contradicts(stem: str, role: tuple[str, str]) -> str:
+    """What a file's name says against its role; empty where it says nothing."""
+    word = _JOINT_WORD.search(stem)
+    if word is None:
+        return ""
+    name = word.group(1).lower()
+    if role[0] == "joint" and role[1].startswith(name):
+        return ""
+    return f"though its name says {name}"
+
+
+def trial_names(stems: Sequence[str]) -> list[str]:
+    """Names of trials from those of files: safe as file names, and each once whatever the case."""
+    out: list[str] = []
+    for stem in stems:
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_")[:60] or "trial"
+        if re.fullmatch(r"(con|prn|aux|nul|com\d|lpt\d)", plain, re.IGNORECASE):
+            plain += "_"
+        name, count = plain, 1
+        while name.lower() in {other.lower() for other in out}:
+            count += 1
+            name = f"{plain}_{count}"
+        out.append(name)
+    return out

@@ -17,7 +17,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.recording import Recording
-from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.session.folder import FileKind, FolderFile
 
 UNDER_M = 0.25

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitcal.calibration.identifiability import NEEDED_TURN
 from gaitcal.calibration.joint_prior import prior_of_study
-from gaitcal.gait.words import (
+from gaitcal.gait.moments import (
     capitalised,
     counted,
     joint_words,

@@ -2,6 +2,10 @@
 
 The user's word comes first, then the static trial's file, then the others. Files that contradict each other are told.
 The subject's name is that of the folder: a file's may be the patient's.
+
+Whether the mass that a file says can be a person's: against the plates under the standing person, and the height.
+
+A mass in pounds is 2.2, a weight in newtons 9.81 times the mass in kg; forces and torques would be blamed for it.
 """
 
 from __future__ import annotations
@@ -12,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.metadata import Facts
+from gaitcal.io.labels import Facts
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.build import GRAVITY
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.session.standing import Standing
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.subject_model import GRAVITY
+from gaitcal.session.movement import Standing
 
 MASS_KG = (10.0, 250.0)
 """Of a person on plates: less is a foot that stands beside them."""
@@ -198,3 +202,43 @@ def _inside(point: Array, corners: Array) -> bool:
     away = point - corners
     sides = edges[:, 0] * away[:, 1] - edges[:, 1] * away[:, 0]
     return bool((sides >= 0).all() or (sides <= 0).all())
+
+
+WEIGHS_ANOTHER = 0.2
+"""Relative difference from the plates with which no torque is worth anything."""
+BODY_MASS_INDEX = (8.0, 70.0)
+"""kg/m^2, outside of which nobody is recorded walking."""
+FACTORS = {"lb": 2.2046, "N": GRAVITY}
+"""Unit -> how many of it are a kilogram."""
+ALIKE = 0.1
+"""Relative difference from such a factor up to which it is named."""
+
+
+def mass_fault(person: Mapping[str, Known], options: Options, plates: tuple[str, float] | None) -> str:
+    """Why the mass of a file cannot be that of the person; empty where it can, or where the user says it.
+
+    `plates`: static trial, and the mass (kg) that the plates weigh in it.
+    """
+    known = person.get("mass_kg")
+    if known is None or options.mass is not None:
+        return ""
+    mass = float(str(known.value))
+    said = f"subject.mass_kg: found {mass:g} ({known.reason.partition(';')[0]})"
+    cure = "give --mass KG"
+    if plates is not None and abs(mass / plates[1] - 1) > WEIGHS_ANOTHER:
+        ratio = mass / plates[1]
+        unit = next((f": {mass / by:.1f} kg if it is in {u}" for u, by in FACTORS.items() if _near(ratio, by)), "")
+        return f"{said}, {ratio:.2f} times the {plates[1]:.1f} kg that the plates weigh in {plates[0]}{unit}; {cure}"
+    if (height := person.get("height_m")) is not None:
+        tall = float(str(height.value)) ** 2
+        low, high = (limit * tall for limit in BODY_MASS_INDEX)
+        if not low <= mass <= high:
+            meant = {unit: mass / by for unit, by in FACTORS.items() if low <= mass / by <= high}
+            units = " or ".join(f"{kg:.1f} kg if it is in {unit}" for unit, kg in meant.items())
+            words = f"{said}; allowed: {low:.0f} to {high:.0f} kg at a height of {height.value} m"
+            return f"{words}{': ' if units else ''}{units}; {cure}, or --height M"
+    return ""
+
+
+def _near(ratio: float, factor: float) -> bool:
+    return abs(ratio / factor - 1) < ALIKE

@@ -19,7 +19,7 @@ from gaitcal.arrays import Array
 from gaitcal.faults.evidence import LIGHT
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import MarkerSet
 
 APART_M = 0.015
 """Second largest d_s from which the markers are placed otherwise: one marker that fell off spoils one segment only."""

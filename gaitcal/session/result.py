@@ -1,4 +1,7 @@
-"""What a calibration returns: the person's models and, trial by trial, how well they do."""
+"""What a calibration returns: the person's models and, trial by trial, how well they do.
+
+In which frames the angle of a coordinate may be used: where markers show the segments that it is between.
+"""
 
 from __future__ import annotations
 
@@ -8,30 +11,38 @@ from enum import Enum
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.codes import Code
-from gaitcal.dynamics.expected_residual import ExpectedResidual
+from gaitcal.dynamics.axis_errors import TorqueErrors
+from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.ground_contact import GroundReactions, leg_of
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.joint_kinetics import JointKinetics
-from gaitcal.dynamics.residual_limits import ResidualMagnitudes, residual_magnitudes
-from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.errors import InputError, nearest
 from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.gait.events import TrialEvents
 from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.io.recording import Recording
-from gaitcal.model.inertial_parameters import IP_NAMES
-from gaitcal.model.linkage import COORDINATES, SIDES
+from gaitcal.model.linkage import (
+    COORDINATES,
+    JOINT_OF_CHILD,
+    JOINTS,
+    LOWER_BODY,
+    SIDES,
+    Joint,
+    coordinates_before,
+    segment_kind,
+)
+from gaitcal.model.parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.session.hold_out import HeldOut
-from gaitcal.session.trial_bandwidth import Bandwidth
+from gaitcal.session.joint_parameters import HeldOut
+from gaitcal.session.prepare import Bandwidth
 from gaitcal.session.truth_errors import TruthErrors
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
@@ -204,8 +215,8 @@ class TrialResult:
 class Uncertainty:
     """How far the fitted parameters can be trusted."""
 
-    joint: Influence | None
-    """Influence of every source of error on the joint parameters, fitted or not; None: they count as exact."""
+    joint: ErrorSources | None
+    """ErrorSources of every source of error on the joint parameters, fitted or not; None: they count as exact."""
     inertial: Array | None
     """(84, n) R with covariance R R^T of the inertial parameters."""
 
@@ -299,3 +310,30 @@ def withdrawn(calibration: Calibration) -> Calibration:
     if verdict.judgement is Judgement.REFUSED:
         uncertainty = Uncertainty(None, None)
     return replace(calibration, trials=trials, uncertainty=uncertainty)
+
+
+def _shown_by(joint: Joint) -> tuple[str, ...]:
+    """The nearest segments on either side of a joint that carry markers, but for the pelvis, whose frame they make."""
+    ends = [joint.parent, joint.child]
+    while not segment_kind(ends[0]).markers:
+        ends[0] = JOINT_OF_CHILD[ends[0]].parent
+    while not segment_kind(ends[1]).markers:
+        ends[1] = next(j.child for j in JOINTS if j.parent == ends[1])
+    return tuple(segment for segment in ends if segment != "pelvis")
+
+
+SHOWN_BY = {name: _shown_by(JOINT_OF_CHILD[s]) for s in LOWER_BODY[1:] for name in coordinates_before([s])}
+"""Coordinate of a leg -> segments of which some marker must be seen where the angle is to count."""
+
+
+def angle_counts(trial: TrialResult, name: str, unseen: Mapping[str, BoolArray]) -> BoolArray:
+    """(nf,) where an angle may be used: not refused, and between segments that some marker shows.
+
+    `unseen`: of `dynamics.ground_reactions.unseen_frames`.
+    """
+    side = leg_of(name)
+    refused = side in trial.refused_legs if side else bool(trial.refused_legs)
+    out = np.full(len(trial.body.time), not refused)
+    for segment in SHOWN_BY.get(name, ()):
+        out &= ~unseen.get(segment, np.zeros(len(out), dtype=bool))
+    return out

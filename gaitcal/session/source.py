@@ -7,8 +7,7 @@ from pathlib import Path
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.toml import read_toml
-from gaitcal.session.draft import Draft
-from gaitcal.session.draft_text import STUDY
+from gaitcal.session.draft import STUDY, Draft
 from gaitcal.session.folder import FileKind, Folder, declares_study
 
 

@@ -1,23 +1,33 @@
-"""The tables of a calibration: parameters, and trial by trial coordinates, generalised forces and marker errors."""
+"""The tables of a calibration: parameters, and trial by trial coordinates, generalised forces and marker errors.
+
+The tables of joint powers and of moment vectors of a trial, as `powers/TRIAL.csv` and `moment_vectors/TRIAL.csv`.
+
+Angles of the pelvis against the line of progression of one stride, as tables and page have them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.joint_kinetics import POWER_COORDINATES, POWERS, JointKinetics, component_of, power_name, power_of
+from gaitcal.dynamics.joint_moments import COMPONENTS, NET_JOINTS, VECTOR_FRAMES, MomentFrame
+from gaitcal.gait.cycles import GaitCycle
 from gaitcal.gait.moments import moment_of
-from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS
+from gaitcal.gait.spatiotemporal import Stride
+from gaitcal.gait.strides import along_line
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
+from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, IP_UNITS, JOINT_PARAMETERS
 from gaitcal.motion.motion import Motion
 from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
 
 if TYPE_CHECKING:
-    import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
+    import pandas as pd
 
 COORDINATE_HEADER = (
     "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",
@@ -147,3 +157,93 @@ def marker_error_table(trial: TrialResult) -> dict[str, Array]:
     columns = {"time": trial.calibrated.time}
     columns.update({label: 1e3 * errors.distance[:, k] for k, label in enumerate(errors.labels)})
     return columns
+
+
+POWER_HEADER = (
+    "joint powers: torque times angular velocity of each coordinate, of a joint the sum over its coordinates; net of",
+    "all structures that cross the joint; positive: generated, negative: absorbed; ankle_power: both hinges together",
+    "units: W; NAME_per_kg: W/kg; NAME_se: standard error, W, of torque and velocity together; empty where unknown",
+    "valid_r, valid_l, valid: as of the torques (moments/): 1 where powers of that leg, and of trunk and arms, count",
+)
+"""Comment lines above the header of every file of powers."""
+VECTOR_HEADER = (
+    "net joint moments as vectors, N m: internal, on the distal segment, about the joint centre (ankle: talocrural)",
+    *(f"NAME_{frame.key}: {frame.words}" for frame in VECTOR_FRAMES),
+    "axes of: hip pelvis, thigh; knee thigh, shank; ankle shank, foot; lumbar pelvis, trunk. _angle, _flexion,",
+    "_extension about z, _adduction, _inversion, _bending about x (floating axis), _rotation about y",
+    "positive: flexion, adduction, inversion, dorsiflexion, internal rotation on both sides; trunk as coordinates",
+    "_se: standard error; _se_stride: the part of it that differs from stride to stride; empty where unknown",
+    "valid_r, valid_l, valid: as of the torques (moments/)",
+)
+"""Comment lines above the header of every file of moment vectors."""
+
+
+def power_table(loads: LoadedTrial, kinetics: JointKinetics, mass: float) -> dict[str, NDArray[Any]]:
+    """time, valid, valid_r, valid_l, then per power its value (W), standard error and W/kg; `mass` in kg."""
+    errors = None if loads.errors is None else loads.errors.kinetics
+    columns = _first(kinetics.time, loads.reactions)
+    for name in POWERS:
+        value, column = power_of(kinetics, name), power_name(name)
+        columns[column] = value
+        columns[f"{column}_se"] = np.full(len(value), np.nan) if errors is None else power_of(errors, name)
+        columns[f"{column}_per_kg"] = value / mass
+    return columns
+
+
+def vector_table(loads: LoadedTrial, kinetics: JointKinetics) -> dict[str, NDArray[Any]]:
+    """time, valid, valid_r, valid_l, then per component and frame its value (N·m) and standard errors."""
+    errors = None if loads.errors is None else loads.errors.kinetics
+    known = {"_se": errors, "_se_stride": None if errors is None else errors.own}
+    unknown = np.full(len(kinetics.time), np.nan)
+    columns = _first(kinetics.time, loads.reactions)
+    for name in COMPONENTS:
+        for frame in VECTOR_FRAMES:
+            value, column = component_of(kinetics, name, frame), vector_column(name, frame)
+            columns[column] = value
+            for ending, of in known.items():
+                columns[column + ending] = unknown if of is None else component_of(of, name, frame)
+    return columns
+
+
+def vector_column(name: str, frame: MomentFrame) -> str:
+    """`knee_adduction_r_proximal`."""
+    return f"{name}_{frame.key}"
+
+
+def told_powers(frozen: tuple[str, ...]) -> Iterator[str]:
+    """Powers that say something: not all of their coordinates are held at zero."""
+    return (name for name in POWERS if not set(POWER_COORDINATES[name]) <= set(frozen))
+
+
+def told_components(frozen: tuple[str, ...]) -> Iterator[str]:
+    """Components of moments between segments that markers show: the joint's coordinates are not all held at zero."""
+    for joint in NET_JOINTS:
+        if not set(POWER_COORDINATES[joint.name]) <= set(frozen):
+            yield from joint.components
+
+
+def _first(time: Array, reactions: GroundReactions) -> dict[str, NDArray[Any]]:
+    columns: dict[str, NDArray[Any]] = {"time": time, "valid": reactions.valid.astype(int)}
+    return columns | {"valid_r": reactions.valid_r.astype(int), "valid_l": reactions.valid_l.astype(int)}
+
+
+def pelvis_in_stride(trial: TrialResult, angles: Array, cycle: GaitCycle, stride: Stride | None) -> Array:
+    """(nf, 3) deg, `PELVIS_ANGLES` over all frames of the trial, against the line of this stride.
+
+    `angles`: (nf, 3) rad, against the room; `stride`: what was measured of the cycle, None where nothing was.
+    """
+    inside = (trial.body.time >= cycle.start) & (trial.body.time <= cycle.stop)
+    return np.asarray(np.degrees(along_line(angles, stride_line(trial, cycle, stride), inside)))
+
+
+def stride_line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:
+    """Rad: of the stride, else of the one nearest to it in time; 0, the room's x axis, where none is known."""
+    if stride is not None and stride.line is not None:
+        return stride.line
+    middle = 0.5 * (cycle.start + cycle.stop)
+    known = [
+        (abs(0.5 * (s.start + s.stop) - middle), s.line)
+        for s in trial.strides
+        if s.line is not None and s.start is not None and s.stop is not None
+    ]
+    return min(known)[1] if known else 0.0

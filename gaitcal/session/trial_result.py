@@ -1,27 +1,44 @@
 """The result of one trial, from its motions with every model: moments, standard errors, marker errors.
 
 A calibration assembles its own trials here, and `gaitcal dynamics` every further trial of the calibrated person.
+
+The motions of all trials with the nominal and with the fitted joint parameters, and the forces under the feet.
+
+What the fit figures of a trial are of: the motion of what was fitted, and the floors below its errors.
+
+How near model markers come to measured ones: before, after, and the floors of rigid segments and of joints.
+
+The coordinates that a model shows for the static posture, and ankle angles that stay counted from it.
+
+Ankle angles are counted from the static posture (`model/ankle_zero.py`). A fit turns the two axes of an ankle, and with
+other axes the same posture has other coordinates: a walk would come out bent by as much, whose feet nobody moved. So
+after every fit of joint parameters the zero angles z of the two joints are moved by
+
+    dz = q(static, fitted model) - q(static, nominal model)
+
+in the direction of their coordinate, and every motion's coordinate by -dz: positions, torques and markers are the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.calibration.influence import TrialScores
-from gaitcal.calibration.marker_moves import (
-    MarkerMoves,
+from gaitcal.arrays import Array
+from gaitcal.calibration.error_sources import (
+    MotionSensitivity,
+    TrialScores,
     coordinate_standard_errors,
     coordinate_variances,
     marker_moves,
     whole_body_scores,
 )
-from gaitcal.calibration.task_tissue import tissue_of_walk
+from gaitcal.calibration.joint_prior import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
-from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors
+from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_contact import GroundReactions
@@ -29,27 +46,59 @@ from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_fram
 from gaitcal.dynamics.inverse_dynamics import moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.faults.force_diagnosis import ForceDiagnosis, beyond_expected
 from gaitcal.gait.events import TrialEvents, trial_events
-from gaitcal.gait.progression import facing, pelvis_angles
+from gaitcal.gait.moments import segment_words
 from gaitcal.gait.spatiotemporal import strides_measured
+from gaitcal.gait.strides import facing, pelvis_angles
 from gaitcal.gait.symmetry import stride_findings
-from gaitcal.model.inertial_parameters import impossible_bodies
-from gaitcal.model.parameters import Parameters
+from gaitcal.io.recording import Recording
+from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Joint, Source
+from gaitcal.model.parameters import Parameters, impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.motion import Motion, tracked_motion
+from gaitcal.motion.joint_floor import JointFloor, joint_floor
+from gaitcal.motion.motion import MarkerErrors, Motion, rigid_floor, tracked_motion
+from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.session.fitted_motion import FittedMotion, fitted_motion
-from gaitcal.session.force_faults import diagnose_forces
-from gaitcal.session.hold_out import HeldOut
-from gaitcal.session.prepare import PreparedTrial, measured_reactions, prepare_trial
+from gaitcal.session.joint_parameters import HeldOut
+from gaitcal.session.prepare import PreparedTrial, measured_reactions, prepare_trial, standing_problem
 from gaitcal.session.result import LoadedTrial, Stage, TrialResult, Uncertainty
-from gaitcal.session.trial_findings import trial_findings
-from gaitcal.session.unmeasured import is_trunk_unmeasured
+from gaitcal.session.warnings import diagnose_forces, is_trunk_unmeasured, trial_findings
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import StudyTrial
+from gaitcal.study.study_trial import Role, StudyTrial
+
+
+@dataclass(frozen=True)
+class FittedMotion:
+    """Of the whole body in gait, of the segments of its joint in an isolated trial."""
+
+    calibrated: Motion | None
+    """With the parameters at the end of the trial's own phase; None in gait: the motion of the whole body."""
+    final: Motion | None
+    """With the last parameters."""
+    floor: MarkerErrors
+    """Of rigid segments."""
+    joint_floor: JointFloor | None
+
+
+def fitted_motion(trial: PreparedTrial, final: Parameters, fitted_with: Parameters, body: Motion) -> FittedMotion:
+    """Track what was fitted in a trial, and see how near its markers any motion comes.
+
+    Inertial parameters play no part.
+
+    Parameters
+    ----------
+    final : parameters after all phases.
+    fitted_with : those at the end of an isolated trial's own phase.
+    body : whole-body motion with `final`.
+    """
+    floor = rigid_floor(trial.fitted)
+    if trial.joint is None:
+        return FittedMotion(None, None, floor, joint_floor(trial.fitted, final, body.q))
+    last = tracked_motion(trial.fitted, final)
+    calibrated = last if fitted_with is final else tracked_motion(trial.fitted, fitted_with)
+    return FittedMotion(calibrated, last, floor, joint_floor(trial.fitted, fitted_with, calibrated.q))
 
 
 def trial_result(
@@ -125,7 +174,9 @@ def trial_result(
             coordinate_errors=None
             if moves is None
             else coordinate_standard_errors(trial.body, moves, turned.coordinate_errors(body.q), variances),
-            own_coordinate_errors=None if Source.MOTION not in variances else np.sqrt(variances[Source.MOTION]),
+            own_coordinate_errors=None
+            if ErrorSource.MOTION not in variances
+            else np.sqrt(variances[ErrorSource.MOTION]),
             held_out=held_out,
             bandwidth=trial.bandwidth,
             events=events,
@@ -169,7 +220,7 @@ def _erring_forces(
     uncertainty: Uncertainty,
     plates: PlateErrors,
     axes: AxisErrors,
-    moves: MarkerMoves | None,
+    moves: MotionSensitivity | None,
 ) -> ErringForces | None:
     """The final moments with what may be wrong; None for impossible bodies, whose mass matrix has no meaning."""
     if impossible_bodies(parameters.inertial):
@@ -227,3 +278,137 @@ def analyse(
         model=model,
     )
     return replace(result, doubts=(*result.doubts, *diagnosis.findings))
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """By the name of the trial."""
+
+    before: Mapping[str, Motion]
+    """With the nominal model: the whole body in gait, the segments of its joint in an isolated trial."""
+    motions: Mapping[str, Motion]
+    """Of the whole body, with the fitted joint parameters."""
+    reactions: Mapping[str, GroundReactions]
+    """On the feet of these motions; of gait trials with force plates."""
+
+
+def tracked_trials(
+    trials: Sequence[PreparedTrial], nominal: SubjectModel, parameters: Parameters, settings: CalibrationSettings
+) -> Tracked:
+    """Track all trials with both models."""
+
+    def loaded(trial: PreparedTrial) -> tuple[Motion, GroundReactions | None]:
+        motion = tracked_motion(trial.body, parameters)
+        if trial.role is not Role.GAIT or not trial.recording.plates:
+            return motion, None
+        return motion, measured_reactions(trial, nominal, parameters, motion, settings)
+
+    names = [trial.name for trial in trials]
+    parts = [trial.fitted if trial.joint else trial.body for trial in trials]
+    after = [loaded(trial) for trial in trials]
+    before = [tracked_motion(part, nominal.parameters) for part in parts]
+    return Tracked(
+        before=dict(zip(names, before, strict=True)),
+        motions={name: motion for name, (motion, _) in zip(names, after, strict=True)},
+        reactions={name: r for name, (_, r) in zip(names, after, strict=True) if r is not None},
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RmsErrors:
+    """RMS distance (mm) between measured and model markers; None where there are no markers."""
+
+    label: str
+    nominal: float | None
+    calibrated: float | None
+    floor: float | None
+    """Of rigid segments."""
+    joint_floor: float | None = None
+    """Of each joint by itself."""
+    rigid: bool = True
+    """False for one segment with fewer than three markers: whatever they do, it follows them nearly exactly."""
+
+    @property
+    def ratio(self) -> float | None:
+        """Calibrated over floor; None where the floor says nothing of the person."""
+        if self.calibrated is None or not self.floor or not self.rigid:
+            return None
+        return self.calibrated / self.floor
+
+    @property
+    def joint_ratio(self) -> float | None:
+        """Calibrated over what each joint by itself reaches; None for segments in no joint, or of few markers."""
+        if self.calibrated is None or not self.joint_floor or not self.rigid:
+            return None
+        return self.calibrated / self.joint_floor
+
+
+def trial_fit(trial: TrialResult, *segments: str) -> RmsErrors:
+    """Of one trial, over all its markers or those of some segments."""
+    nominal, calibrated, floor = trial.rms_mm(*segments)
+    rigid = len(segments) != 1 or int(trial.calibrated.errors.kept(*segments).sum()) >= FEWEST_MARKERS
+    return RmsErrors(
+        label=segment_words(segments[0]) if len(segments) == 1 else trial.name,
+        nominal=nominal,
+        calibrated=calibrated,
+        floor=floor,
+        joint_floor=trial.joint_floor_mm(*segments),
+        rigid=rigid,
+    )
+
+
+def leg_fit(trial: TrialResult) -> RmsErrors:
+    """Over the markers of pelvis and legs, whose joints the calibration moves."""
+    return trial_fit(trial, *LOWER_BODY)
+
+
+def segment_fits(trial: TrialResult, segments: tuple[str, ...] = SEGMENTS) -> list[RmsErrors]:
+    """Of each of these segments that has markers in this trial."""
+    return [trial_fit(trial, s) for s in segments if trial.calibrated.errors.kept(s).any()]
+
+
+def static_angles(model: SubjectModel, parameters: Parameters, static: Recording) -> dict[str, float]:
+    """Coordinate -> its value (m, rad) with which the model meets the still window of the static trial."""
+    motion = tracked_motion(standing_problem(model, static), parameters)
+    return dict(zip(motion.coordinates, map(float, motion.q.mean(axis=0)), strict=True))
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Fitted parameters, and from where their ankle angles are counted."""
+
+    parameters: Parameters
+    moved: Mapping[str, float]
+    """Coordinate -> dz, rad, by which motions of the parameters as they were given read too much."""
+    static: Mapping[str, float]
+    """`static_angles` of the parameters."""
+
+
+def counted_from_static(model: SubjectModel, parameters: Parameters, static: Recording) -> Counted:
+    """Fitted parameters whose ankles have the nominal model's angles in the static posture, by other zero angles."""
+    after, before = (static_angles(model, p, static) for p in (parameters, model.nominal))
+    zero, moved = parameters.zero_angles.copy(), {}
+    for joint in JOINTS:
+        for name, coordinate, sign in _zeroed(joint):
+            moved[coordinate] = after[coordinate] - before[coordinate]
+            zero[ZERO_ANGLES.index(name)] += sign * moved[coordinate]
+    here = after | {name: before[name] for name in moved}
+    return Counted(replace(parameters, zero_angles=zero), moved, here)
+
+
+def as_fitted(model: SubjectModel, parameters: Parameters, static: Recording) -> Counted:
+    """The same where the ankles keep the zero of the nominal model: nothing moves."""
+    return Counted(parameters, {}, static_angles(model, parameters, static))
+
+
+def shifted(nodes: Array, coordinates: tuple[str, ...], moved: Mapping[str, float]) -> Array:
+    """The nodes (nn, nq) of a motion after `counted_from_static`: B-splines sum to one, so they move as the angle."""
+    out: Array = nodes - np.array([moved.get(name, 0.0) for name in coordinates])
+    return out
+
+
+def _zeroed(joint: Joint) -> list[tuple[str, str, float]]:
+    """Zero angle, coordinate about the same axis and the sign of one against the other, of a joint that has one."""
+    zeros = [e for e in joint.elements if e.source is Source.ZERO_ANGLE]
+    turns = [e for e in joint.elements if e.source is Source.COORDINATE]
+    return [(z.name, q.name, z.sign * q.sign) for z in zeros for q in turns if z.axis == q.axis]

@@ -9,12 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.gait.moments import moment_of
-from gaitcal.gait.words import joint_words
+from gaitcal.gait.moments import joint_words, moment_of
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI
-from gaitcal.model.joint_parameters import JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, SIDES, is_translation
+from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, JP_NAMES, JP_TO_SI
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.tables import parameter_rows
 from gaitcal.session.truth_errors import INTERVAL, CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors

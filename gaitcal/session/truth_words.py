@@ -11,8 +11,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.gait.moments import moment_names
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.model.linkage import LEG_JOINTS
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX
 from gaitcal.session.result import Calibration
 from gaitcal.session.truth_errors import INTERVAL, CurveTruth, ParameterTruth, TruthErrors
 

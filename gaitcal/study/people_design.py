@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 
 HEIGHT, STEP = 1.70, 0.10
 """m."""

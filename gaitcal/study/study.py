@@ -1,4 +1,7 @@
-"""A study: one person's recordings, read and checked, ready to be calibrated."""
+"""A study: one person's recordings, read and checked, ready to be calibrated.
+
+The static trial of a study with the markers that it lost and other trials show.
+"""
 
 from __future__ import annotations
 
@@ -10,26 +13,32 @@ from pathlib import Path
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.external_loads import loads_tables
-from gaitcal.io.metadata import Facts
+from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.snapshot import Snapshot, sha256_of
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.hip_centre import HipCentre
-from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.joint_centres import HipCentre
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
+from gaitcal.model.outliers import without_strays
+from gaitcal.model.present_markers import complete_static, worn
+from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.model.worn_markers import complete_static, worn
 from gaitcal.runtime import remembered, with_one_blas_thread
-from gaitcal.study.borrowed_trunk import model_with_trunk
-from gaitcal.study.cohort_prior import with_cohort_priors
-from gaitcal.study.joint_prior import JointPrior, require_joint_prior
+from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.static_markers import completed_static
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
-from gaitcal.study.study_trial import Role, StudyTrial, read_trial
-from gaitcal.study.truth import Truth, read_truth, truth_files
-from gaitcal.study.truth_landmarks import other_landmarks
+from gaitcal.study.study_trial import Role, StudyTrial, model_with_trunk, read_trial
+from gaitcal.study.truth import Truth, other_landmarks, read_truth, truth_files
+
+
+@remembered
+def completed_static(study: Study) -> Rebuilding:
+    """The first static trial, without markers metres away, and with what the study's other trials give back to it."""
+    segment_of = study.marker_set.segment_of
+    static, _ = without_strays(study.static.recording, segment_of)
+    others = [(t.name, without_strays(t.recording, segment_of)[0]) for t in (*study.further_statics, *study.moving)]
+    return rebuild_lost(static, study.marker_set.with_weights(study.weights), others, study.static.name)
 
 
 def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:

@@ -9,10 +9,21 @@ the numbers are those of a calibration without error. The study file says with w
 hip_centre, ankle_zero) and of which landmarks (`truth_landmarks.py`); a study that calibrates with others would be
 compared with numbers that mean something else, and is refused. Curves have their units in a comment line, which must
 be there as it is written.
+
+Whether a study's static trial is the one in whose segment frames its truth is told.
+
+Segment frames are made of the landmarks of the static trial: another static trial, or another marker set of the same
+name, makes others, and the true numbers then mean something else. The truth therefore names its landmarks (`[truth]`
+landmarks, a CSV file): their distances from each other, and their heights above their mean, must be those that the
+study finds. Neither changes where the laboratory is turned about the vertical, the floor lies higher, or the recording
+is converted to another format.
+
+Rows of the CSV files of a known truth: a header and cells; what follows a `#` in a line is a comment.
 """
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,14 +33,125 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
+from gaitcal.io.recording import Recording
+from gaitcal.io.still import still_window
+from gaitcal.io.text_file import parse_number
 from gaitcal.io.validation import shown
-from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, JP_TO_SI
+from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, JP_TO_SI
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.truth_landmarks import read_landmarks
-from gaitcal.study.truth_rows import number, read_rows
 from gaitcal.study.truth_table import TruthTable
+
+
+@dataclass(frozen=True)
+class TruthRows:
+    """A header and the lines of text below it, each of as many cells at most."""
+
+    names: tuple[str, ...]
+    lines: tuple[str, ...]
+
+    def cells(self) -> list[list[str]]:
+        """The cells of each row; those that a row lacks are empty."""
+        rows = list(csv.reader(self.lines))
+        return [row + [""] * (len(self.names) - len(row)) for row in rows]
+
+    def numbers(self, names: Sequence[str]) -> Array:
+        """(rows, names) of the columns `names`; NaN where there is no number."""
+        places = [self.names.index(name) for name in names]
+        if not self.lines or not places:
+            return np.empty((len(self.lines), len(places)))
+        try:
+            return np.loadtxt(self.lines, delimiter=",", usecols=places, ndmin=2, comments=None)
+        except ValueError:  # an empty cell, quotation marks, or a real fault
+            return np.array([[number(row[place]) for place in places] for row in self.cells()])
+
+
+def number(cell: str) -> float:
+    """A cell as a number; NaN where it is none."""
+    try:
+        return parse_number(cell)
+    except ValueError:
+        return float("nan")
+
+
+def read_rows(path: Path) -> TruthRows:
+    """The rows of a file; InputError where it is no table."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, str(error)) from None
+    lines = [part for line in text.splitlines() if (part := line.split("#", 1)[0]).strip()]
+    if not lines:
+        raise _unreadable(path, "found no header")
+    names = tuple(next(csv.reader(lines[:1])))
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise _unreadable(path, f"found the column {twice[0]} twice")
+    for k, line in enumerate(lines[1:], start=1):
+        if line.count(",") >= len(names) and (count := len(next(csv.reader([line])))) > len(names):
+            raise _unreadable(path, f"found {count} cells in row {k}, below {len(names)} names")
+    return TruthRows(names, tuple(lines[1:]))
+
+
+def _unreadable(path: Path, why: str) -> InputError:
+    return InputError(f"cannot be read as CSV: {why}", source=path, code=Code.TRUTH)
+
+
+COLUMNS = ["name", "x", "y", "z"]
+SAME = 1e-4
+"""m: files keep a thousandth of this; a tenth of a millimetre turns a segment by less than 0.1 degrees."""
+
+
+def landmarks_text(landmarks: Mapping[str, Array]) -> str:
+    """The content of the landmarks file: name -> (3,) m, laboratory, y up."""
+    import pandas as pd
+
+    rows = [[name, *map(float, place)] for name, place in landmarks.items()]
+    text: str = pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, lineterminator="\n", float_format="%.9g")
+    return f"# landmarks of the static trial in m, laboratory, y up\n{text}"
+
+
+def read_landmarks(path: Path) -> dict[str, Array]:
+    """Landmark -> (3,) m. InputError, one line, where the file is not as `landmarks_text` writes it."""
+    rows = read_rows(path)
+    if list(rows.names) != COLUMNS or not rows.lines:
+        raise InputError(
+            f"found columns {list(rows.names)}; allowed: name,x,y,z and a landmark a row", source=path, code=Code.TRUTH
+        )
+    places = rows.numbers(COLUMNS[1:])
+    if not np.isfinite(places).all():
+        raise InputError(
+            "found a place that is no finite number; allowed: m", source=path, field="x,y,z", code=Code.TRUTH
+        )
+    return dict(zip((row[0] for row in rows.cells()), places, strict=True))
+
+
+def other_landmarks(told: Mapping[str, Array], static: Recording, marker_set: MarkerSet) -> str | None:
+    """Why the landmarks of a static trial, as worn by `marker_set`, are not those of the truth; None: they are."""
+    found = static_posture(static, marker_set, still_window(static, marker_set.labels).frames).landmarks
+    unlike = sorted(set(told) ^ set(found))
+    if unlike:
+        there = "the static trial does not show it" if unlike[0] in told else "the truth does not have it"
+        return f"found other landmarks than those of the static trial: {unlike[0]}, {there}"
+    names = sorted(told)
+    one, other = (np.array([places[name] for name in names]) for places in (told, found))
+    gap = np.abs(_shape(one) - _shape(other))
+    if gap.max() <= SAME:
+        return None
+    worst = names[int(np.argmax(gap.mean(axis=1)))]
+    return (
+        f"found landmarks that the static trial has elsewhere, by up to {1e3 * gap.max():.1f} mm ({worst} most): the "
+        "truth was told in the segment frames of another static trial or marker set"
+    )
+
+
+def _shape(places: Array) -> Array:
+    """(n, n) m: distances from each other, and on the diagonal heights above their mean."""
+    out: Array = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    out[np.diag_indices(len(places))] = places[:, 1] - places[:, 1].mean()
+    return out
+
 
 MOTION, MOMENTS = "_motion.csv", "_moments.csv"
 """Endings of the files of a trial."""

@@ -15,9 +15,8 @@ from scipy.interpolate import PchipInterpolator
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.dynamics.plate_outline import FOOT_LENGTH
-from gaitcal.model.chain import Chain
-from gaitcal.model.kinematics import forward, jacobian, segment_poses
+from gaitcal.dynamics.plate_errors import FOOT_LENGTH
+from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters

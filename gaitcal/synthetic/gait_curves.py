@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.package_data import models_path
+from gaitcal.io.toml import models_path
 from gaitcal.model.coordinates import split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 

@@ -15,8 +15,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.node_rule import NodeRule
-from gaitcal.motion.spline import SplineBasis, spline_basis
+from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis
 from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.synthetic.measurements import synthetic_markers
 

@@ -13,8 +13,7 @@ from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement
-from gaitcal.motion.marker_residual import marker_positions
-from gaitcal.motion.placed_markers import PlacedMarkers
+from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
 from gaitcal.runtime import with_one_blas_thread
 
 NOISE_AMPLITUDE = 0.010

@@ -18,13 +18,11 @@ from gaitcal.arrays import Array
 from gaitcal.io.atomic import atomic_directory
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.force_plate import point_and_torque
-from gaitcal.io.ownership import MANIFEST, ResultKind
+from gaitcal.io.lock import MANIFEST, ResultKind
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.inertial_parameters import is_physical, symmetric_set
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters, is_physical, symmetric_set
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable

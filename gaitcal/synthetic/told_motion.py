@@ -25,11 +25,9 @@ from scipy.interpolate import make_interp_spline
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
-from gaitcal.model.chain import Chain
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.kinematics import forward, jacobian, segment_poses
+from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES, ZERO_ANGLES
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
 from gaitcal.model.segment_frames import Frame
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.spline import to_bspline

@@ -16,18 +16,25 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain
-from gaitcal.model.hip_centre import HipCentre
-from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, IP_UNITS, MASSIVE_SEGMENTS, table
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
-from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.linkage import JOINTS, SIDES, Source
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import (
+    IP_NAMES,
+    IP_TO_SI,
+    IP_UNITS,
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_NAMES,
+    MASSIVE_SEGMENTS,
+    Parameters,
+    table,
+)
 from gaitcal.model.segment_frames import Frame, LowerBody, lower_body
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.model.upper_body import upper_body
+from gaitcal.model.trunk import upper_body
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import standing_pose
 

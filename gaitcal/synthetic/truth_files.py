@@ -8,10 +8,9 @@ from typing import Final
 
 from gaitcal.arrays import Array
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.hip_centre import HipCentre
+from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.study.truth import MOMENTS, MOTION, moments_text, motion_text
-from gaitcal.study.truth_landmarks import landmarks_text
+from gaitcal.study.truth import MOMENTS, MOTION, landmarks_text, moments_text, motion_text
 from gaitcal.study.truth_table import TruthTable
 from gaitcal.synthetic.motion import TrueMotion
 from gaitcal.synthetic.told_motion import Teller

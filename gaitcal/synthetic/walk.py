@@ -24,11 +24,11 @@ from scipy.linalg import solveh_banded
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import root_residual
-from gaitcal.model.build import GRAVITY
 from gaitcal.model.coordinates import group_of
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import GRAVITY
 from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.synthetic.feet import DOUBLE_SUPPORT, FeetOnGround, feet_of, resting, right_share, rolled
 from gaitcal.synthetic.gait_curves import gait_accelerations, gait_curves

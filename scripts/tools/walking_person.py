@@ -4,7 +4,7 @@
 
 Drawn and printed is the truth of the built-in person, or of the one that `gaitcal synthesize --perturb --seed N` writes
 (`gaitcal demo`: 2009), not a fit: internal moments per kg of body mass over each leg's stride, ground reactions, the
-pelvis residual, and from above where the ground reactions act in the soles (`gaitcal/dynamics/sole.py`). The bands are
+pelvis residual, and from above where the ground reactions act in the soles (`dynamics/foot_contact.py`). The bands are
 those of `models/normal_walking.csv`, which tells source, people and licence, and the peak of the hip abductors that is
 published for adults; other moments are drawn without a band.
 
@@ -32,15 +32,24 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.foot_contact import FootPoints
+from gaitcal.dynamics.foot_contact import HEEL_M, SHAPE, FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
-from gaitcal.dynamics.sole import HEEL_M, SHAPE
-from gaitcal.figures.chart import new_figure
-from gaitcal.figures.style import FAINT, FONT, NORMAL, SIDE_COLOURS, SIDE_DASHES, TITLE, dress, line_style, write
-from gaitcal.gait.words import SIDE_WORDS
+from gaitcal.figures.chart import (
+    FAINT,
+    FONT,
+    NORMAL,
+    SIDE_COLOURS,
+    SIDE_DASHES,
+    TITLE,
+    dress,
+    line_style,
+    new_figure,
+    write,
+)
+from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.io.force_plate import point_and_torque
-from gaitcal.io.package_data import models_path
+from gaitcal.io.toml import models_path
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import Motion

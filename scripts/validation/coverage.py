@@ -18,19 +18,17 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources, coordinate_standard_errors, marker_moves
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints
-from gaitcal.calibration.marker_moves import coordinate_standard_errors, marker_moves
 from gaitcal.calibration.torque_errors import torque_standard_errors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.joint_kinetics import kinetic_values
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
@@ -114,7 +112,7 @@ def noisy_problem(
     return trial_problem("trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments)
 
 
-def estimated(problem: TrialProblem, truth: Parameters, free: tuple[str, ...]) -> tuple[JointEstimate, Influence]:
+def estimated(problem: TrialProblem, truth: Parameters, free: tuple[str, ...]) -> tuple[JointEstimate, ErrorSources]:
     """As the published protocol has it: nothing is expected, markers stay in their places."""
     return estimate_joints([TaskTrials("trial", (problem,))], truth, free, prior=None, settings=JointSettings())
 

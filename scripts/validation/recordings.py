@@ -11,9 +11,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from gaitcal import Study
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.cli.init import options_of, study_or_draft
-from gaitcal.session.draft_text import study_of
+from gaitcal.session.draft import study_of
 from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, Trial
 from gaitcal.study.study_trial import Role
 from scripts.validation.harness import tomllib
@@ -128,7 +128,7 @@ def study_of_person(name: str) -> Study:
         return Study.load(person.recorded()(folder))
     person.copy(folder)
     options = options_of(person.mass, person.height, person.sex, None)
-    draft = study_or_draft(folder, options, Talk(quiet=True, verbose=False))
+    draft = study_or_draft(folder, options, Console(quiet=True, verbose=False))
     return Study.load(draft) if isinstance(draft, Path) else study_of(draft)
 
 

@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.calibration.combined import CombinedSettings, CombinedTrial, combined_fit
-from gaitcal.calibration.influence import trial_scores
-from gaitcal.calibration.marker_moves import coordinate_standard_errors, marker_moves
-from gaitcal.model.inertial_parameters import symmetric_set
-from gaitcal.model.parameters import Parameters
+from gaitcal.calibration.error_sources import coordinate_standard_errors, marker_moves, trial_scores
+from gaitcal.model.parameters import Parameters, symmetric_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.roughness import smoothing
+from gaitcal.motion.spline import smoothing
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, perturbed_parameters, random_trial

@@ -12,11 +12,9 @@ from gaitcal.calibration.combined import DESCENT, CombinedSettings, CombinedTria
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.io.recording import Recording
-from gaitcal.model.inertial_parameters import symmetric_set, table
-from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.model.parameters import Parameters, gait_parameters, symmetric_set, table
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import trial_problem

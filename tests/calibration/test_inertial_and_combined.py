@@ -9,17 +9,21 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
-from gaitcal.calibration.inertial_calibration import fit_consistent, fit_published
+from gaitcal.calibration.inertial_calibration import (
+    LoadedMotion,
+    RootEquations,
+    TorqueScale,
+    equations_of,
+    fit_consistent,
+    fit_published,
+)
 from gaitcal.calibration.inertial_chart import LogChart
-from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
 from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.io.recording import Recording
-from gaitcal.model.inertial_parameters import full_set, is_physical, symmetric_set, table
-from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.model.parameters import Parameters, full_set, gait_parameters, is_physical, symmetric_set, table
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.session.calibrate import calibrate

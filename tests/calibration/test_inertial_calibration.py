@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.calibration.inertial_calibration import fit_consistent
+from gaitcal.calibration.inertial_calibration import fit_consistent, root_equations
 from gaitcal.calibration.inertial_chart import ConsistentSettings
-from gaitcal.calibration.inertial_equations import root_equations
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.model.inertial_parameters import IP_NAMES, dynamic_jacobian, dynamic_parameters, full_set, symmetric_set
 from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import IP_NAMES, dynamic_jacobian, dynamic_parameters, full_set, symmetric_set
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array
 

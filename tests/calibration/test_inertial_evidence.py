@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.inertial_calibration import by_inertial
+from gaitcal.calibration.inertial_calibration import LoadedMotion, RootEquations, TorqueScale, by_inertial, equations_of
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
-from gaitcal.calibration.inertial_equations import LoadedMotion, RootEquations, TorqueScale, equations_of
 from gaitcal.calibration.inertial_evidence import (
     STRONG,
     fit_by_evidence,
@@ -18,20 +17,16 @@ from gaitcal.calibration.inertial_evidence import (
     spread_of_the_rest,
     stay_nominal,
 )
-from gaitcal.calibration.influence import nominal_influence
+from gaitcal.calibration.error_sources import nominal_influence
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, ResidualNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, full_set, is_physical, symmetric_set, table
-from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, Parameters, full_set, is_physical, symmetric_set, table
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.node_rule import NodeRule
-from gaitcal.motion.roughness import frame_rate
-from gaitcal.motion.spline import spline_basis
+from gaitcal.motion.spline import NodeRule, frame_rate, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion

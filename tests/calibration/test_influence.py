@@ -1,4 +1,4 @@
-"""Influence functions against solving again: every source of error moved by itself, and the fit repeated."""
+"""ErrorSources functions against solving again: every source of error moved by itself, and the fit repeated."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.identifiability import LARGEST_ORIENTATION, LARGEST_POSITION, unseen_parameters
-from gaitcal.calibration.influence import LEVERAGE_CAP, Influence
+from gaitcal.calibration.error_sources import LEVERAGE_CAP, ErrorSources, marker_moves
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints
-from gaitcal.calibration.marker_moves import marker_moves
-from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.start import starting_nodes
@@ -40,8 +38,8 @@ def noisy_trial() -> tuple[TrialProblem, Parameters]:
 
 
 def solved(
-    problem: TrialProblem, parameters: Parameters, known: Influence | None = None
-) -> tuple[JointEstimate, Influence]:
+    problem: TrialProblem, parameters: Parameters, known: ErrorSources | None = None
+) -> tuple[JointEstimate, ErrorSources]:
     return estimate_joints(
         [TaskTrials("knee_r", (problem,))], parameters, FREE, prior=STRONG, settings=EXACT, known=known
     )
@@ -66,7 +64,7 @@ def test_errors_of_what_was_known_before_move_the_solution_as_they_say() -> None
     """Of the priors' centres, and of joint parameters that the fit kept fixed; rows it leaves alone stay."""
     problem, truth = noisy_trial()
     size = 1e-5
-    known = Influence(KNEE, size * np.eye(len(KNEE)), tuple(f"nominal/{name}" for name in KNEE))
+    known = ErrorSources(KNEE, size * np.eye(len(KNEE)), tuple(f"nominal/{name}" for name in KNEE))
     fit, influence = solved(problem, truth, known)
     assert influence.free == (*FREE, *KEPT)
     for name in KNEE:
@@ -101,7 +99,7 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
     problem, _ = random_trial(rng, parameters, frames=30, nodes=7)
     measured = problem.data.measured + rng.normal(0, NOISE, problem.data.measured.shape)
     problem = replace(problem, data=replace(problem.data, measured=measured))
-    source = Influence(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))
+    source = ErrorSources(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))
 
     def motion(problem: TrialProblem, parameters: Parameters) -> Array:
         constants = problem.constants(parameters)

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from gaitcal.calibration import open_motion, reduced_problem
+from gaitcal.calibration import reduced_problem
+from gaitcal.calibration import reduced_problem as open_motion
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters, published_subject
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue, together
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.published.joint_recovery import step_together

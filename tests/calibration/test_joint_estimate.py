@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_estimate import (
     DETERMINED,
     JointEstimate,
@@ -30,9 +30,8 @@ from gaitcal.calibration.soft_tissue_artefact import (
     tissue_of,
     tissue_prior,
 )
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, isolated_parameters, leg_parameters
 from gaitcal.model.linkage import JOINTS, LEGS, LOWER_BODY
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters, leg_parameters
 from gaitcal.motion.soft_tissue import together
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
@@ -119,7 +118,7 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
     """Two joint parameters that stay, and soft tissue where it does: H^-1 + (H^-1 S_pk R_k)^2, a column a source."""
     problem, prior = with_tissue(np.random.default_rng(4), 40)
     nominal, spread = perturbed_parameters(np.random.default_rng(5), 0.005, 0.0), np.linspace(0.002, 0.004, len(HIP))
-    known = Influence(HIP, np.diag(spread), tuple(f"nominal/{name}" for name in HIP))
+    known = ErrorSources(HIP, np.diag(spread), tuple(f"nominal/{name}" for name in HIP))
     expected = JointPrior(names=HIP, mean=np.zeros(len(HIP)), covariance=np.diag(spread**2))
     free, kept, nz = HIP[:4], HIP[4:], len(prior.keys)
     estimate, errors = estimate_joints(
@@ -335,7 +334,7 @@ def test_a_pelvis_that_slides_with_adduction_misleads_who_takes_it_for_bone() ->
         prior = tissue_prior([problem], {"gait": soft_tissue_scale([problem])})
         for soft in (False, True):
             trial, columns = (problem, prior) if soft else (replace(problem, tissue=None), NO_TISSUE)
-            found: tuple[JointEstimate, Influence] = estimate_joints(gait(trial), nominal, HIP, tissue=columns)
+            found: tuple[JointEstimate, ErrorSources] = estimate_joints(gait(trial), nominal, HIP, tissue=columns)
             missed.setdefault(soft, []).append(found[0].values[: len(HIP)] - truth)
             bars.setdefault(soft, []).append(np.array([found[1].standard_errors[n] for n in HIP]))
     lateral = {soft: np.abs(errors)[:, HIP.index(LATERAL)] for soft, errors in missed.items()}

@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.identifiability import beyond_bounds
+from gaitcal.calibration.error_sources import source_of
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, calibrate_by_evidence
 from gaitcal.calibration.joint_phases import JointCalibration, JointTrial
-from gaitcal.calibration.marker_moves import source_of
+from gaitcal.calibration.joint_prior import GAIT
 from gaitcal.calibration.soft_tissue_artefact import SQUARES, beside, marker_covariance, task_regressors
-from gaitcal.calibration.task_tissue import GAIT
-from gaitcal.dynamics.torque_sources import Source
+from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.findings import Severity
-from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import joint_segments
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_NAMES, Parameters
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import perturbed_parameters, random_trial
 
@@ -60,17 +59,17 @@ def nominal() -> Parameters:
 
 def test_every_column_of_influence_is_of_the_source_that_made_it() -> None:
     found = calibrated(1.0)
-    by_source: dict[Source, set[str]] = {}
+    by_source: dict[ErrorSource, set[str]] = {}
     for name in found.influence.clusters:
         by_source.setdefault(source_of(name), set()).add(name)
     assert len(set(found.influence.clusters)) == len(found.influence.clusters)
     # every joint parameter has its prior, of legs, trunk and arms alike
-    assert by_source[Source.JOINT_NOMINAL] == {f"nominal/{name}" for name in JP_NAMES}
-    assert {name.split("/")[0] for name in by_source[Source.SKIN]} == {"skin"}
-    markers = {"/".join(name.split("/")[:2]) for name in by_source[Source.JOINT_MARKERS]}
+    assert by_source[ErrorSource.JOINT_NOMINAL] == {f"nominal/{name}" for name in JP_NAMES}
+    assert {name.split("/")[0] for name in by_source[ErrorSource.SKIN]} == {"skin"}
+    markers = {"/".join(name.split("/")[:2]) for name in by_source[ErrorSource.JOINT_MARKERS]}
     assert {"markers/nominal", "markers/nominal, trunk and arms"} <= markers
-    assert all(name.startswith("markers/") for name in by_source[Source.JOINT_MARKERS])
-    assert set(by_source) == {Source.JOINT_NOMINAL, Source.SKIN, Source.JOINT_MARKERS}
+    assert all(name.startswith("markers/") for name in by_source[ErrorSource.JOINT_MARKERS])
+    assert set(by_source) == {ErrorSource.JOINT_NOMINAL, ErrorSource.SKIN, ErrorSource.JOINT_MARKERS}
 
 
 def test_phases_name_the_recordings_and_tell_their_noise() -> None:

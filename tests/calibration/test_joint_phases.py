@@ -17,9 +17,8 @@ from gaitcal.calibration.joint_phases import (
     sequential_phases,
     simultaneous_phases,
 )
-from gaitcal.calibration.joint_prior import WEAK
+from gaitcal.calibration.joint_prior import GAIT, WEAK, TaskTissue
 from gaitcal.calibration.soft_tissue_artefact import SoftTissueScale, task_regressors
-from gaitcal.calibration.task_tissue import GAIT, TaskTissue
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem

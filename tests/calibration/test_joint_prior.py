@@ -8,11 +8,9 @@ import pytest
 from gaitcal.arrays import Array
 from gaitcal.calibration import joint_prior
 from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, TABLE, prior_deviations, prior_of
-from gaitcal.model.chain import Chain
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
-from gaitcal.model.kinematics import forward, segment_transforms
+from gaitcal.model.chain import Chain, forward, segment_transforms
 from gaitcal.model.linkage import JOINT_OF_CHILD, Source
-from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters, published_subject
 from gaitcal.study.people_design import other_side
 
 TWICE = [row for row in TABLE if len(row.parameters) == 2]

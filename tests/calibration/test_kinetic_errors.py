@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration import torque_errors
-from gaitcal.calibration.influence import Influence, nominal_influence
-from gaitcal.calibration.marker_moves import MarkerMoves
+from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, nominal_influence
 from gaitcal.calibration.torque_errors import torque_standard_errors
-from gaitcal.dynamics.axis_errors import AxisErrors
+from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.dynamics.joint_kinetics import kinetic_values, power_of
+from gaitcal.dynamics.joint_kinetics import POWERS, kinetic_values, power_of
 from gaitcal.dynamics.joint_moments import COMPONENTS, VECTOR_FRAMES, MomentFrame
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.dynamics.powers import POWERS
-from gaitcal.dynamics.torque_sources import Source, TorqueErrors
-from gaitcal.model.inertial_parameters import IP_NAMES
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters
+from gaitcal.model.parameters import IP_NAMES, JP_INDEX, gait_parameters
 from tests.calibration.test_torque_errors import plate_changes
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
@@ -51,12 +47,12 @@ def test_kinetic_errors_are_what_every_source_moves_by_itself() -> None:
     wrench = rng.normal(0, 300, (FRAMES, 2, 6))
     free = problem.with_free(FREE).chain.free
     own, others = 3, 2
-    moves = MarkerMoves(
+    moves = MotionSensitivity(
         shift=rng.normal(0, 0.005, (len(free), others)),
         nodes=rng.normal(0, 0.01, (nodes.size, own)),
         sensitivity=rng.normal(0, 1.0, (nodes.size, len(free))),
-        own=(Source.MOTION,) * own,
-        others=(Source.JOINT_MARKERS, Source.SKIN),
+        own=(ErrorSource.MOTION,) * own,
+        others=(ErrorSource.JOINT_MARKERS, ErrorSource.SKIN),
     )
     spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(len(IP_NAMES), 2))
     start = parameters.joint[[JP_INDEX[name] for name in free]]
@@ -84,7 +80,7 @@ def test_kinetic_errors_are_what_every_source_moves_by_itself() -> None:
         changes.append(told(-(moves.sensitivity @ shift).reshape(nodes.shape), shift, rigid, measured))
     changes += [told(still, fixed, column, measured) for column in spread.T]
     changes += [told(still, fixed, rigid, other) for other in plate_changes(wrench, rates)]
-    influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(others)))
+    influence = ErrorSources(free, moves.shift, tuple(f"source {k}" for k in range(others)))
     found = torque_standard_errors(problem, nodes, parameters, wrench, influence, spread, moves, plates)
     assert_errors(found, np.array(changes))
     assert found.kinetics is not None and found.kinetics.own is not None

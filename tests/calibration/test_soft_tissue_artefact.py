@@ -26,14 +26,12 @@ from gaitcal.calibration.soft_tissue_artefact import (
     tissue_of,
     tissue_prior,
 )
-from gaitcal.model.joint_parameters import isolated_parameters
-from gaitcal.model.kinematics import forward, jacobian, segment_transforms
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.chain import forward, jacobian, segment_transforms
+from gaitcal.model.parameters import Parameters, isolated_parameters
 from gaitcal.motion.arrow import eliminate
-from gaitcal.motion.placed_markers import PlacedMarkers
+from gaitcal.motion.marker_residual import PlacedMarkers
 from gaitcal.motion.rigid import rigid_fit
-from gaitcal.motion.secondary_motion import LEAST_SPREAD
-from gaitcal.motion.soft_tissue import SegmentTissue, together
+from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, together
 from gaitcal.motion.spline import basis_matrix
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem

@@ -9,29 +9,27 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from gaitcal.calibration import marker_moves as moves_module
+from gaitcal.calibration import influence as moves_module
 from gaitcal.calibration import torque_errors
-from gaitcal.calibration.influence import Influence, nominal_influence
-from gaitcal.calibration.joint_calibration import JointSearch
-from gaitcal.calibration.marker_moves import (
-    MarkerMoves,
+from gaitcal.calibration.error_sources import (
+    ErrorSources,
+    MotionSensitivity,
     _product_squares,
     coordinate_standard_errors,
     marker_moves,
+    nominal_influence,
     source_of,
 )
+from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.calibration.torque_errors import torque_standard_errors
-from gaitcal.dynamics.axis_errors import AxisErrors
+from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.dynamics.torque_sources import Source
 from gaitcal.io.recording import Recording
-from gaitcal.model.inertial_parameters import IP_NAMES
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parameters
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.synthetic.ground import residual_free_wrench
@@ -72,15 +70,15 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
     free = problem.with_free(FREE).chain.free
     assert set(free) == set(FREE)
     own, others = 3, 2
-    moves = MarkerMoves(
+    moves = MotionSensitivity(
         shift=rng.normal(0, 0.005, (len(free), others)),
         nodes=rng.normal(0, 0.01, (nodes.size, own)),
         sensitivity=rng.normal(0, 1.0, (nodes.size, len(free))),
-        own=(Source.MOTION,) * own,
-        others=(Source.JOINT_MARKERS, Source.SKIN),
+        own=(ErrorSource.MOTION,) * own,
+        others=(ErrorSource.JOINT_MARKERS, ErrorSource.SKIN),
     )
     spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(len(IP_NAMES), 4))
-    influence = Influence(free, moves.shift, tuple(f"source {k}" for k in range(others)))
+    influence = ErrorSources(free, moves.shift, tuple(f"source {k}" for k in range(others)))
     errors: list[tuple[Array, Array, Array]] = []
     still, rigid = np.zeros(nodes.shape), np.zeros(len(IP_NAMES))
     order = [free.index(name) for name in FREE]
@@ -93,10 +91,10 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
     found = errors_found.every
     np.testing.assert_allclose(found, dense, rtol=0, atol=DIFFERENCES * dense.max())
     groups = {
-        Source.MOTION: slice(0, own),
-        Source.JOINT_MARKERS: slice(own, own + 1),
-        Source.SKIN: slice(own + 1, own + others),
-        Source.INERTIA: slice(own + others, None),
+        ErrorSource.MOTION: slice(0, own),
+        ErrorSource.JOINT_MARKERS: slice(own, own + 1),
+        ErrorSource.SKIN: slice(own + 1, own + others),
+        ErrorSource.INERTIA: slice(own + others, None),
     }
     assert set(errors_found.by_source) == set(groups)
     for source, columns in groups.items():
@@ -122,12 +120,12 @@ def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_tha
     exact, moved = (
         torque_standard_errors(problem, nodes, parameters, wrench, known, None, axes=a) for a in (None, axes)
     )
-    assert Source.FRAMES not in exact.by_source
+    assert ErrorSource.FRAMES not in exact.by_source
     for source, variance in exact.by_source.items():
         np.testing.assert_array_equal(moved.by_source[source], variance)
     q, v, a = (problem.basis.evaluate(nodes, k) for k in range(3))
     expected = (axes.torque_moves(q, v, a, wrench) ** 2).sum(axis=2)
-    np.testing.assert_allclose(moved.by_source[Source.FRAMES], expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(moved.by_source[ErrorSource.FRAMES], expected, rtol=1e-9, atol=1e-12)
     moves, turned = marker_moves(problem, nodes, parameters, known), axes.coordinate_errors(q)
     plain, whole = coordinate_standard_errors(problem, moves), coordinate_standard_errors(problem, moves, turned)
     held = ~problem.active
@@ -146,7 +144,7 @@ def test_force_plates_add_their_own_part_and_change_no_other() -> None:
         torque_standard_errors(problem, nodes, parameters, wrench, known, None, plates=plates)
         for plates in (None, PlateErrors(place=0.003, gain=0.01, clock=0.002))
     )
-    assert Source.PLATES not in exact.by_source
+    assert ErrorSource.PLATES not in exact.by_source
     for source, variance in exact.by_source.items():
         np.testing.assert_array_equal(moved.by_source[source], variance)
     rates = np.gradient(wrench, problem.basis.time, axis=0)
@@ -155,7 +153,7 @@ def test_force_plates_add_their_own_part_and_change_no_other() -> None:
     expected = np.zeros_like(before)
     for other in plate_changes(wrench, rates):
         expected += (Dynamics(parameters).forces(q, v, a, wrench + other) - before) ** 2
-    found = moved.by_source[Source.PLATES]
+    found = moved.by_source[ErrorSource.PLATES]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
     np.testing.assert_allclose(moved.every**2, exact.every**2 + found, rtol=1e-9)
 
@@ -176,18 +174,18 @@ def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
 def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
     """Trials may be called anything: `skin/R.Knee/x` is a marker coordinate of a trial called skin."""
     cases = {
-        "markers/walk/3": Source.JOINT_MARKERS,
-        "hip_r/R.Knee/x": Source.JOINT_MARKERS,
-        "skin/R.Knee/x": Source.JOINT_MARKERS,
-        "nominal/R.Knee/z": Source.JOINT_MARKERS,
-        "bandwidth/R.Knee/z": Source.JOINT_MARKERS,
-        "nominal/hip_r.pelvis.ant": Source.JOINT_NOMINAL,
-        "skin/gait/knee_angle_r/shank_r/tx": Source.SKIN,
-        "skin/gait/knee_angle_r^2/shank_r/rz": Source.SKIN,
-        "skin/found": Source.SKIN,
-        "bandwidth/walk": Source.BANDWIDTH,
-        "posture/walk/12": Source.POSTURE,
-        "posture/R.Knee/x": Source.JOINT_MARKERS,
+        "markers/walk/3": ErrorSource.JOINT_MARKERS,
+        "hip_r/R.Knee/x": ErrorSource.JOINT_MARKERS,
+        "skin/R.Knee/x": ErrorSource.JOINT_MARKERS,
+        "nominal/R.Knee/z": ErrorSource.JOINT_MARKERS,
+        "bandwidth/R.Knee/z": ErrorSource.JOINT_MARKERS,
+        "nominal/hip_r.pelvis.ant": ErrorSource.JOINT_NOMINAL,
+        "skin/gait/knee_angle_r/shank_r/tx": ErrorSource.SKIN,
+        "skin/gait/knee_angle_r^2/shank_r/rz": ErrorSource.SKIN,
+        "skin/found": ErrorSource.SKIN,
+        "bandwidth/walk": ErrorSource.BANDWIDTH,
+        "posture/walk/12": ErrorSource.POSTURE,
+        "posture/R.Knee/x": ErrorSource.JOINT_MARKERS,
     }
     assert {name: source_of(name) for name in cases} == cases
 
@@ -199,14 +197,14 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
     problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
     names = problem.with_free(FREE).chain.free
     clusters = [*(f"markers/other/{k}" for k in range(90)), *(f"nominal/{name}" for name in names), "skin/found"]
-    influence = Influence(names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters))
+    influence = ErrorSources(names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters))
     moves = marker_moves(problem, nodes, parameters, influence)
-    for source in (Source.JOINT_MARKERS, Source.JOINT_NOMINAL, Source.SKIN):
+    for source in (ErrorSource.JOINT_MARKERS, ErrorSource.JOINT_NOMINAL, ErrorSource.SKIN):
         before = influence.parameters[:, [k for k, name in enumerate(clusters) if source_of(name) is source]]
         after = moves.shift[:, [k for k, name in enumerate(moves.others) if name is source]]
         np.testing.assert_allclose(after @ after.T, before @ before.T, rtol=0, atol=1e-12 * before.size)
         assert after.shape[1] <= len(names)
-    assert set(moves.own) == {Source.MOTION}
+    assert set(moves.own) == {ErrorSource.MOTION}
 
 
 def test_unknowns_that_nothing_moves_have_no_part() -> None:

@@ -16,8 +16,8 @@ from gaitcal.cohort.outcome import Outcome
 from gaitcal.cohort.people import CohortPerson, people_in
 from gaitcal.cohort.run import Ended, run_cohort
 from gaitcal.cohort.task import Task
+from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.gait.stride_table import CYCLE_COLUMNS
 from gaitcal.results.table_file import write_csv
 
 MASS = 50.0

@@ -15,9 +15,9 @@ from gaitcal.cohort.cohort_priors import Rules, learn_cohort, priors_rows, prior
 from gaitcal.cohort.person_evidence import PersonEvidence
 from gaitcal.cohort.result_evidence import Found, one_each
 from gaitcal.errors import InputError
-from gaitcal.io.package_data import package_version
-from gaitcal.model.joint_parameters import JP_NAMES
-from gaitcal.study.cohort_prior import (
+from gaitcal.io.toml import package_version
+from gaitcal.model.parameters import JP_NAMES
+from gaitcal.study.joint_prior import (
     CohortPriors,
     expected,
     joint_prior,

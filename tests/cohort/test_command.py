@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli.application import app
 from gaitcal.cli.cohort import _teller, duration
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console, app
 from gaitcal.codes import Code
 from gaitcal.cohort.people import people_in
 from gaitcal.cohort.run import Ended
@@ -53,7 +52,7 @@ def test_tables_of_markers_are_recordings_and_tables_of_forces_are_not(tmp_path:
 
 
 def test_lines_name_people_without_a_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    tell = _teller(Talk(quiet=False, verbose=True), lambda text: None, 2)
+    tell = _teller(Console(quiet=False, verbose=True), lambda text: None, 2)
     for session in ("", "pre"):
         one = replace(Kept(name="P1", session=session).outcome, computed=False)
         tell(Ended(outcome=one, done=1, todo=2, remaining_s=None))

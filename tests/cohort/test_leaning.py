@@ -16,22 +16,21 @@ from typer.testing import CliRunner, Result
 
 from gaitcal.calibration.joint_estimate import estimate_joints
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of, prior_of_study, prior_root
-from gaitcal.cli.application import app
+from gaitcal.cli.console import app
 from gaitcal.cohort.cohort_file import read_cohort
-from gaitcal.cohort.fingerprint import fingerprint
 from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, learn_priors
 from gaitcal.cohort.one_person import CommonSettings, _contradictions
-from gaitcal.cohort.outcome import Outcome, keep
+from gaitcal.cohort.outcome import Outcome, fingerprint, keep
 from gaitcal.cohort.people import Cohort, CohortPerson
 from gaitcal.cohort.result_evidence import NotUsedError, evidence_of
 from gaitcal.cohort.tables import mark
 from gaitcal.compare.shared_model import require_fit_to_share
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.snapshot import sha256_of
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.results.saved import load_result
 from gaitcal.results.sessions import load_session
-from gaitcal.session.draft_text import settings_text
+from gaitcal.session.draft import settings_text
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study

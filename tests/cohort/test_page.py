@@ -16,8 +16,8 @@ from gaitcal.cohort.columns import NAMES, UNITS
 from gaitcal.cohort.mean_curves import EVERY, GAP, POINTS, SHAPE, STEPS, VARIABLES, mean_curves, no_curves
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.page import MEASURES, NO_STRIDE
+from gaitcal.gait.cycles import Kind
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.gait.variables import Kind
 from gaitcal.results.table_file import write_csv
 from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
 

@@ -10,7 +10,7 @@ import pytest
 from gaitcal.cohort.cohort_file import read_cohort, read_sheet
 from gaitcal.cohort.people import people_in, safe_name
 from gaitcal.errors import InputError
-from gaitcal.session.draft_text import settings_text
+from gaitcal.session.draft import settings_text
 
 
 def put(*files: Path) -> None:

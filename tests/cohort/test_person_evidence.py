@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.calibration.influence import Influence, nominal_influence
+from gaitcal.calibration.error_sources import ErrorSources, nominal_influence
 from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
 from gaitcal.cohort.person_evidence import PARTS, parts_of
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import ParameterPriorTable
 
@@ -25,7 +25,7 @@ OTHER = prior_of_study(
 )
 
 
-def fitted(names: tuple[str, ...], prior: JointPrior | None) -> tuple[Influence, np.ndarray, np.ndarray, np.ndarray]:
+def fitted(names: tuple[str, ...], prior: JointPrior | None) -> tuple[ErrorSources, np.ndarray, np.ndarray, np.ndarray]:
     """Errors and deviations (98,) of a fit, all other parameters nominal; and S, S m of its markers."""
     rng, (mean, covariance) = np.random.default_rng(4), prior_of(names, prior)
     half = np.linalg.inv(prior_root(names, None)).T @ rng.normal(0.0, 2.0, (len(names), len(names) - UNSEEN))
@@ -37,7 +37,7 @@ def fitted(names: tuple[str, ...], prior: JointPrior | None) -> tuple[Influence,
     errors = np.zeros((len(JP_NAMES),) * 2)
     errors[: len(names), : len(names)] = np.linalg.cholesky(np.linalg.inv(precision))
     errors[len(names) :, len(names) :] = left.parameters
-    influence = Influence(
+    influence = ErrorSources(
         (*names, *others), errors, (*(f"markers/walk/{k}" for k in range(len(names))), *left.clusters)
     )
     deviation = np.zeros(len(JP_NAMES))
@@ -62,7 +62,7 @@ def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing
 
 def test_exact_errors_are_no_evidence() -> None:
     influence, deviation, *_ = fitted(LEGS, None)
-    exact = Influence(
+    exact = ErrorSources(
         influence.free, influence.parameters * (np.arange(len(JP_NAMES)) != len(LEGS) - 1), influence.clusters
     )
     assert parts_of(exact, deviation, JP_NAMES, None) is None

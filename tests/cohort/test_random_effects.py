@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.cohort.random_effects import Axes, Evidence, Known, Structure, Whole, learn, log_density
+from gaitcal.cohort.learning import Axes, Evidence, Known, Structure, Whole, learn, log_density
 from gaitcal.study.people_design import mirror, sided_directions
 from tests.cohort.made_people import KNEES, Array, some_information, told
 

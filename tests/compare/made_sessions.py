@@ -8,12 +8,11 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_deviations, prior_root
 from gaitcal.compare.parameter_differences import placement
 from gaitcal.compare.session import Session
-from gaitcal.gait.cycles import POINTS
-from gaitcal.gait.stride_table import CYCLE_COLUMNS
+from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS
 from gaitcal.model.nominal import published_model
 
 NAMES = ("hip_r.pelvis.ant", "hip_r.thigh.ant", "knee_r.thigh.front", "talocrural_r.shank.sup")
@@ -71,11 +70,11 @@ def made_session(
     return replace(made, **changes)  # type: ignore[arg-type]
 
 
-def made_influence(rng: np.random.Generator) -> Influence:
+def made_influence(rng: np.random.Generator) -> ErrorSources:
     """Three columns of markers, and half of each cause of nominal errors."""
     markers = rng.normal(0.0, 1.0, (len(NAMES), 3)) * prior_deviations(NAMES)[:, None] / 5.0
     clusters = (*(f"markers/walk/{k}" for k in range(3)), *(f"nominal/{name}" for name in NAMES))
-    return Influence(NAMES, np.hstack([markers, 0.5 * prior_root(NAMES, None)]), clusters)
+    return ErrorSources(NAMES, np.hstack([markers, 0.5 * prior_root(NAMES, None)]), clusters)
 
 
 def placed_anew() -> Array:

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
-from gaitcal.compare.difference_error import MDC
-from gaitcal.compare.difference_words import sentence
+from gaitcal.compare.difference import MDC, sentence
 from gaitcal.compare.parameter_differences import difference_variance, own_causes, placement
 from gaitcal.compare.session import Common
 from gaitcal.compare.sessions import compare_sessions
 from gaitcal.errors import InputError
-from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.model.parameters import JP_INDEX
 from gaitcal.study.settings import ParameterPriorTable
 from tests.compare.made_sessions import NAMES, SD, SHARED, made_session, placed_anew
 
@@ -84,7 +83,7 @@ def test_of_nominal_errors_the_persons_own_part_counts_once() -> None:
     rng, (_, spread) = np.random.default_rng(5), prior_of(NAMES, None)
     clusters = tuple(f"nominal/{name}" for name in NAMES)
     parts = [rng.normal(size=(len(NAMES), len(NAMES))) for _ in range(2)]
-    one, other = (Influence(NAMES, part @ prior_root(NAMES, None), clusters) for part in parts)
+    one, other = (ErrorSources(NAMES, part @ prior_root(NAMES, None), clusters) for part in parts)
     own, apart = spread - placed_anew(), parts[1] - parts[0]
     wanted = np.diag(apart @ own @ apart.T) + 2.0 * placement(NAMES) ** 2
     assert difference_variance((one, other), NAMES, Common.PERSON) == pytest.approx(wanted, rel=1e-9)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from gaitcal import cli
 from gaitcal.errors import InputError
-from gaitcal.io import example_folder
-from gaitcal.io.example_registry import RemoteFile
+from gaitcal.io import examples
+from gaitcal.io.examples import RemoteFile
 
 
 def main() -> None:
@@ -22,7 +22,7 @@ def main() -> None:
             raise InputError(f"{file.name} is not among the recordings of these tests", source=data)
         target.write_bytes(held[file.sha256].read_bytes())
 
-    example_folder.download = copied
+    examples.download = copied
     cli.main()
 
 

@@ -8,14 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.dynamics.axis_errors import PALPATED_DEG, AxisErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.model.chain import Chain
-from gaitcal.model.inertial_parameters import IP_INDEX
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.model.kinematics import forward, jacobian
+from gaitcal.model.chain import Chain, forward, jacobian
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS
-from gaitcal.model.parameters import Parameters
-from gaitcal.motion.marker_residual import marker_positions
-from gaitcal.motion.placed_markers import PlacedMarkers
+from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
 from tests.derivatives import Array, perturbed_parameters
 
 TURN, STEP_S = 1e-4, 1e-3

@@ -11,11 +11,10 @@ import pytest
 from gaitcal.dynamics.derivatives import FRAMES_AT_ONCE, force_derivatives, root_residual
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, inverse_dynamics, pelvis_residual
 from gaitcal.dynamics.joint_moments import HELD
-from gaitcal.model.build import build_linkage
-from gaitcal.model.inertial_parameters import dynamic_parameters
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, gait_parameters, leg_parameters
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES, dynamic_parameters, gait_parameters, leg_parameters
+from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion

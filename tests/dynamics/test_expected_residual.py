@@ -10,8 +10,8 @@ import pytest
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics import expected_residual as module
+from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.expected_residual import PELVIS, TAU, USUAL, ExpectedResidual, expected_residual
-from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.session.result import LoadedTrial, TrialResult
 from tests.fake_result import fake_calibration

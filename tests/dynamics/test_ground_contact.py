@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.foot_contact import LANDING, LEAVING, RESTING, FootPoints, ground_velocity
+from gaitcal.dynamics.foot_contact import LANDING, LEAVING, RESTING, FootPoints, ground_velocity, sole_of
 from gaitcal.dynamics.ground_contact import GroundReactions, ground_reactions_on_feet, leg_of
-from gaitcal.dynamics.plate_outline import foot_tip, inside, outside, share_outside
+from gaitcal.dynamics.plate_errors import foot_tip, inside, outside, share_outside
 from gaitcal.dynamics.plate_steps import distance_to_line
-from gaitcal.dynamics.sole import sole_of
 from gaitcal.io.filters import filter_plate, resample_wrench
-from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
 
 TIME = np.arange(0.0, 1.0, 0.01)

@@ -12,15 +12,20 @@ from scipy.spatial.transform import Rotation
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
-from gaitcal.dynamics.joint_kinetics import JointKinetics, KineticErrors, component_of, kinetic_values, power_of
+from gaitcal.dynamics.joint_kinetics import (
+    POWER_JOINTS,
+    POWERS,
+    JointKinetics,
+    KineticErrors,
+    component_of,
+    kinetic_values,
+    power_of,
+)
 from gaitcal.dynamics.joint_moments import COMPONENTS, HELD, NET_JOINTS, VECTOR_FRAMES, MomentFrame, moment_slopes
-from gaitcal.dynamics.powers import POWER_JOINTS, POWERS
 from gaitcal.export.joint_frames import joint_frames
-from gaitcal.model.build import build_linkage
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, leg_parameters
 from gaitcal.model.linkage import COORDINATES, JOINT_OF_CHILD
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, gait_parameters, leg_parameters, table
+from gaitcal.model.subject_model import build_linkage
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
 
 PARAMETERS = perturbed_parameters(np.random.default_rng(71))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
-from gaitcal.dynamics.torque_sources import Source, TorqueErrors
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.study.settings import PlateErrorTable
 from gaitcal.synthetic.ground import residual_free_wrench
@@ -96,14 +96,17 @@ def test_sizes_are_those_of_the_study_in_SI() -> None:
 
 def test_shares_are_parts_of_the_variance_over_valid_frames() -> None:
     rng = np.random.default_rng(63)
-    by_source = {s: rng.uniform(0.0, 2.0, (30, len(FORCES))) for s in (Source.MOTION, Source.INERTIA, Source.PLATES)}
-    by_source[Source.SKIN] = np.zeros((30, len(FORCES)))
+    by_source = {
+        s: rng.uniform(0.0, 2.0, (30, len(FORCES)))
+        for s in (ErrorSource.MOTION, ErrorSource.INERTIA, ErrorSource.PLATES)
+    }
+    by_source[ErrorSource.SKIN] = np.zeros((30, len(FORCES)))
     errors, valid = TorqueErrors.of(by_source), rng.uniform(size=30) > 0.3
     np.testing.assert_allclose(errors.every**2, sum(by_source.values()), rtol=1e-12)
     shares = errors.shares(len(FORCES) - 1, valid)
     assert sum(shares.values()) == pytest.approx(1.0, abs=1e-12)
-    assert Source.SKIN not in shares, "absent, never 0"
+    assert ErrorSource.SKIN not in shares, "absent, never 0"
     assert list(shares.values()) == sorted(shares.values(), reverse=True)
     total = (errors.knee_adduction[valid, 1] ** 2).sum()
-    assert shares[Source.PLATES] == pytest.approx(by_source[Source.PLATES][valid, -1].sum() / total)
+    assert shares[ErrorSource.PLATES] == pytest.approx(by_source[ErrorSource.PLATES][valid, -1].sum() / total)
     assert errors.shares(3, np.zeros(30, dtype=bool)) == {}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gaitcal.dynamics.expected_residual import ResidualLimits, residual_limits, residual_magnitudes
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.dynamics.residual_limits import ResidualLimits, residual_limits, residual_magnitudes
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import published_subject

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.io.package_data import models_path
+from gaitcal.io.toml import models_path
 from gaitcal.model.parameters import published_subject
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from tests.export.peer_programs import peer

@@ -8,11 +8,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from gaitcal.model.build import build_model
-from gaitcal.model.inertial_parameters import IP_NAMES, is_physical
-from gaitcal.model.joint_parameters import JP_NAMES, JP_TO_SI
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.parameters import IP_NAMES, JP_NAMES, JP_TO_SI, is_physical
+from gaitcal.model.subject_model import SubjectModel, build_model
 
 Array = NDArray[np.float64]
 

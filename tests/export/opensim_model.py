@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.export.xml_text import safe_name
+from gaitcal.export.osim import safe_name
 from gaitcal.model.linkage import COORDINATES, SEGMENTS
 from tests.export.mechanics import FEET, State
 

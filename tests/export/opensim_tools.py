@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from gaitcal.export.xml_text import safe_name
-from gaitcal.io.mot import read_table
-from gaitcal.model.chain import Chain
-from gaitcal.model.kinematics import forward, jacobian, segment_poses
+from gaitcal.export.osim import safe_name
+from gaitcal.io.trc_mot import read_table
+from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 

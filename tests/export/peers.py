@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from gaitcal.export.xml_text import safe_name
+from gaitcal.export.osim import safe_name
 from gaitcal.model.linkage import COORDINATES
 from tests.export.mechanics import FEET, State
 from tests.export.opensim_model import OpenSimModel

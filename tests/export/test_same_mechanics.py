@@ -13,11 +13,10 @@ import pytest
 
 from gaitcal.compare.osim_reader import read_osim
 from gaitcal.errors import InputError
-from gaitcal.export.mjcf import write_mjcf
 from gaitcal.export.osim import write_osim
-from gaitcal.export.urdf import write_urdf
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, table
+from gaitcal.export.robot_files import write_mjcf, write_urdf
 from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.mechanics import (
     FORCE_TOLERANCE,

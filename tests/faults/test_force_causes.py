@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from gaitcal.faults.force_causes import Kind, causes_of
-from gaitcal.faults.force_choice import choose, named, told_size
-from gaitcal.faults.force_fits import fits
-from gaitcal.faults.force_residual import ForceResidual
+from gaitcal.faults.force_choice import choose, fits, named, told_size
+from gaitcal.faults.force_evidence import ForceResidual
 from gaitcal.faults.plate_forces import rotation
 from tests.faults.walks import exact_walk
 

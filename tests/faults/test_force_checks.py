@@ -9,8 +9,8 @@ import pytest
 
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.build import GRAVITY
 from gaitcal.model.nominal import published_model
+from gaitcal.model.subject_model import GRAVITY
 from gaitcal.study.study import Study
 from tests.faults.spoilt import Change, findings, plate, sound_study, with_corners, with_trial
 

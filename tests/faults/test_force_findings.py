@@ -14,15 +14,13 @@ import pytest
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.faults import force_choice
 from gaitcal.faults.force_causes import Kind, causes_of
-from gaitcal.faults.force_choice import choose
-from gaitcal.faults.force_diagnosis import force_findings
-from gaitcal.faults.force_fits import ForceFit
-from gaitcal.faults.force_standing import FORCE_UNITS
-from gaitcal.faults.force_torques import torque_change
+from gaitcal.faults.force_choice import ForceFit, choose
+from gaitcal.faults.force_diagnosis import force_findings, torque_change
+from gaitcal.faults.force_evidence import FORCE_UNITS
 from gaitcal.findings import STUDY, Severity
 from gaitcal.io.csv import write_forces_csv
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.hip_centre import HipCentre
+from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.nominal import nominal_model
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.trial_result import analyse

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.dynamics.expected_residual import TAU, USUAL
-from gaitcal.faults.force_evidence import ForceEvidence
-from gaitcal.faults.force_residual import BROKEN_S, ForceResidual
+from gaitcal.faults.force_evidence import BROKEN_S, ForceEvidence, ForceResidual
 from tests.faults.walks import exact_walk
 
 SAME = 1e-8

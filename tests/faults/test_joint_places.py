@@ -11,21 +11,20 @@ import pytest
 from scipy.special import chdtri
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import ANATOMY, COVARIANCE, prior_root
 from gaitcal.codes import Code
 from gaitcal.faults.joint_places import RARE, UNUSUAL, Place, joint_place_findings
 from gaitcal.faults.verdict import Judgement, judge
 from gaitcal.findings import Finding, Severity
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, Parameters
 from gaitcal.study.joint_prior import JointPrior
 
 ROOT = Path(__file__).parents[2]
 MODEL = published_model(static_only=True)
 LEGS = tuple(name for name in JP_NAMES if name.split(".")[0][:-2] in ("hip", "knee", "talocrural", "subtalar"))
-EXACT = Influence(LEGS, np.zeros((len(LEGS), 1)), ("markers/walk/R.Knee/x",))
+EXACT = ErrorSources(LEGS, np.zeros((len(LEGS), 1)), ("markers/walk/R.Knee/x",))
 
 
 def moved(**by: float) -> Parameters:
@@ -36,7 +35,7 @@ def moved(**by: float) -> Parameters:
     return MODEL.nominal.with_joint(JP_NAMES, values)
 
 
-def told(parameters: Parameters, influence: Influence = EXACT, prior: JointPrior = ANATOMY) -> list[Finding]:
+def told(parameters: Parameters, influence: ErrorSources = EXACT, prior: JointPrior = ANATOMY) -> list[Finding]:
     """What makes doubtful."""
     found = joint_place_findings(MODEL, parameters, influence, prior)
     return [finding for finding in found if finding.severity is not Severity.INFO]
@@ -120,8 +119,8 @@ def test_a_wide_error_bar_of_the_markers_excuses_and_that_of_the_prior_does_not(
     far = moved(hip_r__pelvis__lat=0.040)
     wide = np.zeros((len(LEGS), 1))
     wide[LEGS.index("hip_r.pelvis.lat")] = 0.010
-    assert told(far, Influence(LEGS, wide, ("markers/walk/R.Thigh/x",))) == []
-    assert len(told(far, Influence(LEGS, wide, ("nominal/hip_r.pelvis.lat",)))) == 1
+    assert told(far, ErrorSources(LEGS, wide, ("markers/walk/R.Thigh/x",))) == []
+    assert len(told(far, ErrorSources(LEGS, wide, ("nominal/hip_r.pelvis.lat",)))) == 1
 
 
 def test_what_a_study_knows_of_a_person_is_expected_but_a_wide_prior_is_no_excuse() -> None:

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.faults.knee_geometry import ODD_BOTH, OddLine, odd_lines
-from gaitcal.faults.knee_lines import bending, knee_lines
-from gaitcal.faults.plan import body_axes
+from gaitcal.faults.body_plan import body_axes
+from gaitcal.faults.knee_lines import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
 from gaitcal.faults.static_landmarks import landmarks
 from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Finding, Severity

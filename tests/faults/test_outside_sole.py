@@ -26,7 +26,7 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
-from gaitcal.session.draft_text import study_of
+from gaitcal.session.draft import study_of
 from gaitcal.session.drafting import draft_of
 from gaitcal.session.folder import read_folder
 from gaitcal.session.person_facts import Options

@@ -11,15 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gaitcal.faults import build as body_build
-from gaitcal.faults.build import cost_of_build
+from gaitcal.faults import body_plan as body_build
+from gaitcal.faults.body_plan import body_axes, cost, cost_of_build, measures
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.faults.landmark_faults import Displaced, Exchange, exchanged, faults, height_factor
-from gaitcal.faults.measure import cost
-from gaitcal.faults.plan import body_axes, measures
-from gaitcal.faults.posture import standing_legs, standing_straight
-from gaitcal.faults.standing import nominal_model_of
-from gaitcal.faults.static_landmarks import landmarks, proportions
+from gaitcal.faults.standing import nominal_model_of, standing_legs, standing_straight
+from gaitcal.faults.static_landmarks import (
+    Displaced,
+    Exchange,
+    exchanged,
+    faults,
+    height_factor,
+    landmarks,
+    proportions,
+)
 from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.c3d.writer import write_c3d

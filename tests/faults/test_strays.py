@@ -10,7 +10,7 @@ import pytest
 
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
-from gaitcal.model.strays import stray_mask, without_strays
+from gaitcal.model.outliers import stray_mask, without_strays
 from gaitcal.session.prepare import prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from tests.faults.spoilt import moved, put, sound_study, with_trial

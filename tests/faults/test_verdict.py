@@ -13,7 +13,7 @@ from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import CONTRADICTED
 from gaitcal.faults.bounds import DISAGREE
 from gaitcal.faults.bounds import TOPIC as BOUNDS
-from gaitcal.faults.consequences import without_consequences
+from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.force_diagnosis import TOPIC as FORCES
 from gaitcal.faults.joint_places import TOPIC as PLACES
 from gaitcal.faults.marker_structure import TOPIC as AFTER

@@ -14,7 +14,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.study.study_trial import Role, StudyTrial
 from gaitcal.synthetic.motion import gait_motion

@@ -12,23 +12,20 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli.application import app
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console, app
 from gaitcal.cli.figures import Options, chosen, run
 from gaitcal.errors import InputError, UsageError
 from gaitcal.figures import report
-from gaitcal.figures.chart import Chart, panel_figure
+from gaitcal.figures.chart import SIDE_COLOURS, Chart, panel_figure
 from gaitcal.figures.paper import LINE, Strides, paper_charts
 from gaitcal.figures.report import Told, report_charts
 from gaitcal.figures.sheet import SheetTrial, unpacked
-from gaitcal.figures.style import SIDE_COLOURS
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.ownership import ResultKind, refuse_others
+from gaitcal.io.lock import ResultKind, refuse_others
 from gaitcal.page.packing import lengths
-from gaitcal.page.sheet.sheet import calibration_sheet
-from gaitcal.page.sheet.sheet_file import SHEET, write_sheet
+from gaitcal.page.sheet.sheet import SHEET, calibration_sheet, write_sheet
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
@@ -231,7 +228,7 @@ def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibr
 )
 def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError) as told:
-        run(folder, tmp_path / "out", options(**changes), Talk(quiet=True, verbose=False))
+        run(folder, tmp_path / "out", options(**changes), Console(quiet=True, verbose=False))
     assert str(told.value).startswith(message)
     assert not (tmp_path / "out").exists()
 
@@ -239,7 +236,7 @@ def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str,
 def test_a_folder_that_is_no_result(tmp_path: Path) -> None:
     for folder, message in ((tmp_path, "has no page.json"), (tmp_path / "no", "no such folder")):
         with pytest.raises(InputError, match=message):
-            run(folder, None, options(), Talk(quiet=True, verbose=False))
+            run(folder, None, options(), Console(quiet=True, verbose=False))
 
 
 def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(folder: Path, tmp_path: Path) -> None:

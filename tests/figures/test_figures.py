@@ -10,24 +10,27 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 
-from gaitcal.dynamics.residual_limits import residual_limits
-from gaitcal.figures.chart import Panel, chart_figure, panel_figure
+from gaitcal.dynamics.expected_residual import residual_limits
+from gaitcal.figures.chart import SIDE_COLOURS, Panel, chart_figure, panel_figure, plain
 from gaitcal.figures.curves import NORMAL_KEY
-from gaitcal.figures.files import write_charts
-from gaitcal.figures.forces import Forces, forces_chart
-from gaitcal.figures.parameters import parameters_chart
-from gaitcal.figures.report import report_charts
+from gaitcal.figures.fit import Forces, forces_chart, parameters_chart
+from gaitcal.figures.report import report_charts, write_charts
 from gaitcal.figures.sheet import SheetTrial
-from gaitcal.figures.style import SIDE_COLOURS, plain
 from gaitcal.gait.cycles import POINTS
-from gaitcal.gait.moments import moment_names, moment_numbers, moment_of
+from gaitcal.gait.moments import (
+    explained,
+    joint_words,
+    moment_names,
+    moment_numbers,
+    moment_of,
+    parameter_words,
+    segment_words,
+)
 from gaitcal.gait.normal_bands import NormalBand, Signs
 from gaitcal.gait.strides import layout
-from gaitcal.gait.words import explained, joint_words, parameter_words, segment_words
 from gaitcal.model.coordinates import coordinate_words
-from gaitcal.model.inertial_parameters import IP_NAMES
-from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SEGMENTS, is_translation
+from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.results.summary import summary
 from gaitcal.session.parameter_words import Group, Row
 from gaitcal.session.result import Calibration

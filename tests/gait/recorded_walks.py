@@ -13,7 +13,7 @@ from gaitcal.dynamics.ground_reactions import foot_points, ground_reactions, uns
 from gaitcal.gait.events import TrialEvents, trial_events
 from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
-from gaitcal.io.metadata import FootMoment
+from gaitcal.io.labels import FootMoment
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.session.prepare import prepare_trial
 from gaitcal.study.study import Study, nominal_of

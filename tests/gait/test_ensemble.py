@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.errors import InputError
-from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
-from gaitcal.gait.spread import spread
+from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble, spread
 
 WITHIN, BETWEEN, OWN, SHARED = 2.0, 3.0, 1.5, 4.0
 EXACT = 1e-10

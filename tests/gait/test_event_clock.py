@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gaitcal.findings import Severity
 from gaitcal.gait.event_clock import checked_events
-from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.labels import FootEvent, FootMoment
 from tests.gait.walks import TIME, exchanged, moved, walk
 
 BY_EYE = 0.012

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gaitcal.gait.progression import AXES, TURNING, along_line, facing, turn_between, turns
+from gaitcal.gait.strides import AXES, TURNING, along_line, facing, turn_between, turns
 
 TIME = np.arange(0.0, 2.0, 0.01)
 WAVE = np.sin(2 * np.pi * TIME)

@@ -16,7 +16,7 @@ from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.spatiotemporal import MEASURES, Stride, strides_measured
 from gaitcal.gait.strides import strides_of
 from gaitcal.gait.symmetry import counting, measure_means, stride_findings
-from gaitcal.io.metadata import FootMoment
+from gaitcal.io.labels import FootMoment
 from tests.gait.recorded_walks import hand_count, recorded_strides, strides_of_markers, vendor_figures
 
 RATE = 100.0

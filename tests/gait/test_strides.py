@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.dynamics.torque_sources import TorqueErrors
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.strides import MOST_POINTS, Layout, thinned

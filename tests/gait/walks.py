@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.labels import FootEvent, FootMoment
 
 STRIDE, STANCE = 1.1, 0.66
 """s."""

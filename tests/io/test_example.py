@@ -17,11 +17,22 @@ from urllib.request import Request
 import pytest
 
 from gaitcal.errors import InputError, UsageError
-from gaitcal.io import example_folder as example_folder
-from gaitcal.io.example_download import Connection, _Redirects, download
-from gaitcal.io.example_folder import SOURCE, STUDY, Step, fetch_example, is_complete
-from gaitcal.io.example_registry import Example, RemoteFile, example_named, examples
-from gaitcal.io.interruption import InterruptedWork
+from gaitcal.io import examples as example_folder
+from gaitcal.io.atomic import InterruptedWork
+from gaitcal.io.examples import (
+    SOURCE,
+    STUDY,
+    Connection,
+    Example,
+    RemoteFile,
+    Step,
+    _Redirects,
+    download,
+    example_named,
+    examples,
+    fetch_example,
+    is_complete,
+)
 from gaitcal.io.validation import validated
 from gaitcal.session.folder import read_folder
 from gaitcal.study.study_file import StudyFile
@@ -311,7 +322,7 @@ def test_nothing_else_asks_the_network() -> None:
         for path in (ROOT / "gaitcal").rglob("*.py")
         if asks.search(path.read_text(encoding="utf-8"))
     }
-    assert found == {"gaitcal/io/example_download.py"}
+    assert found == {"gaitcal/io/examples.py"}
 
 
 # ------------------------------------------------------------------------------------------------------- command

@@ -13,8 +13,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io import lock
-from gaitcal.io.lock import locked
-from gaitcal.io.ownership import MANIFEST
+from gaitcal.io.lock import MANIFEST, locked
 
 HOLD = """
 import sys, time

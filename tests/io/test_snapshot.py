@@ -10,7 +10,7 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.io import snapshot
 from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.ownership import MANIFEST, ResultKind
+from gaitcal.io.lock import MANIFEST, ResultKind
 from gaitcal.io.snapshot import listed, read_whole, sha256_of
 
 

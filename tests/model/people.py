@@ -9,11 +9,9 @@ import numpy as np
 
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain
+from gaitcal.model.chain import Chain, forward, segment_poses
 from gaitcal.model.coordinates import is_of_leg
-from gaitcal.model.kinematics import forward, segment_poses
-from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import Subject, SubjectModel
 

@@ -8,8 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaitcal.model.anthropometry import BodyLengths, default_length, default_limbs, inertial_parameters
-from gaitcal.model.inertial_parameters import IP_INDEX, IP_NAMES, IP_TO_SI, MASSIVE_SEGMENTS, is_physical, table
-from gaitcal.model.parameters import published_subject
+from gaitcal.model.parameters import (
+    IP_INDEX,
+    IP_NAMES,
+    IP_TO_SI,
+    MASSIVE_SEGMENTS,
+    is_physical,
+    published_subject,
+    table,
+)
 from gaitcal.model.subject_model import Subject
 
 PUBLISHED = Subject("published", 69.4, 1.70, "male")

@@ -11,12 +11,14 @@ from gaitcal.model.anthropometry import (
     BodyLengths,
     child_spread,
     default_limbs,
+    growth,
     inertial_parameters,
+    jensen_share,
     mass_shares,
     table_words,
+    youngest_and_adult_age,
 )
-from gaitcal.model.growth import growth, jensen_share, youngest_and_adult_age
-from gaitcal.model.inertial_parameters import is_physical, table
+from gaitcal.model.parameters import is_physical, table
 from gaitcal.model.subject_model import Subject
 
 PRINTED = {

@@ -12,10 +12,10 @@ from gaitcal.errors import InputError
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
 from gaitcal.io.formats import read_recording
-from gaitcal.io.metadata import ComputedPoints
+from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
-from gaitcal.model.hip_centre import HipCentre, hip_centre
+from gaitcal.model.joint_centres import HipCentre, hip_centre
 from gaitcal.model.landmarks import labelled_hips, static_posture
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model

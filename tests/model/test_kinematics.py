@@ -6,24 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.model.build import GRAVITY, build_linkage, build_model
-from gaitcal.model.chain import Chain
+from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
 from gaitcal.model.coordinates import split_side
-from gaitcal.model.inertial_parameters import (
-    IP_NAMES,
-    MASSIVE_SEGMENTS,
-    QUANTITIES,
-    dynamic_jacobian,
-    dynamic_parameters,
-    full_set,
-    impossible_bodies,
-    is_physical,
-    placed_dynamic_parameters,
-    symmetric_set,
-    table,
-)
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, gait_parameters, isolated_parameters
-from gaitcal.model.kinematics import forward, jacobian, segment_poses
 from gaitcal.model.linkage import (
     COORDINATES,
     ISOLATED_JOINTS,
@@ -34,7 +18,26 @@ from gaitcal.model.linkage import (
     root_elements,
     segment_kind,
 )
-from gaitcal.model.parameters import published_subject
+from gaitcal.model.parameters import (
+    IP_NAMES,
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_NAMES,
+    MASSIVE_SEGMENTS,
+    QUANTITIES,
+    dynamic_jacobian,
+    dynamic_parameters,
+    full_set,
+    gait_parameters,
+    impossible_bodies,
+    is_physical,
+    isolated_parameters,
+    placed_dynamic_parameters,
+    published_subject,
+    symmetric_set,
+    table,
+)
+from gaitcal.model.subject_model import GRAVITY, build_linkage, build_model
 from tests.derivatives import assert_derivative, perturbed_parameters
 
 EXACT = 1e-13

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
 from gaitcal.io.formats import read_recording
-from gaitcal.model.knee_device import corner, is_device
+from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.model.worn_markers import complete_static
+from gaitcal.model.present_markers import complete_static
 
 ROUNDING = 1e-12
 """m; a corner of a body of rods is found to rounding."""

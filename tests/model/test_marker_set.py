@@ -14,7 +14,7 @@ from gaitcal.model.landmark_names import LANDMARKS, REQUIRED, instead_of
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
 from gaitcal.model.nominal import published_model
-from gaitcal.model.worn_markers import worn
+from gaitcal.model.present_markers import worn
 from tests.model.people import PEOPLE
 
 OWN = """\

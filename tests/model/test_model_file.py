@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gaitcal.errors import InputError
-from gaitcal.model.inertial_parameters import IP_NAMES
-from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.model_file import load_model, model_text, save_model
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import IP_NAMES, JP_NAMES, Parameters
 from gaitcal.model.subject_model import SubjectModel
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e290, max_value=1e290)

@@ -13,16 +13,25 @@ from hypothesis import strategies as st
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.hip_centre import HipCentre
-from gaitcal.model.inertial_parameters import IP_NAMES, MASSIVE_SEGMENTS, QUANTITIES, is_physical, table
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI
+from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, ZERO_ANGLES
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, RAISED, nominal_model, published_model
-from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.parameters import (
+    IP_NAMES,
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_TO_SI,
+    MASSIVE_SEGMENTS,
+    QUANTITIES,
+    Parameters,
+    is_physical,
+    published_subject,
+    table,
+)
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, track
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from tests.model.people import ARMS_HANG, PEOPLE, frozen_above, mirrored, moved, published_static, standing, without
 
 SAME = 1e-9

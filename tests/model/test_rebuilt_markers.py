@@ -16,10 +16,9 @@ from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
-from gaitcal.model.marker_roles import MarkerSet
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
-from gaitcal.study.static_markers import completed_static
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Study, completed_static, nominal_of
 from tests.real_studies import write_study
 
 EXACT_M = 1e-9

@@ -10,13 +10,12 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
-from gaitcal.io.metadata import ComputedPoints
+from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import Recording
-from gaitcal.model.marker_roles import MarkerSet
-from gaitcal.model.marker_set import load_marker_set, marker_set_text
+from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model
+from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.subject_model import Subject
-from gaitcal.model.worn_markers import complete_static, worn
 from tests.model.people import PEOPLE
 
 PIG = "plug-in-gait"

@@ -19,9 +19,7 @@ from gaitcal.motion.bandwidth import (
     with_bandwidth,
 )
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.motion.node_rule import NodeRule
-from gaitcal.motion.roughness import smoothing
-from gaitcal.motion.spline import spline_basis
+from gaitcal.motion.spline import NodeRule, smoothing, spline_basis
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.synthetic.measurements import synthetic_markers

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from gaitcal.model.nominal import published_model
-from gaitcal.motion.coordinate_prior import WALLS, CoordinatePrior, walls, within_walls
+from gaitcal.motion.coordinate_prior import WALLS, CoordinatePrior, about_posture, walls, within_walls
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.motion.undetermined import about_posture
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, central_differences, perturbed_parameters, random_trial
 from tests.synthetic_studies import made_recording

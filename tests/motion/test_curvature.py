@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.model.chain import ChainConstants
-from gaitcal.model.joint_parameters import gait_parameters
+from gaitcal.model.parameters import gait_parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes

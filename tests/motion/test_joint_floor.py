@@ -11,13 +11,11 @@ from scipy.optimize import least_squares
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.model.chain import chain_of
-from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import JOINTS
-from gaitcal.model.parameters import published_subject
+from gaitcal.model.parameters import JP_NAMES, published_subject
 from gaitcal.motion.joint_floor import MOST_FRAMES, joint_floor
-from gaitcal.motion.marker_residual import MarkerData, marker_positions
+from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.motion import motion_of, rigid_floor, tracked_motion
-from gaitcal.motion.placed_markers import PlacedMarkers
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import perturbed_parameters, random_trial
 

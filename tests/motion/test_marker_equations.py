@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from gaitcal.model.build import build_linkage
-from gaitcal.model.joint_parameters import JP_INDEX, gait_parameters, isolated_parameters
+from gaitcal.model.parameters import JP_INDEX, gait_parameters, isolated_parameters
+from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.marker_residual import frame_equations
 from gaitcal.motion.trial_problem import TrialProblem

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from gaitcal.model.nominal import published_model
-from gaitcal.motion.node_rule import NodeRule
 from gaitcal.motion.robust import LEAST_SCALE, Loss, residual_scale, robust_tracking
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem

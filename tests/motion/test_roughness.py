@@ -11,10 +11,8 @@ from scipy.linalg import eigh
 from scipy.optimize import least_squares
 
 from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.roughness import TENSION_HZ, frame_rate, roughness, smoothing, stiffness
-from gaitcal.motion.smoother import Smoother, onto
-from gaitcal.motion.spline import DEGREE, ORDER, spline_basis
-from gaitcal.motion.track import track_nodes
+from gaitcal.motion.spline import DEGREE, ORDER, TENSION_HZ, frame_rate, roughness, smoothing, spline_basis, stiffness
+from gaitcal.motion.track import Smoother, onto, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
 

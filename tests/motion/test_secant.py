@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from gaitcal.motion.descent import DescentSettings, descend
-from gaitcal.motion.minimised import Evaluation
-from gaitcal.motion.secant import Step, further
+from gaitcal.motion.descent import DescentSettings, Evaluation, Step, descend, further
 from tests.derivatives import Array
 
 RNG = np.random.default_rng(8)

@@ -8,15 +8,14 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_estimate import TaskTrials, estimate_joints
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.soft_tissue_artefact import CUBE_SHARE, SECONDARY_SIZES, TissuePrior, secondary_prior
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
 from gaitcal.model.linkage import SECONDARY
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.secondary_motion import LEAST_SPREAD, secondary_columns
-from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue, together
+from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, SoftTissue, secondary_columns, together
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
@@ -158,7 +157,7 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
     free = tuple(n for n in JP_NAMES if n.split(".")[0] in ("knee_r", "talocrural_r"))
     kept, step, z = "hip_r.thigh.sup", 1e-4, 0.05 * drawn(rng, prior)
     known, elsewhere = (
-        Influence((kept,), np.array([[step]]), (f"nominal/{kept}",)),
+        ErrorSources((kept,), np.array([[step]]), (f"nominal/{kept}",)),
         truth.joint[[JP_INDEX[kept]]] + step,
     )
     for fits, other_tasks, other in (

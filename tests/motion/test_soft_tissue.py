@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.model.kinematics import forward, segment_transforms
+from gaitcal.model.chain import forward, segment_transforms
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.soft_tissue import COMPONENTS, SegmentTissue, SoftTissue, together
 from gaitcal.motion.trial_problem import TrialProblem

@@ -10,9 +10,8 @@ from scipy.optimize import least_squares
 
 from gaitcal.model.chain import axis_rotation
 from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.node_rule import NodeRule, cutoff
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
-from gaitcal.motion.spline import spline_basis, to_bspline
+from gaitcal.motion.spline import NodeRule, cutoff, spline_basis, to_bspline
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from tests.derivatives import Array, perturbed_parameters, random_trial

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.chain import forward, segment_poses
 from gaitcal.model.parameters import published_subject
-from gaitcal.motion.marker_residual import marker_positions
-from gaitcal.motion.placed_markers import PlacedMarkers
+from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
 from gaitcal.motion.rigid import SegmentMoments, rigid_fit
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.track import track_nodes

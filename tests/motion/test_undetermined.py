@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import Array
+from gaitcal.calibration.error_sources import coordinate_variances, marker_moves
 from gaitcal.calibration.joint_estimate import free_of
-from gaitcal.calibration.marker_moves import coordinate_variances, marker_moves
-from gaitcal.dynamics.torque_sources import Source
+from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import JP_NAMES
+from gaitcal.motion.coordinate_prior import DEVIATION, LUMBAR, upright_trunk
 from gaitcal.motion.motion import Motion, track, tracked_motion
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.motion.undetermined import DEVIATION, LUMBAR, upright_trunk
 from gaitcal.synthetic.motion import gait_motion
 from tests.synthetic_studies import made_recording
 
@@ -126,13 +126,13 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     problem = problem_of(hidden(walk, *TRUNK, *ARMS))
     motion = tracked_motion(problem, MODEL.parameters)
     moves = marker_moves(problem, motion.nodes, MODEL.parameters, None)
-    variance = coordinate_variances(problem, moves)[Source.POSTURE]
+    variance = coordinate_variances(problem, moves)[ErrorSource.POSTURE]
     for k, name in enumerate(motion.coordinates):
         expected = DEVIATION.get(name, 0.0) if name in problem.guessed else 0.0
         np.testing.assert_allclose(np.rad2deg(np.sqrt(variance[:, k])), expected, atol=1e-3, err_msg=name)
     whole = problem_of(walk)
     seen = marker_moves(whole, tracked_motion(whole, MODEL.parameters).nodes, MODEL.parameters, None)
-    assert Source.POSTURE not in seen.present
+    assert ErrorSource.POSTURE not in seen.present
 
 
 def test_markers_tell_what_they_can(walk: Recording) -> None:

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.io.package_data import models_path
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind, gait_parameters
+from gaitcal.io.toml import models_path
 from gaitcal.model.linkage import COORDINATES, SEGMENT_TABLE
-from gaitcal.model.parameters import published_subject
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, gait_parameters, published_subject
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis

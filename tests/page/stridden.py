@@ -15,7 +15,7 @@ from gaitcal.page.packing import base64_of, floats
 from gaitcal.page.scene import Scene
 from gaitcal.page.sheet.rows import sheet_rows
 from gaitcal.page.sheet.sheet import FORMAT
-from gaitcal.page.sheet.trial_curves import Curve, masks_of, packed_curves
+from gaitcal.page.sheet.trial_sheet import Curve, masks_of, packed_curves
 from tests.page.people import walking_scene
 
 SUBJECT = Subject("Built-in subject", 69.4, 1.70, "male")

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from gaitcal.cli import view as view_command
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.page import view as view_page
 from gaitcal.page.scene import Scene
 from gaitcal.page.server import ViewServer
@@ -264,7 +264,7 @@ def test_ten_thousand_frames_stay_responsive(
     page_file = tmp_path / "view.html"
     scene = long_scene()
     write_page(tmp_path, scene, sheet_of(scene))
-    view_command.run((tmp_path,), page_file, Talk(quiet=False, verbose=False))
+    view_command.run((tmp_path,), page_file, Console(quiet=False, verbose=False))
     assert "long: the page holds 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
     assert page_file.stat().st_size < LIMIT
     of_a_short_walk = visit(html).run(POSING)

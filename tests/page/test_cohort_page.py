@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gaitcal.cohort.mean_curves import STEPS
-from gaitcal.gait.variables import Kind
+from gaitcal.gait.cycles import Kind
 from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.page.browser import Page
 from tests.page.test_accessible import FAULTS, SETTLED, SIZES, SMALL, TARGET, UNNAMED

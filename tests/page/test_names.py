@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page.redirect import redirect_html
 from gaitcal.page.scene import Scene
+from gaitcal.page.server import redirect_html
 from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.page.view import Shown, page_html
 from tests.fake_result import HOSTILE, Names, fake_calibration

@@ -13,11 +13,10 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.page import body_meshes as meshes_module
-from gaitcal.page.body_fit import MESHES
-from gaitcal.page.body_meshes import BALLS, Mesh, body_meshes, read_stl, round_body
+from gaitcal.page.body_meshes import BALLS, MESHES, Mesh, body_meshes, read_stl, round_body
 from gaitcal.page.packing import GAP
-from gaitcal.page.playback import left_out, scene_json
 from gaitcal.page.scene import Scene, person_scene
+from gaitcal.page.scene_file import left_out, scene_json
 from gaitcal.page.view import view_html, write_view
 from gaitcal.synthetic.motion import gait_motion
 from tests.page.people import long_motion, standard_errors, subject_model, walking_scene, walking_trial

@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gaitcal.model.chain import Chain
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS
-from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.chain import Chain, forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Source
-from gaitcal.model.parameters import published_subject
-from gaitcal.page.body_fit import MESHES, fitted_meshes
-from gaitcal.page.joint_marks import joint_marks
-from gaitcal.page.scene import MOST_FRAMES, Scene, person_scene
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, published_subject
+from gaitcal.page.body_meshes import MESHES, fitted_meshes
+from gaitcal.page.scene import MOST_FRAMES, Scene, joint_marks, person_scene
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import gait_motion

@@ -11,9 +11,7 @@ import pytest
 
 from gaitcal.page.packing import GAP, base64_of, floats, lengths
 from gaitcal.page.scene import person_scene
-from gaitcal.page.sheet.sheet import calibration_sheet
-from gaitcal.page.sheet.sheet_file import sheet_text
-from gaitcal.page.sheet.thinning import curves_left_out, thinned
+from gaitcal.page.sheet.sheet import calibration_sheet, curves_left_out, sheet_text, thinned
 from gaitcal.page.view import Shown, page_html, sentences
 from tests.fake_result import fake_calibration
 from tests.page.people import long_motion, standard_errors, subject_model, walking_trial

@@ -11,10 +11,9 @@ from gaitcal.codes import Code
 from gaitcal.gait.spatiotemporal import MEASURES, Stride
 from gaitcal.page.packing import floats
 from gaitcal.page.scene import Scene
-from gaitcal.page.sheet.explained import explained_code
-from gaitcal.page.sheet.rows import sheet_rows
+from gaitcal.page.sheet.rows import explained_code, sheet_rows
 from gaitcal.page.sheet.sheet import FORMAT
-from gaitcal.page.sheet.trial_curves import Curve, packed_curves
+from gaitcal.page.sheet.trial_sheet import Curve, packed_curves
 from gaitcal.page.steps import SHOWN
 from gaitcal.page.view import Shown, page_html
 from tests.page.blocks_made import HOSTILE, every_block

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from gaitcal.published.case import MonteCarloCase, nominal_case
-from gaitcal.published.context import MonteCarloContext
-from gaitcal.published.noise_seed import SeedResult, noiseless, noisy_draws
-from gaitcal.published.settings import MonteCarloSettings
+from gaitcal.published.draw import MonteCarloContext
+from gaitcal.published.settings import MonteCarloSettings, SeedResult, noiseless, noisy_draws
 from tests.kept import kept_object
 
 FEW_SEEDS = 2

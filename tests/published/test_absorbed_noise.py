@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.parameters import gait_parameters
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.published.absorbed_noise import Absorbed, absorbed, absorbed_claims, absorbed_squares, any_motion_share
 from gaitcal.published.claims import Verdict

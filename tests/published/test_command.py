@@ -9,12 +9,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from gaitcal.cli.application import app
+from gaitcal.cli.console import app
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.page.sections.monte_carlo import PART
-from gaitcal.page.sheet.sheet import calibration_sheet
-from gaitcal.page.sheet.sheet_file import SHEET, read_sheet
+from gaitcal.page.sheet.sheet import SHEET, calibration_sheet, read_sheet
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, RefitSettings
 from gaitcal.results.page_files import PAGE, SCENE, write_page

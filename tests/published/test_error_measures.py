@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.model.inertial_parameters import IP_NAMES, IP_TO_SI, symmetric_set
-from gaitcal.model.joint_parameters import JP_TO_SI, gait_parameters, leg_parameters
-from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.parameters import (
+    IP_NAMES,
+    IP_TO_SI,
+    JP_TO_SI,
+    Parameters,
+    gait_parameters,
+    leg_parameters,
+    published_subject,
+    symmetric_set,
+)
 from gaitcal.published.inertial_recovery import inertial_rms, symmetric_errors
 from gaitcal.published.joint_recovery import joint_errors, joint_rms, rms
 from gaitcal.published.published import PROBLEMS, table_four, table_one, table_three, table_two

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.model.inertial_parameters import IP_NAMES
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.parameters import Parameters
-from gaitcal.published.context import MonteCarloContext
+from gaitcal.model.parameters import IP_NAMES, Parameters
+from gaitcal.published.draw import MonteCarloContext
 from gaitcal.published.leg_torques import LEG_TORQUES, FootPose, LegTorques, carry
 from tests.derivatives import Array, perturbed_parameters
 

@@ -8,8 +8,7 @@ import pytest
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.published.context import MonteCarloContext
-from gaitcal.published.draw import disturb, refit
+from gaitcal.published.draw import MonteCarloContext, disturb, refit
 from gaitcal.published.settings import RefitSettings, Varied
 from tests.derivatives import perturbed_parameters, random_trial
 

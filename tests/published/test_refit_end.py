@@ -7,9 +7,16 @@ import pandas as pd
 import pytest
 
 from gaitcal.published.claims import Verdict
-from gaitcal.published.refit_end import StoppedRefits, iteration_frame, refit_claims, refit_rows, stopped_refits
+from gaitcal.published.refit import (
+    CONVERGED,
+    Iteration,
+    StoppedRefits,
+    iteration_frame,
+    refit_claims,
+    refit_rows,
+    stopped_refits,
+)
 from gaitcal.published.settings import ReactionFrame, Varied
-from gaitcal.published.unfinished_refit import CONVERGED, Iteration
 from tests.published.test_disturbance_claims import AS_PUBLISHED, disturbed_table
 
 KEYS = [(iteration, count) for iteration in Iteration for count in iteration.counts]

@@ -7,10 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gaitcal.model.joint_parameters import JP_NAMES, gait_parameters, leg_parameters
+from gaitcal.model.parameters import JP_NAMES, gait_parameters, leg_parameters
 from gaitcal.published.case import nominal_case
-from gaitcal.published.context import MonteCarloContext
-from gaitcal.published.draw import Disturbance, disturb
+from gaitcal.published.draw import Disturbance, MonteCarloContext, disturb
 from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, Varied
 
 

@@ -11,16 +11,22 @@ import pandas as pd
 import pytest
 
 from gaitcal.cli import reproduce as command
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.errors import InputError
 from gaitcal.published import reproduce
 from gaitcal.published.claims import Kind, Verdict
-from gaitcal.published.folder import CLAIM_COLUMNS, TABLE_COLUMNS, table_frame, write_tables
-from gaitcal.published.noise_seed import SeedResult
 from gaitcal.published.published import table_four, table_two
-from gaitcal.published.reproduce import Reproduction, ReproductionSettings
+from gaitcal.published.reproduce import (
+    CLAIM_COLUMNS,
+    TABLE_COLUMNS,
+    Reproduction,
+    ReproductionSettings,
+    table_frame,
+    write_tables,
+)
 from gaitcal.published.reproduce import reproduce as run
 from gaitcal.published.sensitivities import SensitivityDraws
+from gaitcal.published.settings import SeedResult
 from gaitcal.published.tables import (
     Cell,
     discussion_rows,
@@ -183,7 +189,9 @@ def test_command_prints_and_writes(
     monkeypatch.setattr(
         command, "reproduce", lambda settings, kept, step: asked.append((settings, kept)) or reproduction
     )
-    command.run(tmp_path / "out", Talk(quiet=False, verbose=False), draws=0, noise_seeds=5, seed=3, sensitivities=False)
+    command.run(
+        tmp_path / "out", Console(quiet=False, verbose=False), draws=0, noise_seeds=5, seed=3, sensitivities=False
+    )
     settings, kept = asked[0]
     assert settings.sensitivities is None
     assert (settings.noise_seeds, settings.seed, settings.draws, settings.data, kept) == (5, 3, 0, None, None)
@@ -207,20 +215,20 @@ def test_command_refuses_a_foreign_folder_before_it_works(tmp_path: Path, monkey
     monkeypatch.setattr(command, "reproduce", lambda *_: pytest.fail("worked first"))
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds 'notes.txt'"):
-        command.run(tmp_path, Talk(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True)
+        command.run(tmp_path, Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True)
 
 
 def test_data_folder_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GAITCAL_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match="no folder"):
         command.run(
-            tmp_path / "out", Talk(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
+            tmp_path / "out", Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
         )
     assert not (tmp_path / "out").exists()
 
 
 def test_cells_without_a_figure_are_dashes(reproduction: Reproduction, capsys: pytest.CaptureFixture[str]) -> None:
-    command.print_reproduction(Talk(quiet=True, verbose=False), reproduction)
+    command.print_reproduction(Console(quiet=True, verbose=False), reproduction)
     assert capsys.readouterr().out == ""
     frame = table_frame(reproduction.tables)
     assert frame.loc[frame["row"] == "experimental, phase 2", "ours"].eq("").all()

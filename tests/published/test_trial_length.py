@@ -7,8 +7,8 @@ import pytest
 
 from gaitcal.published.claims import Claim, Verdict
 from gaitcal.published.joint_recovery import synthetic_problem, true_motion
-from gaitcal.published.noise_seed import SeedResult
 from gaitcal.published.published import PROBLEMS, table_one
+from gaitcal.published.settings import SeedResult
 from gaitcal.published.trial_length import (
     CAMERAS_HZ,
     PARAMETER_ROWS,

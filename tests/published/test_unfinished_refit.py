@@ -9,10 +9,9 @@ import pytest
 
 from gaitcal.model.linkage import LEGS
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.context import MonteCarloContext
-from gaitcal.published.draw import COLUMNS, disturb, disturbed_model, draw
+from gaitcal.published.draw import COLUMNS, MonteCarloContext, disturb, disturbed_model, draw
+from gaitcal.published.refit import CONVERGED, SETS, Iteration, path, unfinished_draws
 from gaitcal.published.settings import MonteCarloSettings, Varied
-from gaitcal.published.unfinished_refit import CONVERGED, SETS, Iteration, path, unfinished_draws
 from gaitcal.synthetic.measurements import synthetic_markers
 
 NUMBER = 3

@@ -12,14 +12,11 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gaitcal.dynamics.torque_sources import Source
+from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.errors import InputError
-from gaitcal.gait.cycles import POINTS
+from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.gait.progression import AXES, PELVIS_ANGLES
-from gaitcal.gait.stride_table import CYCLE_COLUMNS
-from gaitcal.gait.strides import strides_of
-from gaitcal.gait.variables import GROUND_REACTION
+from gaitcal.gait.strides import AXES, PELVIS_ANGLES, strides_of
 from gaitcal.page.packing import FULL
 from gaitcal.page.sheet.trial_sheet import trial_sheet
 from gaitcal.results.cycles import CYCLE_HEADER, cycle_table, cycles, cycles_to_xarray, read_cycles, write_cycles
@@ -83,7 +80,9 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     expected = np.interp(at, time, np.degrees(trial.body.q[:, k]))
     np.testing.assert_allclose(one(table, "l", "hip_flexion")["value"], expected, atol=ROUNDED)
     np.testing.assert_allclose(of_left["value"], np.interp(at, time, trial.loads.final.tau[:, k]), atol=ROUNDED)
-    np.testing.assert_allclose(of_left["se_stride"], np.sqrt(ERROR_SHARES[Source.MOTION]) * of_left["se"], rtol=1e-5)
+    np.testing.assert_allclose(
+        of_left["se_stride"], np.sqrt(ERROR_SHARES[ErrorSource.MOTION]) * of_left["se"], rtol=1e-5
+    )
     angle = one(table, "l", "hip_flexion")
     np.testing.assert_allclose(angle["se_stride"], np.degrees(OWN_ANGLE_ERROR), atol=ROUNDED)
     np.testing.assert_allclose(angle["se"], np.degrees(ANGLE_ERROR), atol=ROUNDED)

@@ -13,8 +13,7 @@ import pytest
 
 from gaitcal.results.calibration import write_results
 from gaitcal.results.cycles import read_cycles
-from gaitcal.results.spatiotemporal import SPATIOTEMPORAL
-from gaitcal.results.stride_files import ENSEMBLE
+from gaitcal.results.stride_files import ENSEMBLE, SPATIOTEMPORAL
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 

@@ -9,7 +9,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io.snapshot import sha256_of
-from gaitcal.results.originals import find_original
+from gaitcal.results.cycles_export import find_original
 
 
 @pytest.fixture

@@ -17,12 +17,12 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
-from gaitcal.cli.application import app
+from gaitcal.cli.console import app
 from gaitcal.errors import InputError
-from gaitcal.io.ownership import MANIFEST
+from gaitcal.io.lock import MANIFEST
 from gaitcal.io.snapshot import HASHES, SELF, listed, self_hash, sha256_of
 from gaitcal.page.scene_file import load_scene
-from gaitcal.page.sheet.sheet_file import read_sheet
+from gaitcal.page.sheet.sheet import read_sheet
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import OTHER_MODEL, PAGE, SCENE, read_page, result_page
 from gaitcal.session.calibrate import calibrate

@@ -11,13 +11,11 @@ import pandas as pd
 import pytest
 
 from gaitcal.errors import InputError
+from gaitcal.gait.cycles import typed, unit_of
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
-from gaitcal.gait.stride_table import typed
-from gaitcal.gait.variables import unit_of
 from gaitcal.io.snapshot import sha256_of
 from gaitcal.results.cycles import CYCLES, cycles, cycles_to_xarray, read_cycles, write_cycles
-from gaitcal.results.spatiotemporal import SPATIOTEMPORAL
-from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
+from gaitcal.results.stride_files import SPATIOTEMPORAL, STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.table_file import write_csv
 from gaitcal.session.result import Calibration
 from tests.fake_result import fake_calibration

@@ -13,10 +13,10 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli.application import app
+from gaitcal.cli.console import app
 from gaitcal.errors import UsageError
 from gaitcal.io.formats import convert, read_recording
-from gaitcal.io.metadata import FootMoment
+from gaitcal.io.labels import FootMoment
 from gaitcal.io.snapshot import listed, self_hash, sha256_of
 from tests.real_studies import write_study
 from tests.synthetic_studies import STUDY, write_synthetic_study

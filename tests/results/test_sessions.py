@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 
 from gaitcal.cli.compare import Options, run
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.codes import Code
 from gaitcal.compare.session import Common
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.ownership import MANIFEST, ResultKind
+from gaitcal.io.lock import MANIFEST, ResultKind
 from gaitcal.model.model_file import save_model
 from gaitcal.results.calibration import json_text
 from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty
@@ -75,7 +75,7 @@ def test_a_result_against_itself_and_against_another(results: tuple[Path, Path],
 
 
 def test_names_stay_as_they_are_on_the_screen(results: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    run(*results, Options(), Talk(quiet=False, verbose=False))
+    run(*results, Options(), Console(quiet=False, verbose=False))
     assert "after against before #1 [bold]x" in capsys.readouterr().out
 
 
@@ -86,7 +86,7 @@ def test_a_folder_that_is_taken_is_told_first(tmp_path: Path, *, shared: bool) -
     (out / "thesis.txt").write_text("")
     options = Options(out=out, shared_model=shared)
     with pytest.raises(InputError, match="holds 'thesis.txt'") as caught:
-        run(tmp_path / "not", tmp_path / "read", options, Talk(quiet=True, verbose=False))
+        run(tmp_path / "not", tmp_path / "read", options, Console(quiet=True, verbose=False))
     assert caught.value.code is Code.FOLDER_TAKEN
 
 
@@ -122,14 +122,14 @@ def test_no_result_and_no_room_are_told(results: tuple[Path, Path], tmp_path: Pa
 
 def test_options_that_cannot_be(results: tuple[Path, Path], tmp_path: Path) -> None:
     before, after = results
-    talk = Talk(quiet=True, verbose=False)
+    console = Console(quiet=True, verbose=False)
     for other, options in (
         (None, Options()),
         (after, Options(osim=tmp_path / "model.osim")),
         (after, Options(studies=(tmp_path / "study.toml",))),
     ):
         with pytest.raises(UsageError):
-            run(before, other, options, talk)
+            run(before, other, options, console)
 
 
 def test_a_shared_model_says_what_it_needs(results: tuple[Path, Path], tmp_path: Path) -> None:

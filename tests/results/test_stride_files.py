@@ -13,8 +13,15 @@ from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.io.snapshot import sha256_of
 from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.cycles import CYCLES
-from gaitcal.results.spatiotemporal import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS, spatiotemporal
-from gaitcal.results.stride_files import ENSEMBLE, STRIDE_FILES, earlier_strides, write_stride_files
+from gaitcal.results.stride_files import (
+    ENSEMBLE,
+    SPATIOTEMPORAL,
+    SPATIOTEMPORAL_COLUMNS,
+    STRIDE_FILES,
+    earlier_strides,
+    spatiotemporal,
+    write_stride_files,
+)
 from gaitcal.results.summary import summary
 from gaitcal.session.result import Calibration
 from tests.fake_result import fake_calibration

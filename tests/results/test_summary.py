@@ -11,7 +11,7 @@ import pytest
 from gaitcal.cli.console import _residuals
 from gaitcal.findings import Severity
 from gaitcal.gait.events import joined_events
-from gaitcal.io.metadata import FootEvent
+from gaitcal.io.labels import FootEvent
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.summary import summary, trial_summary

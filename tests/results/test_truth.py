@@ -15,14 +15,12 @@ from matplotlib.lines import Line2D
 
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.errors import InputError
-from gaitcal.figures.chart import Panel, panel_figure
+from gaitcal.figures.chart import INK, TRUTH_DASHES, Panel, line_style, panel_figure
 from gaitcal.figures.curves import TRUTH_WIDTH
 from gaitcal.figures.sheet import SheetTrial
-from gaitcal.figures.style import INK, TRUTH_DASHES, line_style
 from gaitcal.io.csv import write_markers_csv
-from gaitcal.model.inertial_parameters import IP_NAMES
-from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.linkage import COORDINATES, SIDES
+from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.calibration import json_text
 from gaitcal.results.summary import summary

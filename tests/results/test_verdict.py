@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.cli.calibrate import run as run_calibrate
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.faults.verdict import judge
@@ -122,8 +122,8 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
     table.to_csv(forces, index=False)
     result = tmp_path / "result"
     with pytest.raises(InputError, match="refused"):
-        run_calibrate(path, result, Talk(quiet=True, verbose=False), force=False)
-    run_calibrate(path, result, Talk(quiet=True, verbose=False), force=True)
+        run_calibrate(path, result, Console(quiet=True, verbose=False), force=False)
+    run_calibrate(path, result, Console(quiet=True, verbose=False), force=True)
     told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     assert told["verdict"] == "refused"
     text = (result / "moments/walk.csv").read_text(encoding="utf-8")

@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.cli.console import Talk
+from gaitcal.cli.console import Console
 from gaitcal.cli.init import study_or_draft
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
-from gaitcal.io.trc import write_trc
+from gaitcal.io.trc_mot import write_trc
 from gaitcal.model.marker_set import load_marker_set
+from gaitcal.session.draft import draft_text, missing_words, study_of
 from gaitcal.session.draft_lines import draft_notes
-from gaitcal.session.draft_text import draft_text, missing_words, study_of
 from gaitcal.session.drafting import draft_study
-from gaitcal.session.exchanges import exchange_told
 from gaitcal.session.folder import FileKind, Folder, FolderFile
+from gaitcal.session.people import exchange_told
 from gaitcal.session.person_facts import Options
 from gaitcal.session.placing import pair_distances, placed_otherwise
 from gaitcal.study.study import Study
@@ -260,7 +260,7 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
     assert made.problem.startswith("no recording that is used shows walking")
     assert "walk.csv is not used: another person" in made.problem
     with pytest.raises(InputError, match="walk.csv is not used: another person"):
-        study_or_draft(folder, Options(), Talk(quiet=True, verbose=False))
+        study_or_draft(folder, Options(), Console(quiet=True, verbose=False))
     assert missing_words(made).startswith("no file that is used says subject.mass_kg")
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.session.draft_text import study_of
-from gaitcal.session.faulty_trials import without_faulty_trials
+from gaitcal.session.draft import study_of
+from gaitcal.session.drafting import without_faulty_trials
 from gaitcal.study.study import Study
 from tests.session.folders import draft, recordings, write
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gaitcal.errors import InputError
-from gaitcal.io.package_data import models_path
+from gaitcal.io.toml import models_path
 from gaitcal.session.folder import FileKind, marker_sets_above, read_folder
 from tests.session.folders import recordings, write
 

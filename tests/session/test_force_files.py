@@ -9,7 +9,7 @@ import numpy as np
 
 from gaitcal.findings import Severity
 from gaitcal.io.csv import write_forces_csv
-from gaitcal.session.rejected_forces import rejected_forces
+from gaitcal.session.drafting import rejected_forces
 from gaitcal.synthetic.motion import gait_motion
 from tests.session.folders import draft, recordings, write
 from tests.synthetic_studies import made_plates

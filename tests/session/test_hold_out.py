@@ -14,7 +14,7 @@ from gaitcal import cli
 from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.model.nominal import published_model
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.hold_out import FOLDS, fold_of_frame, hold_out, without
+from gaitcal.session.joint_parameters import FOLDS, fold_of_frame, hold_out, without
 from gaitcal.session.prepare import PreparedTrial, prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role

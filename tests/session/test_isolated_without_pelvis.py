@@ -11,10 +11,10 @@ import pytest
 import gaitcal as gc
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
-from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import joint_segments
+from gaitcal.model.parameters import JP_INDEX
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.session.prepare import prepare_trial
 from gaitcal.study.study import Study, nominal_of

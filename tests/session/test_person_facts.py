@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.io.metadata import Facts
+from gaitcal.io.labels import Facts
 from gaitcal.io.recording import ForcePlate
-from gaitcal.model.build import GRAVITY
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.session.impossible_mass import mass_fault
-from gaitcal.session.person_facts import Options, person_of, weighed
-from gaitcal.session.standing import standing
+from gaitcal.model.subject_model import GRAVITY
+from gaitcal.session.movement import standing
+from gaitcal.session.person_facts import Options, mass_fault, person_of, weighed
 from tests.session.folders import recordings
 
 

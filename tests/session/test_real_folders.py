@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.session.draft_text import draft_text
+from gaitcal.session.draft import draft_text
 from gaitcal.session.drafting import draft_of
 from gaitcal.session.folder import read_folder
 from gaitcal.session.person_facts import Options

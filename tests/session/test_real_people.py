@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.io.mot import read_table
-from gaitcal.model.inertial_parameters import is_physical, table
-from gaitcal.model.joint_parameters import JP_INDEX
+from gaitcal.io.trc_mot import read_table
 from gaitcal.model.linkage import COORDINATE_INDEX, LOWER_BODY
+from gaitcal.model.parameters import JP_INDEX, is_physical, table
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration, Stage
 from gaitcal.study.study import Study

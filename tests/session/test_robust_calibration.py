@@ -11,7 +11,7 @@ import pytest
 
 from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, StudyTrial

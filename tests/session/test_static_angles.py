@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.model.chain import Chain
-from gaitcal.model.joint_parameters import JP_INDEX
-from gaitcal.model.kinematics import forward, segment_poses
+from gaitcal.model.chain import Chain, forward, segment_poses
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.static_angles import counted_from_static, shifted, static_angles
 from gaitcal.session.tables import coordinate_table, relative_header
+from gaitcal.session.trial_result import counted_from_static, shifted, static_angles
 from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import fake_calibration
 from tests.faults.spoilt import moved, sound_study, with_trial

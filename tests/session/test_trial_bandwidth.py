@@ -17,8 +17,7 @@ from gaitcal.motion.bandwidth import DenseMotion
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.results.summary import summary, trial_summary
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.prepare import PreparedTrial, force_cutoff, prepare_trial
-from gaitcal.session.trial_bandwidth import JOINTS_HZ, REACH, Bandwidth, ChosenBy
+from gaitcal.session.prepare import JOINTS_HZ, REACH, Bandwidth, ChosenBy, PreparedTrial, force_cutoff, prepare_trial
 from gaitcal.session.trial_result import analyse
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study

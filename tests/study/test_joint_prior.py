@@ -9,7 +9,7 @@ import pytest
 
 from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, prior_of, prior_of_study
 from gaitcal.errors import InputError
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from gaitcal.io.metadata import Facts
+from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import subject_of
 from gaitcal.study.study_file import SubjectTable

@@ -11,14 +11,21 @@ import pytest
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.errors import InputError
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_parameters import JP_NAMES
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.parameters import JP_NAMES
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import load_study_file
-from gaitcal.study.truth import Truth, moments_text, motion_text, read_truth, truth_files
-from gaitcal.study.truth_landmarks import landmarks_text, other_landmarks
+from gaitcal.study.truth import (
+    Truth,
+    landmarks_text,
+    moments_text,
+    motion_text,
+    other_landmarks,
+    read_truth,
+    truth_files,
+)
 from gaitcal.study.truth_table import TruthTable
 from gaitcal.synthetic.motion import static_motion
 from tests.synthetic_studies import made_recording

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from gaitcal.io.package_data import models_path
+from gaitcal.io.toml import models_path
 from gaitcal.model.nominal import published_model
 from gaitcal.synthetic.gait_curves import GAIT_CYCLE
 from gaitcal.synthetic.measurements import NOISE_AMPLITUDE, NOISE_OMEGA, marker_noise, synthetic_markers

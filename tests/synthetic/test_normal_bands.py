@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.io.package_data import models_path
+from gaitcal.io.toml import models_path
 from scripts.tools import walking_person
 
 TABLE = models_path() / "normal_walking.csv"

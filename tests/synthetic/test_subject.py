@@ -9,12 +9,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.model.hip_centre import HipCentre
-from gaitcal.model.inertial_parameters import MASSIVE_SEGMENTS, is_physical, table
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, JP_TO_SI, Kind
+from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import nominal_model
-from gaitcal.model.parameters import published_subject
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    JP_NAMES,
+    JP_TO_SI,
+    MASSIVE_SEGMENTS,
+    Kind,
+    is_physical,
+    published_subject,
+    table,
+)
 from gaitcal.model.segment_frames import Frame
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.tables import parameter_table

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.labels import FootEvent, FootMoment
 from scripts.validation import events as check
 from scripts.validation.harness import results
 from tests.real_studies import write_study

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.influence import nominal_influence
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
+from gaitcal.calibration.error_sources import nominal_influence
 from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from scripts.validation import recordings
 from scripts.validation.harness import results
 from scripts.validation.people import hips, imaging, pairs, real, simulated

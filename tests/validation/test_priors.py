@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.calibration.influence import nominal_influence
+from gaitcal.calibration.error_sources import nominal_influence
 from gaitcal.calibration.joint_prior import prior_deviations
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
 from gaitcal.model.linkage import LEG_JOINTS
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind
 from gaitcal.study.people_design import Person, mirror
 
 ANYBODY = Person(height=1.7, sex="male")

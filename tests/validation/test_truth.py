@@ -13,9 +13,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_parameters import JP_INDEX, leg_parameters
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import JP_INDEX, leg_parameters
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import _joint_lines, segment_frames
 from scripts.validation import error_bars

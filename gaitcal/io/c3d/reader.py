@@ -12,12 +12,10 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.axes import UP_TO_Y, Vertical, find_vertical, turn_up
-from gaitcal.io.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
-from gaitcal.io.c3d.metadata import events_of, facts_of
+from gaitcal.io.c3d.layout import C3DHeader, check_c3d_header, events_of, facts_of, is_askew, read_samples
 from gaitcal.io.c3d.parser import ParserDiedError, parse_c3d
 from gaitcal.io.c3d.plates import measured_plates, stand_up
-from gaitcal.io.labels import clean, common_prefix, computed_points, is_number, is_unlabelled, unique
-from gaitcal.io.metadata import ComputedPoints
+from gaitcal.io.labels import ComputedPoints, clean, common_prefix, computed_points, is_number, is_unlabelled, unique
 from gaitcal.io.recording import Recording, zeros_to_missing
 
 PER_METRE = {"mm": 1e3, "millimeters": 1e3, "millimetres": 1e3, "cm": 1e2, "m": 1.0, "meters": 1.0, "metres": 1.0}

@@ -20,8 +20,8 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.c3d.layout import BLOCK, DEC, C3DHeader, check_c3d_header
-from gaitcal.io.c3d.parameter_section import INTEGER, ParameterSection, decode_floats, encode_floats, parse_section
-from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.c3d.parser import INTEGER, ParameterSection, decode_floats, encode_floats, parse_section
+from gaitcal.io.labels import FootEvent, FootMoment
 
 CONTEXTS = {"r": "Right", "l": "Left"}
 EVENT_WORDS = {

@@ -24,8 +24,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import frame_yz, unit
-from gaitcal.page.body_fit import FittedMesh
-from gaitcal.page.bones.bone_directions import check_directions
+from gaitcal.page.body_meshes import FittedMesh
 from gaitcal.page.bones.bone_files import BoneMeshes
 from gaitcal.page.bones.bone_landmarks import (
     MEDIAL,
@@ -33,13 +32,14 @@ from gaitcal.page.bones.bone_landmarks import (
     HipBone,
     LongBone,
     NoLandmark,
+    PersonLandmarks,
     ShankBones,
+    check_directions,
     condyles,
     hip_bone,
     long_bone,
     shank_bones,
 )
-from gaitcal.page.bones.person_landmarks import PersonLandmarks
 
 CARTILAGE = 0.004
 """m between the bones of the knee: twice the 2 mm of cartilage of a healthy tibia and femur (Cohen et al. 1999)."""

@@ -1,5 +1,5 @@
 "use strict";
-// The packed scene, back as numbers. See gaitcal/page/playback.py for how it was packed.
+// The packed scene, back as numbers. See gaitcal/page/scene_file.py for how it was packed.
 const Gaitcal = {};
 
 Gaitcal.bytes = (text) => {

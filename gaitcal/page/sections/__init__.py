@@ -4,7 +4,7 @@
 study.
 """
 
-from gaitcal.page.sections.further import Origin, further_lines, further_sections, recorded_blocks
+from gaitcal.page.sections.fit import Origin, further_lines, further_sections, recorded_blocks
 from gaitcal.page.sections.sections import result_lines, result_sections, trial_sections
 
 __all__ = [

@@ -1,19 +1,25 @@
 """Expected error of each peak moment, and which source makes it: what better input would mend.
 
 At the frame of a peak the variances of independent sources add; the largest comes first.
+
+What makes the error bar of each torque of the legs: the bars of the report, one a torque and side.
+
+The error of a joint moment to expect from each source of a Monte Carlo study, the largest first.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 
+from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.dynamics.torque_sources import Source, TorqueErrors
-from gaitcal.gait.moments import moment_of
-from gaitcal.gait.words import coordinate_title
+from gaitcal.gait.moments import coordinate_title, moment_of
 from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words, split_side
 from gaitcal.model.linkage import SIDES
 from gaitcal.page.sections.blocks import (
@@ -30,8 +36,80 @@ from gaitcal.page.sections.blocks import (
     table,
     text,
 )
-from gaitcal.page.sections.error_sources import ErrorSources, error_sources
-from gaitcal.page.sections.gait_numbers import GaitNumbers
+from gaitcal.page.sections.summary import GaitNumbers
+from gaitcal.published.leg_torques import TORQUES
+from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.statistics import CauseOfMarkerError, expect
+from gaitcal.session.result import TrialResult
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorPart:
+    """One source of one error bar."""
+
+    source: ErrorSource
+    percent: float
+    """Of the variance."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorBar:
+    """The error bar of one torque."""
+
+    title: str
+    """`Right hip flexion`."""
+    short: str
+    """`Hip flexion`."""
+    error: float
+    """N·m/kg, RMS standard error over valid frames."""
+    parts: tuple[ErrorPart, ...]
+    """Their percentages sum to 100; in the order of `ErrorSource`."""
+
+    @property
+    def largest(self) -> ErrorPart:
+        """The part that makes most of it."""
+        return max(self.parts, key=lambda part: part.percent)
+
+    def percent(self, source: ErrorSource) -> float:
+        """Of one source; 0 where it has no part."""
+        return sum(part.percent for part in self.parts if part.source is source)
+
+
+@dataclass(frozen=True)
+class ErrorSources:
+    """Of one trial."""
+
+    right: tuple[ErrorBar, ...]
+    left: tuple[ErrorBar, ...]
+
+    @property
+    def sources(self) -> tuple[ErrorSource, ...]:
+        """Those that have a part in some bar."""
+        shown = {part.source for bar in (*self.right, *self.left) for part in bar.parts}
+        return tuple(source for source in ErrorSource if source in shown)
+
+
+def error_sources(trial: TrialResult, mass: float) -> ErrorSources | None:
+    """The error bars of a trial's leg torques; None where it is not known what makes them. `mass`: of the body, kg."""
+    if trial.loads is None or trial.loads.errors is None:
+        return None
+    errors, reactions = trial.loads.errors, trial.loads.reactions
+
+    def bar(name: str) -> ErrorBar | None:
+        column, valid = FORCES.index(name), reactions.valid_for(name)
+        shares = errors.shares(column, valid)
+        if not shares:
+            return None
+        return ErrorBar(
+            title=coordinate_title(name),
+            short=coordinate_words(name).title,
+            error=float(np.sqrt((errors.every[valid, column] ** 2).mean())) / mass,
+            parts=tuple(ErrorPart(source=s, percent=100.0 * shares[s]) for s in ErrorSource if s in shares),
+        )
+
+    right, left = (tuple(b for name in LEG_COORDINATES if (b := bar(f"{name}_{side}"))) for side in "rl")
+    return ErrorSources(right, left) if right or left else None
+
 
 FIRST = "knee_adduction"
 """The moment that is told in full; the others are folded."""
@@ -53,7 +131,7 @@ class PeakError:
     """s from the begin of the trial."""
     error: float
     """N·m/kg, standard error."""
-    sources: tuple[tuple[Source, float], ...]
+    sources: tuple[tuple[ErrorSource, float], ...]
     """Each with its part (0 to 1) of the variance, largest first."""
 
     @property
@@ -91,7 +169,7 @@ def peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
     )
 
 
-def _sources(errors: TorqueErrors, column: int, frame: int) -> tuple[tuple[Source, float], ...]:
+def _sources(errors: TorqueErrors, column: int, frame: int) -> tuple[tuple[ErrorSource, float], ...]:
     here = np.zeros(len(errors.tau), dtype=bool)
     here[frame] = True
     return tuple(errors.shares(column, here).items())
@@ -164,7 +242,7 @@ def _bar(peak: PeakError) -> dict[str, object]:
     shares = dict(peak.sources)
     parts = [
         {"name": source.words, "value": number_rounded(peak.error * shares[source], 6)}
-        for source in Source
+        for source in ErrorSource
         if source in shares
     ]
     base, side = split_side(peak.name)
@@ -185,3 +263,88 @@ def _shares(shown: ErrorSources) -> Block:
         "RMS standard error."
     )
     return table(head, rows, caption=caption, fold="All parts as numbers, over all valid frames")
+
+
+SOURCE_WORDS: Final = {
+    Varied.JP: "joint positions and axes",
+    Varied.IP: "masses and inertia",
+    Varied.BOTH: "joints, masses and inertia together",
+    Varied.NOISE: "markers",
+}
+SOURCES: Final = (Varied.JP, Varied.IP, Varied.NOISE)
+"""Those that are no sum of others."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """One source, RMS error over the trial in %BW·H."""
+
+    varied: Varied
+    level: float
+    """Per cent of the bounds."""
+    beyond: bool
+    """The marker error is larger than at the highest level: the error is a lower limit."""
+    average: float
+    low: float
+    """10 % of the draws are below."""
+    high: float
+    """10 % of the draws are above."""
+
+    @property
+    def words(self) -> str:
+        """What is off."""
+        return SOURCE_WORDS[self.varied]
+
+
+Quantity = tuple[Varied, str, str, str]
+"""What was varied; torque or markers; ground-reaction frame (empty for markers); measure."""
+
+
+def levels_by_quantity(statistics: pd.DataFrame) -> dict[Quantity, list[dict[str, Any]]]:
+    """The rows of each quantity with any draws, ordered by level."""
+    out: dict[Quantity, list[dict[str, Any]]] = {}
+    known = statistics[statistics["draws"] > 0].sort_values("level", kind="stable")
+    for row in known.to_dict("records"):
+        out.setdefault((Varied(row["set"]), row["quantity"], row["grf"], row["measure"]), []).append(row)
+    return out
+
+
+def expected_errors(
+    statistics: pd.DataFrame, marker_rms: float | None, side: str
+) -> dict[tuple[str, ReactionFrame], tuple[Expected, ...]]:
+    """Torque (`knee_adduction_l`) of one leg and frame -> its sources; those that were not disturbed are left out.
+
+    `marker_rms`: mm, where known joints and markers are as far off as would make it; else as far as was studied.
+    """
+    levels = levels_by_quantity(statistics)
+    causes = {} if marker_rms is None else {c.varied: _of_cause(c) for c in expect(statistics, marker_rms, side)}
+    out = {}
+    for torque in (f"{name}_{side}" for name in TORQUES):
+        for frame in ReactionFrame:
+            found = []
+            for varied in SOURCES:
+                if varied in causes:
+                    found.append(causes[varied][torque, frame.value])
+                elif rows := levels.get((varied, torque, frame.value, "rms")):
+                    found.append(_expected(varied, rows[-1]["level"], rows[-1]))
+            out[torque, frame] = tuple(sorted(found, key=lambda e: -e.average))
+    return out
+
+
+def _of_cause(cause: CauseOfMarkerError) -> dict[tuple[str, str], Expected]:
+    """Torque and frame -> its error if this cause alone has made the marker error."""
+    return {
+        (row["torque"], row["grf"]): _expected(cause.varied, cause.level, row, cause.beyond)
+        for row in cause.torques.to_dict("records")
+    }
+
+
+def _expected(varied: Varied, level: float, row: Mapping[str, float], beyond: bool = False) -> Expected:
+    return Expected(
+        varied=varied,
+        level=float(level),
+        beyond=beyond,
+        average=float(row["average"]),
+        low=float(row["p10"]),
+        high=float(row["p90"]),
+    )

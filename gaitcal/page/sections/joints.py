@@ -20,8 +20,7 @@ from gaitcal.page.sections.blocks import (
     table,
     text,
 )
-from gaitcal.page.sections.near_truth import near_truth_blocks
-from gaitcal.page.sections.truth_rows import near_truth
+from gaitcal.page.sections.near_truth import near_truth, near_truth_blocks
 from gaitcal.session.parameter_words import (
     SHORTER_UNITS,
     Group,

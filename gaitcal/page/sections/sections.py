@@ -9,16 +9,12 @@ from collections.abc import Mapping
 
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page.sections.answers import answers
 from gaitcal.page.sections.blocks import Sections
-from gaitcal.page.sections.clinician import clinician_blocks, trial_clinician_blocks
 from gaitcal.page.sections.fit import fit_blocks, trial_fit_blocks
-from gaitcal.page.sections.gait_numbers import GaitNumbers, gait_numbers
 from gaitcal.page.sections.joints import joint_blocks
-from gaitcal.page.sections.lines import Line, top_lines
-from gaitcal.page.sections.provenance import provenance_blocks
-from gaitcal.page.sections.trial_rows import fit_of, trial_fits
-from gaitcal.page.sections.trust import trial_trust_blocks, trust_blocks
+from gaitcal.page.sections.provenance import Line, provenance_blocks, top_lines
+from gaitcal.page.sections.summary import GaitNumbers, answers, clinician_blocks, gait_numbers, trial_clinician_blocks
+from gaitcal.page.sections.trust import fit_of, trial_fits, trial_trust_blocks, trust_blocks
 from gaitcal.session.result import Calibration, TrialResult
 
 

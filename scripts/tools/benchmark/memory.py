@@ -18,7 +18,7 @@ import numpy as np
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import track
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from gaitcal.synthetic.measurements import synthetic_markers
 from gaitcal.synthetic.motion import gait_motion
 

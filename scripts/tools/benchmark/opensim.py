@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gaitcal.export.osim import write_osim
-from gaitcal.io.trc import write_trc
+from gaitcal.io.trc_mot import write_trc
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.motion.motion import track
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from scripts.tools.benchmark.figure import Timing, temporary_folder
 
 if TYPE_CHECKING:

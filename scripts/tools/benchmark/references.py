@@ -10,9 +10,8 @@ import pinocchio as pin
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.sparse import csr_array
 
-from gaitcal.model.build import build_model
-from gaitcal.model.chain import ChainConstants
-from gaitcal.model.kinematics import forward, jacobian
+from gaitcal.model.chain import ChainConstants, forward, jacobian
+from gaitcal.model.subject_model import build_model
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem

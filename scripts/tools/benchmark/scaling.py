@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from gaitcal.calibration.joint_calibration import JointSearch
-from gaitcal.model.joint_parameters import JP_NAMES, gait_parameters, isolated_parameters
+from gaitcal.model.parameters import JP_NAMES, gait_parameters, isolated_parameters
 from gaitcal.motion.motion import track
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from scripts.tools.benchmark import memory
 from scripts.tools.benchmark.figure import Amount, Timing
 from scripts.tools.benchmark.trials import GAIT_JPS, calibrated, first_frames, problem, recording, start_of, subject

@@ -7,16 +7,20 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
-from gaitcal.calibration.inertial_calibration import fit_consistent, fit_published
-from gaitcal.calibration.inertial_equations import LoadedMotion, TorqueScale, equations_of
+from gaitcal.calibration.inertial_calibration import (
+    LoadedMotion,
+    TorqueScale,
+    equations_of,
+    fit_consistent,
+    fit_published,
+)
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.model.build import build_model
-from gaitcal.model.inertial_parameters import symmetric_set
-from gaitcal.model.joint_parameters import isolated_parameters
+from gaitcal.model.parameters import isolated_parameters, symmetric_set
+from gaitcal.model.subject_model import build_model
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.bandwidth import DenseMotion, with_bandwidth
 from gaitcal.motion.motion import motion_of, track, tracked_motion
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion
 from scripts.tools.benchmark.figure import Amount, Timing

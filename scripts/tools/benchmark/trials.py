@@ -9,11 +9,11 @@ import numpy as np
 
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_parameters import gait_parameters
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import gait_parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.node_rule import NodeRule
+from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers

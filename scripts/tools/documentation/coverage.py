@@ -12,8 +12,7 @@ from typing import Final
 import gaitcal
 from gaitcal.cohort.columns import COLUMNS
 from gaitcal.model.marker_set import built_in_sets
-from gaitcal.results.described import FILES, SUMMARY
-from gaitcal.results.described_columns import TABLES
+from gaitcal.results.described import FILES, SUMMARY, TABLES
 from scripts.tools.documentation import commands, findings, python_names, tables
 
 DOCS: Final = Path(__file__).resolve().parents[3] / "docs"

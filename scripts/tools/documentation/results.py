@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from gaitcal.cohort.columns import COLUMNS
-from gaitcal.results.described import FILES, SUMMARY
-from gaitcal.results.described_columns import TABLES
+from gaitcal.results.described import FILES, SUMMARY, TABLES
 
 
 def _cell(text: str) -> str:

@@ -10,7 +10,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from gaitcal.cohort.cohort_file import CohortFile, ListedPerson
-from gaitcal.io.example_registry import examples
+from gaitcal.io.examples import examples
 from gaitcal.model import marker_set
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial

@@ -9,9 +9,8 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.faults.force_causes import Kind
-from gaitcal.faults.force_choice import Named, choose, told_size
+from gaitcal.faults.force_choice import ForceFit, Named, choose, told_size
 from gaitcal.faults.force_evidence import ForceEvidence
-from gaitcal.faults.force_fits import ForceFit
 from scripts.validation.force_faults.faults import FAULTS, Fault
 from scripts.validation.force_faults.people import Person
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gaitcal.faults.force_causes import Kind
-from gaitcal.faults.force_standing import FORCE_UNITS
+from gaitcal.faults.force_evidence import FORCE_UNITS
 from gaitcal.io.force_plate import LOADED_N, UP, plate_from_moment, pushes_down, turned_round
 from gaitcal.io.recording import ForcePlate, Recording
 

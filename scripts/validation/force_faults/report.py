@@ -6,9 +6,8 @@ from collections import Counter
 
 import numpy as np
 
-from gaitcal.faults.force_choice import choose
-from gaitcal.faults.force_fits import fits
-from gaitcal.faults.force_residual import ForceResidual
+from gaitcal.faults.force_choice import choose, fits
+from gaitcal.faults.force_evidence import ForceResidual
 from scripts.validation.force_faults.cases import Case, Outcome
 from scripts.validation.force_faults.people import Person
 

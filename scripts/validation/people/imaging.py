@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.model.hip_centre import HipCentre, hip_centre
+from gaitcal.model.joint_centres import HipCentre, hip_centre
 from gaitcal.model.linkage import SIDES
 from scripts.validation.people.hips import HIP
 from scripts.validation.people.real import Fit

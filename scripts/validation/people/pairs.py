@@ -17,8 +17,8 @@ from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.compare.parameter_differences import difference_variance, told_parameters
 from gaitcal.compare.session import Common
-from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
+from gaitcal.model.parameters import JP_INDEX
 from gaitcal.study.study_trial import Role, StudyTrial
 from scripts.validation.error_bars import coverage
 from scripts.validation.people.hips import HIP

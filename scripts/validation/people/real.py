@@ -8,10 +8,9 @@ import numpy as np
 
 from gaitcal import Study, SubjectModel
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, leg_parameters
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Parameters, leg_parameters
 from gaitcal.runtime import silent
 from gaitcal.session.joint_parameters import joint_stage
 from gaitcal.study.joint_prior import JointPrior
@@ -35,7 +34,7 @@ class Fit:
     parameters: Parameters
     errors: Array
     """(98,) m, rad: standard errors; NaN of what is not fitted."""
-    influence: Influence
+    influence: ErrorSources
 
     def leg(self, side: str, values: Array) -> Array:
         """(27,) of a (98,) array, as of a right leg, in the order of `LEG`."""

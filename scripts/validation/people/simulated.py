@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.joint_parameters import JP_INDEX
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.parameters import JP_INDEX
 from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.people.real import fitted
 from scripts.validation.recordings import changed, only

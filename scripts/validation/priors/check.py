@@ -24,7 +24,7 @@ import numpy as np
 
 from gaitcal.cohort.cohort_priors import Rules, learn_cohort, priors_words
 from gaitcal.cohort.person_evidence import PersonEvidence
-from gaitcal.study.cohort_prior import CohortPriors, joint_prior
+from gaitcal.study.joint_prior import CohortPriors, joint_prior
 from scripts.validation.harness import commas
 from scripts.validation.priors.people import MadePerson, evidence, fit, person_of, walk_alone
 from scripts.validation.priors.populations import POPULATIONS

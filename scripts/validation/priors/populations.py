@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_NAMES, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind
 from gaitcal.study.people_design import HEIGHT, STEP, Person, mirror
 
 POSITION = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])

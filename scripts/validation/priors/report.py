@@ -10,7 +10,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_evidence import LEG_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_root
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI, Kind
 from scripts.validation.priors.people import Fit
 
 WIDTH = 1.96

@@ -15,16 +15,16 @@ import numpy as np
 
 from gaitcal import Study
 from gaitcal.arrays import Array
-from gaitcal.calibration.influence import Influence
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.compare.parameter_differences import difference_variance, told_parameters
 from gaitcal.compare.session import Common
 from gaitcal.compare.shared_model import JointKnowledge, joined
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
-from gaitcal.model.hip_centre import HipCentre
-from gaitcal.model.joint_parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import silent
 from gaitcal.session.joint_parameters import joint_stage
@@ -69,7 +69,7 @@ class MadeSession:
     """(98,)."""
     fitted: Array
     """(98,)."""
-    influence: Influence
+    influence: ErrorSources
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from gaitcal import Study, calibrate, write_results
 from gaitcal.arrays import Array
-from gaitcal.compare.difference_error import shared_variance
+from gaitcal.compare.difference import shared_variance
 from gaitcal.compare.session import Session, common_to
 from gaitcal.compare.stride_sets import mean_over, stride_sets
 from gaitcal.results.sessions import load_session

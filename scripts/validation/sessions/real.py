@@ -14,10 +14,10 @@ import numpy as np
 
 from gaitcal import calibrate, write_results
 from gaitcal.arrays import Array
-from gaitcal.compare.difference_error import pooled, shared_variance
+from gaitcal.compare.difference import pooled, shared_variance
 from gaitcal.compare.session import Session, common_to
 from gaitcal.compare.stride_sets import mean_over, stride_sets
-from gaitcal.gait.variables import Kind, kind_of
+from gaitcal.gait.cycles import Kind, kind_of
 from gaitcal.results.sessions import load_session
 from scripts.validation.error_bars import coverage
 from scripts.validation.recordings import only, study_of_person

@@ -17,8 +17,8 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from gaitcal.dynamics.joint_kinetics import POWER_JOINTS, POWERS
 from gaitcal.dynamics.joint_moments import COMPONENTS, VECTOR_FRAMES
-from gaitcal.dynamics.powers import POWER_JOINTS, POWERS
 from scripts.validation.error_bars import HALF_WIDTHS
 from scripts.validation.truth.synthetic import (
     INERTIAL_KINDS,

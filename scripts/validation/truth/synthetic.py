@@ -21,7 +21,7 @@ from gaitcal import COORDINATES, Calibration, Moments, Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.joint_kinetics import kinetic_values
-from gaitcal.model.hip_centre import HipCentre
+from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import REACTIONS
 from gaitcal.model.nominal import published_model
 from gaitcal.study.study_trial import Role

@@ -15,7 +15,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments, moments_of
 from gaitcal.dynamics.joint_kinetics import JointKinetics, component_of, kinetics_of, power_of
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.gait.moments import moment_of
-from gaitcal.io.metadata import FootEvent, FootMoment
+from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.session.prepare import measured_reactions, prepare_trial

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.page.body_meshes import Mesh
-from gaitcal.page.bones.bone_files import installed_bones
+from gaitcal.page.bones.bone_files import fitted_ball, installed_bones, is_inside, volume, with_fewer_triangles
 from gaitcal.page.bones.bone_landmarks import NoLandmark, condyles, hip_bone, long_bone, shank_bones
-from gaitcal.page.bones.bone_shape import fitted_ball, is_inside, volume, with_fewer_triangles
 from gaitcal.page.bones.placement import landmarked
 from tests.page.bones import made_bones as made
 

@@ -11,16 +11,13 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.model.nominal import published_model
-from gaitcal.page.bones import person_landmarks
+from gaitcal.page.bones import bone_landmarks
 from gaitcal.page.bones.bone_files import bones_of_folder
-from gaitcal.page.bones.bone_landmarks import MEDIAL
-from gaitcal.page.bones.knee_axis import knee_axes
-from gaitcal.page.bones.knee_words import evidence_words, knee_brief, knee_words
-from gaitcal.page.bones.person_landmarks import KneeEvidence
+from gaitcal.page.bones.bone_landmarks import MEDIAL, KneeEvidence
+from gaitcal.page.bones.knee_axis import evidence_words, knee_axes, knee_brief, knee_words
 from gaitcal.page.bones.placement import Landmarked, apply, fitted_bones, landmarked, place_of_femur, place_of_shank
-from gaitcal.page.joint_marks import JointMark, joint_marks
-from gaitcal.page.playback import scene_json
-from gaitcal.page.scene import Scene
+from gaitcal.page.scene import JointMark, Scene, joint_marks
+from gaitcal.page.scene_file import scene_json
 from gaitcal.page.view import view_html
 from tests.page.bones import made_bones as made
 
@@ -35,7 +32,7 @@ def bones(tmp_path_factory: pytest.TempPathFactory) -> Landmarked:
 
 @pytest.fixture(scope="module")
 def person():
-    return person_landmarks(published_model(static_only=True))
+    return bone_landmarks(published_model(static_only=True))
 
 
 @pytest.mark.parametrize("side", ["r", "l"])
@@ -82,11 +79,11 @@ def test_no_fitted_knee_axis_moves_a_bone(without: str, bones: Landmarked) -> No
     model = replace(model, landmarks={k: v for k, v in model.landmarks.items() if not k.startswith(without)})
     names = ("knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.thigh.front", "knee_r.thigh.trans", "knee_r.shank.front")
     moved = model.with_parameters(model.parameters.with_joint(names, np.array([0.03, -0.5, 0.3, -0.2, 0.2])))
-    before, after = (fitted_bones(bones, person_landmarks(m), 1.7) for m in (model, moved))
+    before, after = (fitted_bones(bones, bone_landmarks(m), 1.7) for m in (model, moved))
     for a, b in zip(before, after, strict=True):
         np.testing.assert_array_equal(a.place, b.place)
     marks = joint_marks(model.nominal, moved.parameters, {})
-    knee = knee_axes(bones, person_landmarks(moved), marks)[0]
+    knee = knee_axes(bones, bone_landmarks(moved), marks)[0]
     assert knee.fitted is not None and knee.fitted.medial.distance > 0.03
     assert not knee.fitted.medial.inside and "past both condyles" in knee_words(knee)[0]
 
@@ -210,7 +207,7 @@ def test_what_a_knee_stands_on_is_told(bones: Landmarked) -> None:
         KneeEvidence.NOMINAL: (none, "proves nothing"),
     }
     for evidence, (landmarks, words) in cases.items():
-        person = person_landmarks(replace(model, landmarks=dict(landmarks)))
+        person = bone_landmarks(replace(model, landmarks=dict(landmarks)))
         assert set(person.knees.values()) == {evidence} and person.complete
         knee = knee_axes(bones, person, joint_marks(model.nominal, model.parameters, {}))[0]
         assert words in evidence_words(knee) and knee_words(knee)[0].startswith("Not fitted")

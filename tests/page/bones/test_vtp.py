@@ -6,7 +6,7 @@ import zlib
 import numpy as np
 import pytest
 
-from gaitcal.page.bones.vtp import read_vtp
+from gaitcal.page.bones.bone_files import read_vtp
 from tests.page.bones import made_bones as made
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 2]], dtype=float)

@@ -10,17 +10,17 @@ import pytest
 
 from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.findings import Severity
-from gaitcal.gait.words import parameter_words
-from gaitcal.model.joint_parameters import JP_INDEX, JP_NAMES
+from gaitcal.gait.moments import parameter_words
 from gaitcal.model.linkage import COORDINATE_INDEX
-from gaitcal.page.sections.answers import Answer, answers
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.page.sections.blocks import number
 from gaitcal.page.sections.joints import joint_blocks
 from gaitcal.page.sections.sections import walks_of
-from gaitcal.page.sections.trial_rows import trial_fits
-from gaitcal.session.marker_fit import RmsErrors
+from gaitcal.page.sections.summary import Answer, answers
+from gaitcal.page.sections.trust import trial_fits
 from gaitcal.session.parameter_words import blind_spots, counts_sentence, joint_groups, range_of_motion
 from gaitcal.session.result import Calibration, Stage
+from gaitcal.session.trial_result import RmsErrors
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from tests.fake_result import fake_calibration, held

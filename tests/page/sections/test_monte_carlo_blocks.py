@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.page.sections.blocks import number
-from gaitcal.page.sections.expected_errors import expected_errors
+from gaitcal.page.sections.error_bars import expected_errors
 from gaitcal.page.sections.monte_carlo import PART, monte_carlo_blocks, with_monte_carlo
 from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.published.case import nominal_case

@@ -13,11 +13,11 @@ import pytest
 
 from gaitcal import cycles
 from gaitcal.faults.verdict import judge
-from gaitcal.gait.words import parameter_words
+from gaitcal.gait.moments import parameter_words
 from gaitcal.page.sections.blocks import LONGEST_NAME, number
 from gaitcal.page.sections.error_bars import peak_error
-from gaitcal.page.sections.gait_numbers import gait_numbers
 from gaitcal.page.sections.sections import result_sections, trial_sections
+from gaitcal.page.sections.summary import gait_numbers
 from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.summary import summary
 from gaitcal.session.parameter_words import SHORTER_UNITS

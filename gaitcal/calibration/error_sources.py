@@ -1,0 +1,343 @@
+"""Errors by source: what every independent source of error makes of the joint parameters, and of a trial's motion.
+
+Joint parameters p with Hessian H, motions eliminated, are fitted to trials of score u_t = S_t^1/2 n_t and to a prior
+Lambda about c. What is kept fixed, k, is not exact either, nor is c: with errors d p_k, d c of their own, from an
+earlier phase or of the nominal model,
+
+    d p = -H^-1 (sum_t u_t + S_pk d p_k - Lambda d c),        H = sum_t S_pp + Lambda,       n_t, independent, N(0, 1).
+
+A motion is tracked with known joints. Its nodes depend on the residuals of marker coordinate c (one axis of one marker)
+through its score g_c = sum_f J_cf r_cf, and move by  n_c = -H_qq^-1 g_c  with it. Skin movement repeats itself from
+frame to frame, so frames are not independent; marker coordinates are taken to be: the cluster-robust sandwich (Liang
+and Zeger 1986), with residuals first inflated for what the motion itself has absorbed: r / (1 - h), h the leverage of
+the coordinate in its frame's own least-squares problem (Mancini and DeRouen 2001; skin noise is slow against the
+splines, so that the motion of a frame can follow it).
+
+Any quantity that depends on both, a torque at a frame, gets its standard error from the same columns by its derivative.
+
+What every source of error moves: the joint parameters, and through them and by itself the motion of a trial.
+
+A source c of the joint parameters (`influence.py`) moves them by d p_c and the motion by  d N_c = - S d p_c,
+S = -d N/d p. A coordinate of the trial's own markers moves its nodes by n_c while joints are known: what it does to the
+joints is told by the noise of the trial. The coordinates of the motion move by B d N_c; squares sum to the variance
+that skin movement leaves in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from gaitcal.arrays import Array, stretches
+from gaitcal.calibration.joint_prior import prior_root
+from gaitcal.calibration.soft_tissue_artefact import SQUARES
+from gaitcal.dynamics.axis_errors import ErrorSource
+from gaitcal.model.chain import ChainConstants, forward, jacobian
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters
+from gaitcal.motion.arrow import eliminate
+from gaitcal.motion.spline import ORDER, SplineBasis, basis_matrix
+from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.study.joint_prior import JointPrior
+
+LEVERAGE_CAP = 0.9
+"""Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialScores:
+    """What one trial's marker coordinates make of its motion, the joint parameters being known."""
+
+    nodes: Array
+    """(nn * nq, nc) H_qq^-1 g_c: what they make of the nodes, negative."""
+    sensitivity: Array
+    """(nn * nq, np_t) H_qq^-1 H_qp; those of soft tissue, if the trial has any, come last."""
+    clusters: tuple[str, ...]
+    """(nc,) which marker coordinate each column is: `trial/label/axis`."""
+
+
+@dataclass(frozen=True)
+class ErrorSources:
+    """What every independent source of error makes of the joint parameters: the markers of trials, soft tissue, and how
+    far the nominal model may be wrong.
+    """
+
+    free: tuple[str, ...]
+    parameters: Array
+    """(np, nc) d p_c, m and rad."""
+    clusters: tuple[str, ...]
+    """(nc,) names of the sources: `markers/trial/number`, `skin/column`, `nominal/parameter`."""
+
+    @property
+    def covariance(self) -> Array:
+        """(np, np) of the joint parameters; zero along directions that the trials cannot see."""
+        out: Array = self.parameters @ self.parameters.T
+        return out
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard error (m, rad) of each free joint parameter."""
+        errors = np.sqrt((self.parameters**2).sum(axis=1))
+        return {name: float(e) for name, e in zip(self.free, errors, strict=True)}
+
+    def of(self, names: Sequence[str]) -> ErrorSources:
+        """Those of some of its parameters."""
+        return ErrorSources(tuple(names), self.parameters[[self.free.index(n) for n in names]], self.clusters)
+
+    def updated(self, other: ErrorSources) -> ErrorSources:
+        """With other errors in the place of those of their parameters, and no source that moves nothing any more."""
+        kept = self.of([name for name in self.free if name not in other.free])
+        moving = np.flatnonzero(kept.parameters.any(axis=0)).tolist()
+        errors = block_diag(kept.parameters[:, moving], other.parameters)
+        clusters = [self.clusters[c] for c in moving]
+        return ErrorSources((*kept.free, *other.free), errors, (*clusters, *other.clusters))
+
+
+def nominal_influence(names: Sequence[str] = JP_NAMES, prior: JointPrior | None = None) -> ErrorSources:
+    """How far nominal joint parameters may be wrong, a column a cause (`joint_prior.py`; anatomy's unless given)."""
+    return ErrorSources(tuple(names), prior_root(names, prior), tuple(f"nominal/{name}" for name in names))
+
+
+def errors_by_source(
+    free: tuple[str, ...], scores: ErrorSources, inverse: Array, precision: Array, held: Array, known: ErrorSources
+) -> ErrorSources:
+    """Errors of parameters that were fitted, and of those known before that the fit leaves alone.
+
+    Parameters
+    ----------
+    free : what was fitted.
+    scores : (np, nc) u_t of every source of the fit's own.
+    inverse : (np, np) H^-1.
+    precision : (np, np) Lambda.
+    held : (np, nk) S_pk, in the order of those of `known.free` that were not fitted.
+    known : errors before the fit, of the priors' centres and of what it kept fixed.
+    """
+    others = known.of([name for name in known.free if name not in free])
+    centre = np.zeros((len(free), len(known.clusters)))
+    given = [name in known.free for name in free]
+    centre[given] = known.of([name for name in free if name in known.free]).parameters
+    kept = others.parameters
+    of_known = inverse @ (precision @ centre - held @ kept)
+    own = np.vstack([inverse @ scores.parameters, np.zeros((len(kept), scores.parameters.shape[1]))])
+    return ErrorSources(
+        (*free, *others.free), np.hstack([own, np.vstack([of_known, kept])]), (*scores.clusters, *known.clusters)
+    )
+
+
+def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) -> TrialScores:
+    """Scores of one trial's marker coordinates at its motion, with the free joint parameters of its chain."""
+    constants = problem.constants(parameters)
+    eliminated = eliminate(problem.equations(nodes, constants))
+    by_node = _cluster_gradients(problem, constants, nodes)
+    clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
+    if problem.penalty is not None:
+        by_node = np.column_stack([by_node, problem.penalty.gradient(nodes).ravel()])
+        clusters.append(f"bandwidth/{problem.name}")
+    for prior in problem.priors:
+        if prior.centred:
+            of_centre = prior.scores(problem.basis, problem.chain.coordinates)
+            by_node = np.column_stack([by_node, of_centre])
+            clusters += [f"posture/{problem.name}/{k}" for k in range(of_centre.shape[1])]
+    return TrialScores(
+        nodes=eliminated.factor.solve(by_node), sensitivity=eliminated.sensitivity, clusters=tuple(clusters)
+    )
+
+
+def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: Array) -> Array:
+    """(nn * nq, nc) half gradients of each marker coordinate's own cost by the nodes, residuals inflated."""
+    chain, data, basis = problem.chain, problem.data, problem.basis
+    nq = len(chain.coordinates)
+    q = basis.evaluate(nodes)
+    poses = forward(chain, constants, q, data.secondary)
+    spatial = jacobian(chain, constants, poses, data.secondary)
+    x = problem.positions(nodes, constants)
+    residual = x - data.measured
+    inverse = _frame_inverses(problem, constants, q)
+    matrix = basis_matrix(basis)
+    by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
+    for m, segment in enumerate(data.segment):
+        own = np.flatnonzero(chain.support[:nq, segment])
+        velocity = _point_velocity(spatial[own], x[m])
+        # h = w J (J^T W J)^-1 J^T of this marker's three axes in its own frame: what the motion absorbs of it
+        by_frame = velocity.transpose(2, 1, 0)
+        met = by_frame @ inverse[np.ix_(np.arange(len(q)), own, own)]
+        leverage = (met * by_frame).sum(axis=2).T
+        leverage = np.clip(data.weight[m] * leverage, 0.0, LEVERAGE_CAP)
+        pull = velocity * (data.weight[m] * residual[m] / (1.0 - leverage))
+        for i in range(3):
+            by_node[:, own, 3 * m + i] = (pull[:, i] @ matrix).T
+    out: Array = by_node.reshape(basis.nodes * nq, -1)
+    return out
+
+
+def _point_velocity(spatial: Array, x: Array) -> Array:
+    """(nk, 3, nf) velocity v + w x x of the point x (3, nf) for spatial velocities (nk, 6, nf)."""
+    v, w = spatial[:, :3], spatial[:, 3:]
+    out = v.copy()
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[:, i] += w[:, j] * x[k] - w[:, k] * x[j]
+    return out
+
+
+def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) -> Array:
+    """(nf, nq, nq) pseudo-inverses of the frames' own Gauss-Newton matrices."""
+    hessian = problem.frame_hessians(q, constants)
+    # m^2 and rad^2 on one diagonal: scaled to ones, so that the cut of the pseudo-inverse means the same for all
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("fii->fi", hessian), 1e-12))
+    scaled = hessian * scale[:, :, None] * scale[:, None, :]
+    inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)
+    out: Array = inverse * scale[:, :, None] * scale[:, None, :]
+    return out
+
+
+BLOCK = 125
+"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
+COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
+"""Of a product of which only squares are kept."""
+
+
+@dataclass(frozen=True)
+class MotionSensitivity:
+    """What every source of error moves: this trial's own marker coordinates the nodes, all others the unknowns."""
+
+    shift: Array
+    """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source are np or fewer with the
+    same covariance."""
+    nodes: Array
+    """(nn * nq, own) n_c: what the own coordinates do."""
+    sensitivity: Array
+    """(nn * nq, np) - d N / d p."""
+    own: tuple[ErrorSource, ...]
+    """(own,) of the columns of `nodes`."""
+    others: tuple[ErrorSource, ...]
+    """(nc,) of the columns of `shift`."""
+
+    @property
+    def present(self) -> tuple[ErrorSource, ...]:
+        """Every source once."""
+        return tuple(dict.fromkeys((*self.own, *self.others)))
+
+    def states(self, basis: SplineBasis, part: slice, nq: int) -> Array:
+        """(frames, 3 nq, own + np) `moved` of coordinates, rates and accelerations."""
+        return np.concatenate([self.moved(basis, part, nq, derivative) for derivative in range(3)], axis=1)
+
+    def moved(self, basis: SplineBasis, part: slice, nq: int, derivative: int) -> Array:
+        """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
+        near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
+        rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
+        by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
+        out: Array = basis_matrix(basis, derivative)[part, near] @ by_node
+        return out.reshape(part.stop - part.start, nq, -1)
+
+    def variances(self, moved: Array) -> dict[ErrorSource, Array]:
+        """ErrorSource -> (frames, m) the variance that it makes; `moved`: (frames, m, own + np) what own coordinates
+        and unknowns do.
+        """
+        (nf, m, _), count, out = moved.shape, self.nodes.shape[1], dict[ErrorSource, Array]()
+        by_unknown = moved[:, :, count:].reshape(nf * m, -1)
+        for source in self.present:
+            own = [k for k, of in enumerate(self.own) if of is source]
+            shared = [k for k, of in enumerate(self.others) if of is source]
+            found = squares(moved[:, :, :count] if len(own) == count else moved[:, :, own])
+            out[source] = found + _product_squares(by_unknown, self.shift[:, shared]).reshape(nf, m)
+        return out
+
+
+def squares(moves: Array) -> Array:
+    """(nf, m) variance from what independent sources (nf, m, k) make."""
+    out: Array = np.einsum("fmk,fmk->fm", moves, moves)
+    return out
+
+
+def _product_squares(left: Array, right: Array) -> Array:
+    """(n,) sums of squares of the rows of left @ right, (n, k) and (k, c); `right` is half zeros, beside a diagonal."""
+    out = np.zeros(len(left))
+    for start in range(0, right.shape[1], COLUMNS_AT_ONCE):
+        part = right[:, start : start + COLUMNS_AT_ONCE]
+        rows = np.flatnonzero(part.any(axis=1))
+        if not len(rows):
+            continue
+        kept = slice(rows[0], rows[-1] + 1)
+        for first in range(0, len(left), ROWS_AT_ONCE):
+            some = slice(first, first + ROWS_AT_ONCE)
+            product = left[some, kept] @ part[kept]
+            out[some] += np.einsum("ij,ij->i", product, product)
+    return out
+
+
+def source_of(name: str) -> ErrorSource:
+    """The source that a column of an `ErrorSources` belongs to, by its name."""
+    first, _, rest = name.partition("/")
+    if first == "nominal" and rest in JP_INDEX:
+        return ErrorSource.JOINT_NOMINAL
+    parts = {part.removesuffix(SQUARES) for part in rest.split("/")}
+    if first == "skin" and (rest == "found" or not parts.isdisjoint(COORDINATES)):
+        return ErrorSource.SKIN
+    if first == "posture" and rest.rpartition("/")[2].isdigit():
+        return ErrorSource.POSTURE
+    return ErrorSource.BANDWIDTH if first == "bandwidth" and "/" not in rest else ErrorSource.JOINT_MARKERS
+
+
+def whole_body_scores(
+    problem: TrialProblem, nodes: Array, parameters: Parameters, joint: ErrorSources | None
+) -> TrialScores:
+    """Scores of one whole-body trial's markers, for the joint parameters of `joint`; None: no parameter is free."""
+    return trial_scores(problem.with_free(joint.free if joint else ()), parameters, nodes)
+
+
+def marker_moves(
+    problem: TrialProblem,
+    nodes: Array,
+    parameters: Parameters,
+    joint: ErrorSources | None,
+    scores: TrialScores | None = None,
+) -> MotionSensitivity:
+    """Moves of one whole-body trial.
+
+    Parameters
+    ----------
+    joint : None where no joint parameters were calibrated.
+    scores : of `whole_body_scores`, where known already.
+    """
+    scores = scores or whole_body_scores(problem, nodes, parameters, joint)
+    found = [source_of(c) for c in scores.clusters]
+    own = [source if source in (ErrorSource.BANDWIDTH, ErrorSource.POSTURE) else ErrorSource.MOTION for source in found]
+    shift, others = np.zeros((scores.sensitivity.shape[1], 0)), list[ErrorSource]()
+    if joint is not None:
+        errors = joint.parameters[problem.with_free(joint.free).places_in(joint.free)]
+        named = [source_of(name) for name in joint.clusters]
+        for source in dict.fromkeys(named):
+            columns = errors[:, [k for k, of in enumerate(named) if of is source and errors[:, k].any()]]
+            compressed = np.asarray(np.linalg.qr(columns.T, mode="r")).T
+            shift = np.hstack([shift, compressed])
+            others += [source] * compressed.shape[1]
+    return MotionSensitivity(shift, -scores.nodes, scores.sensitivity, tuple(own), tuple(others))
+
+
+def coordinate_variances(problem: TrialProblem, moves: MotionSensitivity) -> dict[ErrorSource, Array]:
+    """ErrorSource -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial."""
+    basis, nq = problem.basis, len(problem.chain.coordinates)
+    out = {source: np.empty((len(basis.time), nq)) for source in moves.present}
+    for part in stretches(len(basis.time), BLOCK):
+        for source, variance in moves.variances(moves.moved(basis, part, nq, 0)).items():
+            out[source][part] = variance
+    return out
+
+
+def coordinate_standard_errors(
+    problem: TrialProblem,
+    moves: MotionSensitivity,
+    turned: Array | None = None,
+    variances: Mapping[ErrorSource, Array] | None = None,
+) -> Array:
+    """(nf, nq) m, rad: standard errors of the coordinates of one whole-body trial.
+
+    `turned`: (nf, nq) those that errors of the segments' axes make (`AxisErrors.coordinate_errors`); a coordinate that
+    no marker moves with is held at zero, and has none. `variances`: of `coordinate_variances`, where known already.
+    """
+    out: Array = np.sqrt(sum((variances or coordinate_variances(problem, moves)).values()))
+    return out if turned is None else np.hypot(out, np.where(problem.active, turned, 0.0))

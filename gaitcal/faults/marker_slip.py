@@ -1,0 +1,263 @@
+"""Markers that leave their place in the segment for a while, and paths that software made up over a gap.
+
+A marker's distance from its mean place in the trial (`Cluster.strayed`) shows when it is elsewhere. Where it slips from
+one frame to the next and stays there, the whole cluster's fit jumps: the means of its markers' places over a quarter of
+a second before and after differ as much as the two frames do, which skin never does; the marker that slipped is the one
+that jumps in the laboratory. A path that is held still, or drawn as a straight line from one frame to another, has no
+second difference while the others go their way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
+from gaitcal.faults.cluster import FEWEST, Cluster, alignment
+from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.exchanged import undone
+from gaitcal.findings import Finding, Severity
+from gaitcal.io.intervals import runs, spans
+
+AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
+"""Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its markers stray
+farther."""
+USUAL = 5.0
+"""Times the marker's usual distance, if that is more."""
+SHORTEST_FRAMES, SHORTEST_S = 5, 0.05
+FAR_M = 0.025
+SURE_FAR_M = {"pelvis": 0.015, "thigh": 0.015, "shank": 0.015, "foot": 0.025}
+"""The same where it slipped or its path was made up, which skin never does."""
+LONG_S = 0.1
+"""So far for so long moves the joints' angles by more than their error bars: an error."""
+SLIP_M = 6e-3
+"""Change of a marker's place in its segment from one frame to the next, and at least so much between the means; no
+clean recording of 20 people has one that lasts and is one marker's alone."""
+MOST_SLIPS = 2
+"""In a cluster: more are a rattling marker or a foot that strikes, not tape that came off."""
+MOST_JUMPS = 3
+"""Of one marker, whether it stays or comes back at once: more are cameras that lose it."""
+SLIP_S, SLIP_FRAMES = 0.25, 8
+"""Stretch of the means before and after, and fewest frames of it."""
+ALONE = 2.0
+"""Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole."""
+SLIP_USUAL = 6.0
+"""Times the usual change from frame to frame."""
+SLIP_RATE = 0.6
+"""m/s of the same: skin goes on moving between two frames, and slow cameras see it jump."""
+SLIP_SUDDEN, SUDDEN_S = 2.5, 0.1
+"""Times the changes of the frames so near before and after (but for the next ones): tape that comes off does so at
+once, skin deforms over several frames."""
+SHORTEST_STAY_S = 0.15
+SLIP_STAYS = 0.6
+"""Share of a change that must last."""
+LIGHTLY = 0.05
+"""Weight of a marker that slipped, where the two others alone do not tell how the segment lies."""
+STILL_M = 2e-5
+"""Second difference of a path that nobody measured: half the noise of good cameras."""
+STRAIGHT_FRAMES = 6
+STRAIGHT_M = 2e-4
+BENT_M = 8e-3
+"""How far the path of another marker of the segment must bend meanwhile."""
+WRONG_M = 4e-3
+"""Beyond the usual distance, from which a made-up path is told."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A marker of a segment that is elsewhere for a while."""
+
+    cluster: Cluster
+    label: str
+    frames: slice
+    distance: float
+    """m, largest distance from its mean place."""
+    straight: bool = False
+    """Whether the path is held or a straight line."""
+    slipped: bool = False
+    """Whether it went there from one frame to the next, and stayed."""
+
+
+def marker_slip(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers that leave their place for a while, one finding a marker."""
+    found = stretches(trial)
+    if found and (mended := undone(trial)) is not trial:  # exchanges are told by a check of their own
+        found = stretches(mended)
+    for label, of_marker in found.items():
+        yield _finding(trial, label, of_marker)
+
+
+def stretches(trial: TrialEvidence) -> dict[str, list[Stretch]]:
+    """Marker -> where it is elsewhere."""
+    found: dict[str, list[Stretch]] = {}
+    for cluster in trial.clusters.values():
+        for stretch in (*made_up(trial, cluster), *slipped(trial, cluster), *strayed(trial, cluster)):
+            here = found.setdefault(stretch.label, [])
+            if not any(_overlap(stretch.frames, other.frames) for other in here):
+                here.append(stretch)
+    return found
+
+
+def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
+    time = trial.recording.time
+    worst = max(found, key=lambda s: s.distance)
+    frames = sum(s.frames.stop - s.frames.start for s in found)
+    part = worst.cluster.segment
+    slip = any(s.slipped for s in found)
+    bad = any(s.distance > _far(s) and _seconds(time, s.frames) >= LONG_S for s in found)
+    what = f"marker '{label}' {'slipped' if slip else 'left its place'} on {part}"
+    if worst.straight:
+        what = f"the path of marker '{label}' on {part} was held or drawn as a straight line over a gap"
+    return trial.finding(
+        Severity.ERROR if bad else Severity.WARNING,
+        "left its place",
+        f"up to {1e3 * worst.distance:.0f} mm away in {frames} frames, {spans(time, [s.frames for s in found])}",
+        _cure(worst),
+        cause=what,
+        leg=part[-1] if part.endswith(("_r", "_l")) else "",
+        weight=worst.distance / AWAY_M[worst.cluster.part],
+        code=Code.MARKER_LEFT_PLACE,
+    )
+
+
+def _far(stretch: Stretch) -> float:
+    return SURE_FAR_M[stretch.cluster.part] if stretch.slipped or stretch.straight else FAR_M
+
+
+def _cure(stretch: Stretch) -> str:
+    part = "leave that part out with time = [start, end], "
+    if stretch.cluster.own < FEWEST:
+        return part + "or export gaps as gaps: without this marker the other does not tell how the segment lies"
+    return part + f'export gaps as gaps, or weights = {{ "{stretch.label}" = 0 }} under [markers]'
+
+
+def _seconds(time: Array, frames: slice) -> float:
+    return float(time[min(frames.stop, len(time) - 1)] - time[frames.start])
+
+
+def _overlap(a: slice, b: slice) -> bool:
+    return bool(a.start < b.stop and b.start < a.stop)
+
+
+def strayed(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
+    """Stretches in which a marker is far from its mean place, and more so than it usually is."""
+    distance = np.nan_to_num(cluster.strayed[:, : cluster.own])
+    usual = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
+    limit = usual + np.maximum(cluster.size * AWAY_M[cluster.part], USUAL * usual)
+    beyond: BoolArray = np.any(distance > limit, axis=1)
+    for run in runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * trial.recording.rate))):
+        k = _culprit(trial, cluster, run)
+        yield Stretch(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
+
+
+def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
+    """Stretches that begin where a marker slips, until it slips again or the trial ends."""
+    away = cluster.away[:, : cluster.own]
+    frames = np.flatnonzero(np.isfinite(away).all(axis=(1, 2)))
+    rate = trial.recording.rate
+    window = max(SLIP_FRAMES, round(SLIP_S * rate))
+    fewest, near = max(SLIP_FRAMES, round(SHORTEST_STAY_S * rate)), max(3, round(SUDDEN_S * rate))
+    if len(frames) < 2 * fewest:
+        return
+    away = away[frames]
+    step = np.linalg.norm(np.diff(away, axis=0), axis=2).max(axis=1)
+    least = cluster.size * SLIP_M
+    limit = max(least, SLIP_RATE / rate, SLIP_USUAL * float(np.median(step)))
+    slips: list[tuple[int, int, float]] = []
+    sudden = np.flatnonzero(step > limit).tolist()
+    jumpers = [int(np.argmax(_jumps(trial, cluster, int(frames[f + 1])))) for f in sudden]
+    for f, k in zip(sudden, jumpers, strict=True):
+        before, after = away[max(0, f + 1 - window) : f + 1], away[f + 1 : f + 1 + window]
+        if min(len(before), len(after)) < fewest or step[f] < SLIP_SUDDEN * _around(step, f, near):
+            continue
+        change = np.linalg.norm(after.mean(axis=0) - before.mean(axis=0), axis=1).max()
+        if change < max(least, SLIP_STAYS * float(step[f])):
+            continue
+        edge = int(frames[f + 1])
+        jumps = _jumps(trial, cluster, edge)
+        if jumpers.count(k) > MOST_JUMPS or jumps[k] < ALONE * float(np.delete(jumps, k).max()):
+            continue
+        shape = cluster.shape[: cluster.own]
+        slips.append((edge, k, _alone(cluster, k, shape + before.mean(axis=0), shape + after.mean(axis=0))))
+    if len(slips) > MOST_SLIPS:
+        return
+    for i, (edge, k, size) in enumerate(slips):
+        again = next((other for other, marker, _ in slips[i + 1 :] if marker == k), len(cluster.away))
+        yield Stretch(cluster, cluster.labels[k], slice(edge, again), size, slipped=True)
+
+
+def _around(step: Array, f: int, near: int) -> float:
+    """m, the largest change from frame to frame near change f, without its neighbours."""
+    return float(np.concatenate([step[max(0, f - near) : max(0, f - 1)], step[f + 2 : f + 1 + near]]).max(initial=0.0))
+
+
+def _alone(cluster: Cluster, k: int, before: Array, after: Array) -> float:
+    """m, how far marker k went between two mean places (own, 3) of the markers, if it alone moved."""
+    rest = [i for i in range(cluster.own) if i != k]
+    turn, shift = alignment(after[rest], before[rest])
+    if len(rest) < FEWEST:  # two points leave a turn about their line free: the smallest way that explains it
+        turn, shift = alignment(after, before, np.where(np.arange(cluster.own) == k, LIGHTLY, 1.0))
+    return float(np.linalg.norm(turn @ after[k] + shift - before[k]))
+
+
+def _farthest(cluster: Cluster, k: int, frames: slice) -> float:
+    """m, how far marker k is from its mean place where its cluster is bent most, if it alone moved."""
+    bent = np.nan_to_num(cluster.strayed[frames, : cluster.own])
+    after = cluster.away[frames.start + int(bent.max(axis=1).argmax()), : cluster.own]
+    if not np.isfinite(after).all():
+        return float(bent[:, k].max())
+    shape = cluster.shape[: cluster.own]
+    return _alone(cluster, k, shape, shape + after)
+
+
+def _jumps(trial: TrialEvidence, cluster: Cluster, edge: int) -> Array:
+    """(own,) m, how far each marker jumps out of line in the laboratory between the frames edge - 1 and edge."""
+    columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
+    x = trial.recording.markers[:, columns]
+    two_before, two_after = max(edge - 2, 0), min(edge + 1, len(x) - 1)
+    smooth = 0.5 * (x[edge - 1] - x[two_before] + x[two_after] - x[edge])
+    out: Array = np.nan_to_num(np.linalg.norm(x[edge] - x[edge - 1] - smooth, axis=1))
+    return out
+
+
+def _culprit(trial: TrialEvidence, cluster: Cluster, run: slice) -> int:
+    """Which marker of a cluster left: without it the others are in their places; of three, the one that jumps."""
+    columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
+    middle = trial.recording.markers[(run.start + run.stop) // 2, columns]
+    if len(columns) > FEWEST and np.isfinite(middle).all():
+        costs = []
+        for k in range(len(columns)):
+            rest = [i for i in range(len(columns)) if i != k]
+            turn, shift = alignment(cluster.shape[rest], middle[rest])
+            costs.append(float(((cluster.shape[rest] @ turn.T + shift - middle[rest]) ** 2).sum()))
+        return int(np.argmin(costs))
+    inside = np.nan_to_num(cluster.strayed[run, : cluster.own]).max(axis=0)
+    edges = [edge for edge in (run.start, run.stop) if 0 < edge < len(cluster.away)]
+    return int(np.argmax(inside + sum((_jumps(trial, cluster, edge) for edge in edges), np.zeros(cluster.own))))
+
+
+def made_up(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
+    """Stretches in which a marker stands still or goes straight while the others of its segment do not."""
+    columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
+    x = trial.recording.markers[:, columns]
+    if len(x) < STRAIGHT_FRAMES + 2:
+        return
+    second = np.linalg.norm(x[2:] - 2 * x[1:-1] + x[:-2], axis=2)
+    for k, label in enumerate(cluster.labels[: cluster.own]):
+        usual = float(np.nanmedian(cluster.strayed[:, k]))
+        for run in runs(second[:, k] < STILL_M, STRAIGHT_FRAMES):
+            frames = slice(run.start, run.stop + 2)
+            away = float(np.nan_to_num(cluster.strayed[frames, k]).max())
+            if away < usual + WRONG_M or _bend(x[frames, k]) > STRAIGHT_M:
+                continue
+            if max(_bend(x[frames, i]) for i in range(len(columns)) if i != k) > BENT_M:
+                yield Stretch(cluster, label, frames, _farthest(cluster, k, frames), straight=True)
+
+
+def _bend(path: Array) -> float:
+    """m, largest distance of a path (n, 3) from even motion along the line between its ends."""
+    line = path[0] + np.linspace(0.0, 1.0, len(path))[:, None] * (path[-1] - path[0])
+    return float(np.nan_to_num(np.linalg.norm(path - line, axis=1)).max())

@@ -1,0 +1,364 @@
+"""An example's folder: recordings that are checked, study.toml, and SOURCE.txt, which says whose they are.
+
+Files that are right are kept, whatever ends a run: what was fetched before a fault or Ctrl-C counts, and the next run
+asks for the rest only. A folder with anything else in it is refused (`files/ownership`).
+
+One public file over the network: asked for by name, never more than was announced, and checked before it counts.
+
+This is the only module of gaitcal that asks the internet for anything, on `gaitcal example NAME` alone. The request
+holds the address of a public file and the program's name; nothing of the user's data.
+
+Which public recordings can be fetched: `models/examples.toml`, read once, checked once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import http.client
+import json
+import ssl
+import textwrap
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path, PurePosixPath
+from typing import NoReturn
+from urllib.parse import urlsplit
+
+from pydantic import Field, field_validator
+
+from gaitcal.codes import Code
+from gaitcal.errors import InputError, UsageError, nearest
+from gaitcal.io.atomic import InterruptedWork, Stopped, also_at, atomic_directory
+from gaitcal.io.lock import MANIFEST, ResultKind, read_object
+from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.toml import models_path, package_version
+from gaitcal.io.validation import Table, read_validated
+
+REGISTRY = "examples.toml"
+
+
+class RemoteFile(Table):
+    """`[[example.file]]`: a recording at its public address."""
+
+    name: str = Field(max_length=200)
+    """Where it is put, below the folder of the example: `HC002D/static.c3d`."""
+    url: str
+    bytes: int = Field(gt=0)
+    sha256: str = Field(pattern="^[0-9a-f]{64}$")
+
+    @field_validator("name")
+    @classmethod
+    def _inside(cls, name: str) -> str:
+        path = PurePosixPath(name)
+        if path.is_absolute() or ".." in path.parts or "\\" in name or not path.parts:
+            raise ValueError(f"found '{name}'; allowed: a name inside the folder")
+        return name
+
+    @field_validator("url")
+    @classmethod
+    def _encrypted(cls, url: str) -> str:
+        if urlsplit(url).scheme != "https":
+            raise ValueError(f"found '{url}'; allowed: an address that begins with https://")
+        return url
+
+
+class Example(Table):
+    """`[[example]]`: recordings of one source, whose they are, and what to do with them."""
+
+    name: str = Field(pattern="^[a-z0-9-]+$")
+    title: str
+    people: int = Field(gt=0)
+    of: str = Field(alias="from")
+    """Who published them."""
+    repository: str
+    commit: str
+    licence: str
+    """SPDX identifier."""
+    licence_text: str
+    """Address of its text."""
+    cite: str
+    remark: str
+    """What the recordings do not tell and the example therefore assumes."""
+    command: str
+    """Of gaitcal, to run next; `{dir}` is the folder."""
+    study: str | None = None
+    """Content of a study file to put beside the recordings."""
+    files: tuple[RemoteFile, ...] = Field(alias="file", min_length=1, strict=False)
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(file.bytes for file in self.files)
+
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        """Servers that are asked for the files."""
+        return tuple(sorted({urlsplit(file.url).netloc for file in self.files}))
+
+
+class Registry(Table):
+    """The whole file."""
+
+    examples: tuple[Example, ...] = Field(alias="example", min_length=1, strict=False)
+
+
+@cache
+def examples() -> tuple[Example, ...]:
+    """All examples, in the order of the file."""
+    return read_validated(Registry, models_path() / REGISTRY).examples
+
+
+def example_named(name: str) -> Example:
+    """The example of this name; UsageError, with the nearest name or all names, where there is none."""
+    names = [example.name for example in examples()]
+    if name not in names:
+        hint = nearest(name, names) or f"; allowed: {', '.join(names)}"
+        raise UsageError(f"found '{name[:40]}', which is no example{hint}", field="NAME")
+    return next(example for example in examples() if example.name == name)
+
+
+TIMEOUT_S = 30.0
+"""For a connection, and for each block of a file."""
+PAUSES_S = (1.0, 4.0)
+"""Before a second and a third try, where the fault may pass."""
+_BLOCK = 1 << 16
+_PASSING = frozenset({408, 429, 500, 502, 503, 504})
+_SCHEMES = ("https", "http", "file")
+
+
+class _PassingError(Exception):
+    """A fault that another try may not meet."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connection:
+    """How files are asked for."""
+
+    mirror: str | None = None
+    """Address that stands for `https://HOST` of every file: `MIRROR/path/of/the/file`."""
+    timeout_s: float = TIMEOUT_S
+    pauses_s: tuple[float, ...] = PAUSES_S
+
+    def __post_init__(self) -> None:
+        if self.mirror is None:
+            return
+        parts = urlsplit(self.mirror)
+        if parts.scheme not in _SCHEMES or not (parts.netloc or parts.scheme == "file"):
+            allowed = "an address that begins with https://, http:// or file:///"
+            raise UsageError(f"found '{self.mirror[:100]}'; allowed: {allowed}", field="--mirror")
+
+    def address(self, file: RemoteFile) -> str:
+        """Where this file is asked for."""
+        if self.mirror is None:
+            return file.url
+        return self.mirror.rstrip("/") + urlsplit(file.url).path
+
+    @property
+    def schemes(self) -> tuple[str, ...]:
+        """Where a server may send us on to: never from an encrypted address to a plain one."""
+        scheme = "https" if self.mirror is None else urlsplit(self.mirror).scheme
+        return ("https",) if scheme == "https" else ("https", scheme)
+
+
+def download(file: RemoteFile, target: Path, connection: Connection, progress: Callable[[int], None]) -> None:
+    """Fetch `file` to `target`; `progress` is told the bytes so far.
+
+    Raises
+    ------
+    InputError
+        No network, no such file, another size or SHA-256 than in the registry; `target` is then gone.
+    """
+    address = connection.address(file)
+    for pause in (*connection.pauses_s, None):
+        try:
+            _fetch(file, address, target, connection, progress)
+            break
+        except _PassingError as fault:
+            target.unlink(missing_ok=True)
+            if pause is None:
+                tries = len(connection.pauses_s) + 1
+                raise InputError(f"{fault}; tried {tries} times", source=address, code=Code.DOWNLOAD) from None
+            time.sleep(pause)
+        except BaseException:
+            target.unlink(missing_ok=True)
+            raise
+
+
+def _fetch(file: RemoteFile, address: str, target: Path, connection: Connection, told: Callable[[int], None]) -> None:
+    request = urllib.request.Request(address, headers={"User-Agent": "gaitcal example"})
+    opener = urllib.request.build_opener(_Redirects(connection.schemes))
+    digest, size = hashlib.sha256(), 0
+    try:
+        with opener.open(request, timeout=connection.timeout_s) as answer, target.open("wb") as stream:
+            while block := answer.read(_BLOCK):
+                size += len(block)
+                if size > file.bytes:
+                    raise InputError(
+                        f"is longer than the {file.bytes} bytes announced", source=address, code=Code.DOWNLOAD
+                    )
+                digest.update(block)
+                stream.write(block)
+                told(size)
+    except urllib.error.HTTPError as error:
+        with error:
+            _tell_status(error, address)
+    except urllib.error.URLError as error:
+        _tell_reason(error.reason, address)
+    except (http.client.HTTPException, TimeoutError, ConnectionError, ssl.SSLError) as error:
+        raise _PassingError(f"the connection broke off ({type(error).__name__})") from None
+    if size < file.bytes:
+        raise _PassingError(f"broke off after {size} of {file.bytes} bytes")
+    if digest.hexdigest() != file.sha256:
+        found = f"SHA-256 {digest.hexdigest()[:12]}..., registered {file.sha256[:12]}..."
+        raise InputError(
+            f"is not the registered file ({found}): it was changed there or on the way",
+            source=address,
+            code=Code.DOWNLOAD,
+        )
+
+
+def _tell_status(error: urllib.error.HTTPError, address: str) -> None:
+    told = f"the server answers {error.code} {error.reason}"
+    if error.code in _PASSING:
+        raise _PassingError(told) from None
+    hint = "; the file is no longer there" if error.code in (404, 410) else ""
+    raise InputError(told + hint, source=address, code=Code.DOWNLOAD) from None
+
+
+def _tell_reason(reason: object, address: str) -> None:
+    if isinstance(reason, ssl.SSLCertVerificationError):
+        message = f"the server's certificate is not accepted ({reason.verify_message})"
+        raise InputError(message, source=address, code=Code.DOWNLOAD) from None
+    if isinstance(reason, FileNotFoundError):
+        raise InputError("no such file in the mirror", source=address, code=Code.DOWNLOAD) from None
+    told = getattr(reason, "strerror", None) or str(reason)
+    host = urlsplit(address).netloc or "the mirror"
+    raise _PassingError(f"{host} cannot be reached ({told})") from None
+
+
+class _Redirects(urllib.request.HTTPRedirectHandler):
+    def __init__(self, schemes: tuple[str, ...]) -> None:
+        self.schemes = schemes
+
+    def redirect_request(  # type: ignore[no-untyped-def]  # as the library calls it
+        self, req, fp, code, msg, headers, newurl
+    ):
+        """Follow to an allowed address only."""
+        if urlsplit(newurl).scheme not in self.schemes:
+            message = f"the server sends on to '{newurl[:100]}', which is not encrypted; not followed"
+            raise InputError(message, source=req.full_url, code=Code.DOWNLOAD)
+        return super().redirect_request(req, fp, code, msg, headers, newurl)
+
+
+SOURCE, STUDY = "SOURCE.txt", "study.toml"
+
+
+@dataclass(frozen=True)
+class Step:
+    """How far it is."""
+
+    name: str
+    """Of the file that is being fetched."""
+    done: int
+    """Bytes of all files so far."""
+    total: int
+
+
+def right_files(example: Example, folder: Path) -> tuple[RemoteFile, ...]:
+    """Those that lie in `folder` as the registry has them."""
+    return tuple(file for file in example.files if sha256_of(folder / file.name) == file.sha256)
+
+
+def is_complete(example: Example, folder: Path) -> bool:
+    """Whether nothing is left to fetch."""
+    own = read_object(folder / MANIFEST).get("example") == example.name
+    return own and len(right_files(example, folder)) == len(example.files)
+
+
+def fetch_example(example: Example, folder: Path, connection: Connection, told: Callable[[Step], None]) -> None:
+    """Fetch what is not there, and put all of it into `folder`.
+
+    Raises
+    ------
+    InputError
+        The folder holds something else; a file cannot be had, or is not the registered one. What was fetched before
+        is kept.
+    InterruptedWork
+        Ctrl-C or a signal; the same.
+    """
+    if is_complete(example, folder):
+        return
+    _require_same(example, folder)
+    fault: InputError | KeyboardInterrupt | Stopped | None = None
+    with atomic_directory(folder, ResultKind.EXAMPLE) as content:
+        for file in right_files(example, folder):
+            also_at(folder / file.name, content / file.name)
+        try:
+            _fetch_rest(example, content, connection, told)
+        except (InputError, KeyboardInterrupt, Stopped) as ending:
+            fault = ending
+        there = right_files(example, content)
+        if fault is not None and not there:
+            raise fault
+        _write_words(example, folder, content)
+    if fault is not None:
+        _tell(fault, f"{len(there)} of {len(example.files)} files are in {folder}; run again for the rest")
+
+
+def _require_same(example: Example, folder: Path) -> None:
+    other = read_object(folder / MANIFEST).get("example", example.name)
+    if other != example.name:
+        raise InputError(
+            f"holds the example '{other}'; name a new or an empty folder", source=folder, code=Code.FOLDER_TAKEN
+        )
+
+
+def _fetch_rest(example: Example, content: Path, connection: Connection, told: Callable[[Step], None]) -> None:
+    done = sum(file.bytes for file in example.files if (content / file.name).exists())
+    for file in example.files:
+        target = content / file.name
+        if target.exists():
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+
+        def progress(size: int, name: str = file.name, before: int = done) -> None:
+            told(Step(name, before + size, example.size))
+
+        download(file, target, connection, progress)
+        done += file.bytes
+
+
+def _write_words(example: Example, folder: Path, content: Path) -> None:
+    """What stands beside the recordings. A study file that is there stays as its user left it."""
+    if (folder / STUDY).is_file():
+        also_at(folder / STUDY, content / STUDY)
+    elif example.study:
+        (content / STUDY).write_text(example.study.lstrip("\n"), encoding="utf-8")
+    (content / SOURCE).write_text(source_text(example), encoding="utf-8")
+    manifest = {"gaitcal": package_version("gaitcal"), "example": example.name}
+    (content / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
+
+
+def source_text(example: Example) -> str:
+    """Whose the recordings are, and under which licence."""
+    words = (
+        f"{example.title}. Fetched by 'gaitcal example {example.name}'; the recordings are no part of gaitcal.",
+        f"From: {example.of}",
+        f"Repository: {example.repository}, commit {example.commit}",
+        f"Licence: {example.licence}, {example.licence_text}",
+        f"Cite: {example.cite}",
+        f"Note: {example.remark}",
+    )
+    files = "\n".join(f"{file.name}\n  {file.url}\n  SHA-256 {file.sha256}" for file in example.files)
+    wrapped = (textwrap.fill(line, 100, break_long_words=False, break_on_hyphens=False) for line in words)
+    return "\n".join(wrapped) + f"\n\n{files}\n"
+
+
+def _tell(fault: InputError | KeyboardInterrupt | Stopped, kept: str) -> NoReturn:
+    if isinstance(fault, InputError):
+        raise InputError(f"{fault}; {kept}", code=fault.code) from fault
+    raise InterruptedWork(fault, kept) from fault

@@ -1,0 +1,274 @@
+"""A sensitivity: whether the Monte Carlo study's motions are fitted to the end.
+
+The paper prints a marker error of 14 mm at half of the joint parameters' bounds, where a converged re-fit leaves far
+less. Here the re-fit is stopped after some numbers of iterations (`Iteration.counts`) from the undisturbed motion
+(`montecarlo/unfinished_refit.py`): marker and torque errors move together, and the question is whether one of these
+numbers gives the printed marker errors and the printed torque errors at once. None is chosen: the study's own
+figures are those of the end.
+
+Draws whose motion is fitted a given number of iterations from the undisturbed motion, not to the end.
+
+The paper does not say when its re-fits end. Two iterations, at the two ends of what one would use:
+
+- *Gauss-Newton*, the whole step of the normal equations, damped only where it would raise the cost;
+- *steepest descent*, every node scaled by its own diagonal entry of the Gauss-Newton matrix (of the undisturbed
+  motion), as far as the line's minimum.
+
+Nothing of the disturbance is known at the start: the motion is the undisturbed one, without the first-order change
+that starts the re-fits of the study (`context.py`). No iteration leaves that motion; the end is the study's own draw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+
+from gaitcal.arrays import Array
+from gaitcal.motion.descent import DescentSettings
+from gaitcal.motion.track import track_nodes
+from gaitcal.published.case import MonteCarloCase, nominal_case
+from gaitcal.published.claims import PUBLISHED, Claim, Verdict, tested
+from gaitcal.published.disturbance_claims import FRAMES, Disturbances, printed_markers, printed_torques
+from gaitcal.published.draw import COLUMNS, DisturbedModel, MonteCarloContext, disturb, disturbed_model, draw, errors_of
+from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
+from gaitcal.published.published import SIDE
+from gaitcal.published.settings import PUBLISHED_LEVELS, MonteCarloSettings, ReactionFrame, Varied
+from gaitcal.published.statistics import statistics
+from gaitcal.published.tables import Cell, TableRow
+from gaitcal.published.trial_length import SENSITIVITY
+from gaitcal.runtime import with_one_blas_thread
+
+SETS = (Varied.JP, Varied.NOISE)
+"""Inertial parameters alone need no re-fit."""
+CONVERGED = -1
+"""Number of iterations of a re-fit that goes on to its end."""
+PROBE = 1e-5
+"""Part of a step by which positions are differenced along it."""
+
+
+class Iteration(Enum):
+    """How the motion is fitted."""
+
+    GAUSS_NEWTON = "Gauss-Newton"
+    STEEPEST_DESCENT = "steepest descent"
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Numbers of iterations that are looked at; the last is the end of the re-fit."""
+        of_descent = (30,) if self is Iteration.STEEPEST_DESCENT else ()
+        return (0, 1, 2, 3, 5, 10, *of_descent, CONVERGED)
+
+
+def unfinished_draws(
+    case: MonteCarloCase, settings: MonteCarloSettings, draws: int, jobs: int = -1, levels: Sequence[int] = ()
+) -> pd.DataFrame:
+    """Draws 0 to `draws` - 1 of `SETS` at the levels (the published ones unless given), after each number of steps.
+
+    Columns: `iteration`, `iterations` (`CONVERGED`: to the end), `set`, `level`, `draw`, `failure`, then `COLUMNS`.
+    """
+    cells = [(varied, level) for varied in SETS for level in levels or PUBLISHED_LEVELS]
+    parts = Parallel(n_jobs=jobs)(delayed(_cell)(case, settings, varied, level, draws) for varied, level in cells)
+    return pd.concat(parts, ignore_index=True)
+
+
+@with_one_blas_thread
+def _cell(case: MonteCarloCase, settings: MonteCarloSettings, varied: Varied, level: int, draws: int) -> pd.DataFrame:
+    context = MonteCarloContext(case, settings)
+    rows = [row for number in range(draws) for row in _rows(context, varied, level, number)]
+    keys = ("iteration", "iterations", "set", "level", "draw", "failure")
+    return pd.DataFrame(rows, columns=[*keys, *COLUMNS])
+
+
+def _rows(context: MonteCarloContext, varied: Varied, level: int, number: int) -> Iterator[tuple[object, ...]]:
+    model = disturbed_model(context, disturb(context, varied, level, number))
+    for iteration in Iteration:
+        key = (iteration.value,)
+        rest = (varied.value, level, number)
+        counts = [count for count in iteration.counts if count != CONVERGED]
+        for count, nodes in zip(counts, path(context, model, iteration, counts), strict=True):
+            yield (*key, count, *rest, "", *errors_of(context, model, nodes))
+        end = draw(context, varied, level, number)
+        yield (*key, CONVERGED, *rest, end.failure, *end.values)
+
+
+def path(
+    context: MonteCarloContext, model: DisturbedModel, iteration: Iteration, counts: Sequence[int]
+) -> Iterator[Array]:
+    """The nodes (nn, nq) after each of a rising sequence of numbers of iterations from the undisturbed motion."""
+    nodes, done = context.case.nodes, 0
+    advance = _gauss_newton if iteration is Iteration.GAUSS_NEWTON else _steepest_descent
+    for count in counts:
+        nodes = advance(context, model, nodes, count - done)
+        done = count
+        yield nodes
+
+
+def _gauss_newton(context: MonteCarloContext, model: DisturbedModel, nodes: Array, steps: int) -> Array:
+    """So many steps with a new matrix each; one that raised the cost and was damped counts too."""
+    rule = DescentSettings(gain=0.0, kept_gain=0.0, most_steps=steps, keep_within=0.0, curved_tries=0)
+    return track_nodes(model.problem, model.constants, nodes, rule).nodes if steps else nodes
+
+
+def _steepest_descent(context: MonteCarloContext, model: DisturbedModel, nodes: Array, steps: int) -> Array:
+    problem, constants = model.problem, model.constants
+    for _ in range(steps):
+        _, gradient = problem.gradient(nodes, constants)
+        step = -gradient / context.undisturbed_diagonal
+        ahead, behind = (problem.positions(nodes + part * step, constants) for part in (PROBE, -PROBE))
+        slope = (ahead - behind) / (2.0 * PROBE)
+        bend = float(np.einsum("mcf,mcf,mf->", slope, slope, problem.data.weight))
+        if bend > 0.0:
+            nodes = nodes - float(np.vdot(gradient, step)) / bend * step
+    return nodes
+
+
+DRAWS = 40
+"""At each set and level: averages to some 5 %."""
+PRINTED_MM = ((Varied.JP, 50, 14.0), (Varied.NOISE, 50, 4.0))
+"""Set, level and the marker error that the paper says it means, mm."""
+DECIMALS = 5
+"""Of mm and %BW*H in `iterations.csv`."""
+_TRIED = "; ".join(
+    f"{', '.join(str(count) for count in iteration.counts if count != CONVERGED)} of {iteration.value}"
+    for iteration in Iteration
+)
+_AT_ONCE = (
+    f"of the iterations tried from the undisturbed motion ({_TRIED}; the end), one number gives the printed marker and "
+    "torque errors at once"
+)
+_COURSE = {Iteration.GAUSS_NEWTON: (0, 1, 2, CONVERGED), Iteration.STEEPEST_DESCENT: (1, 2, 5, 30)}
+"""Numbers of iterations that are told in words; none is the same of both, and so is the end."""
+_PUBLISHED = (
+    "4 mm: JP less than 25 %, noise 50 %; 14 mm: JP 50 %, noise more than 100 %; hip flexion 4.14, hip adduction "
+    "1.06, knee flexion 0.92 %BW*H at JP 100 %"
+)
+
+
+@dataclass(frozen=True)
+class StoppedRefits:
+    """Statistics of draws whose re-fit was stopped."""
+
+    tables: dict[tuple[Iteration, int], pd.DataFrame]
+    """By iteration and number: `montecarlo.statistics` of the sets JP and noise."""
+    draws: int
+    """At each set and level."""
+
+    def as_study(self, key: tuple[Iteration, int]) -> Disturbances:
+        """One of them, to be tested as the study is."""
+        return Disturbances(self.tables[key], pd.DataFrame(), self.draws)
+
+
+def stopped_refits(seed: int, draws: int = DRAWS, jobs: int = -1) -> StoppedRefits:
+    """Draws 0 to `draws` - 1 of the Monte Carlo study under `seed`, their re-fits stopped on the way."""
+    drawn = unfinished_draws(nominal_case(), MonteCarloSettings(seed=seed), draws, jobs)
+    tables = {
+        (iteration, count): statistics(
+            drawn[(drawn["iteration"] == iteration.value) & (drawn["iterations"] == count)].reset_index(drop=True)
+        )
+        for iteration in Iteration
+        for count in iteration.counts
+    }
+    return StoppedRefits(tables, draws)
+
+
+def shown(count: int) -> str:
+    """A number of iterations in words."""
+    return "converged" if count == CONVERGED else str(count)
+
+
+def iteration_frame(stopped: StoppedRefits) -> pd.DataFrame:
+    """`iterations.csv`: one row per set, level, iteration and number, the printed figures in rows of their own.
+
+    Average RMS of the left leg: `markers_mm`, then each torque as `hip_flexion.lab`, %BW*H.
+    """
+    quantities = {"markers_mm": (f"markers_{SIDE}", "")}
+    quantities |= {f"{t}.{frame.value}": (f"{t}_{SIDE}", frame.value) for t in TORQUES for frame in ReactionFrame}
+    rows: list[dict[str, object]] = []
+    for (iteration, count), table in stopped.tables.items():
+        averages = _averages(table)
+        for cell, level in dict.fromkeys((cell, level) for cell, level, _, _ in averages):
+            values = {name: averages[cell, level, quantity, frame] for name, (quantity, frame) in quantities.items()}
+            key = {"set": cell, "level": level, "iteration": iteration.value, "iterations": shown(count)}
+            rows.append(key | values)
+    for varied, level, value in PRINTED_MM:
+        rows.append({"set": varied.value, "level": level, "iteration": "printed", "markers_mm": value})
+    both = {f"{f.torque}.{frame.value}": f.value for f in PUBLISHED if f.varied is Varied.JP for frame in ReactionFrame}
+    rows.append({"set": Varied.JP.value, "level": 100, "iteration": "printed", **both})
+    frame = pd.DataFrame(rows)
+    order = {varied.value: varied.key for varied in Varied}
+    ordered = frame.sort_values(["set", "level"], key=lambda c: c.map(order) if c.name == "set" else c, kind="stable")
+    return ordered.round(DECIMALS)
+
+
+_Averages = dict[tuple[str, int, str, str], float]
+
+
+def _averages(table: pd.DataFrame) -> _Averages:
+    """Average RMS by set, level, quantity and frame of the ground reactions (markers have none)."""
+    rows = table[table["measure"] == "rms"]
+    keys = zip(rows["set"], rows["level"], rows["quantity"], rows["grf"], strict=True)
+    return dict(zip(keys, rows["average"], strict=True))
+
+
+def refit_rows(stopped: StoppedRefits) -> list[TableRow]:
+    """What the paper prints, after each number of iterations."""
+    rows: list[TableRow] = []
+    for (iteration, count), table in stopped.tables.items():
+        end = "re-fit to the end" if count == CONVERGED else f"{iteration.value}, {count} iterations"
+        if count == CONVERGED and iteration is not next(iter(Iteration)):
+            continue  # the same draws
+        note, averages = f"mean of {stopped.draws} draws, from the undisturbed motion", _averages(table)
+        for varied, level, printed in PRINTED_MM:
+            cell = Cell(SENSITIVITY, f"Monte Carlo, {varied.title} {level} %: {end}", "marker distance RMS", "mm")
+            rows.append(cell.filled(printed, averages[varied.value, level, f"markers_{SIDE}", ""], note))
+        for figure in PUBLISHED:
+            if figure.varied is Varied.JP:
+                for frame, words in FRAMES.items():
+                    column = f"{TORQUE_WORDS[figure.torque]}, {words}"
+                    cell = Cell(SENSITIVITY, f"Monte Carlo, JP 100 %: {end}", column, "%BW*H")
+                    ours = averages[Varied.JP.value, 100, f"{figure.torque}_{SIDE}", frame.value]
+                    rows.append(cell.filled(figure.value, ours, note))
+    return rows
+
+
+def refit_claims(stopped: StoppedRefits | None) -> list[Claim]:
+    """Whether one of the numbers tried gives all that is printed, for either frame of the ground reactions."""
+    if stopped is None:
+        return [Claim(f"{_AT_ONCE} ({words})", _PUBLISHED, "", Verdict.NOT_RUN) for words in FRAMES.values()]
+    claims, studies = [], {_label(key): stopped.as_study(key) for key in stopped.tables}
+    markers = [label for label, study in studies.items() if printed_markers(study)[1]]
+    for frame, words in FRAMES.items():
+        torques = [label for label, study in studies.items() if printed_torques(study, frame)[1]]
+        both = [label for label in markers if label in torques]
+        ours = (
+            f"printed marker errors: {_listed(markers)}; printed torque errors: {_listed(torques)}; both at once: "
+            f"{_listed(both)}. {_course(stopped, frame)}; {stopped.draws} draws"
+        )
+        claims.append(tested(f"{_AT_ONCE} ({words})", _PUBLISHED, ours, bool(both)))
+    return claims
+
+
+def _label(key: tuple[Iteration, int]) -> str:
+    """The end is the same of every iteration."""
+    iteration, count = key
+    return shown(count) if count == CONVERGED else f"{iteration.value} {count}"
+
+
+def _listed(labels: list[str]) -> str:
+    return ", ".join(labels) or "at none of those tried"
+
+
+def _course(stopped: StoppedRefits, frame: ReactionFrame) -> str:
+    """How marker and torque errors move together, in words."""
+    parts = []
+    for key in ((iteration, count) for iteration, counts in _COURSE.items() for count in counts):
+        if key in stopped.tables:
+            study = stopped.as_study(key)
+            mm = _averages(study.table)[Varied.JP.value, 50, f"markers_{SIDE}", ""]
+            parts.append(f"{_label(key)}: {mm:.1f} mm, {printed_torques(study, frame)[0]}")
+    return "Markers at JP 50 %, torques at JP 100 %: " + "; ".join(parts)

@@ -1,0 +1,322 @@
+"""One body in all trials: faults in random places of a sound study are named, and nothing is said of the sound one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gaitcal.faults.cluster import alignment, clusters_of
+from gaitcal.faults.contradiction import contradictions
+from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.standing import nominal_model_of
+from gaitcal.faults.static_consistency import axis_mirrored, sides_exchanged, static_consistency
+from gaitcal.faults.study import check_further, check_study, evidence_of
+from gaitcal.faults.trial_body import flexion_of, links_of, nearest_rotation, offset_limit, reach, side_turns
+from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.io.recording import Recording
+from gaitcal.study.study import Study
+from tests.faults.spoilt import Change, moved, put, scaled, sound_study, swapped, with_trial
+
+Array = NDArray[np.float64]
+
+BODY = ("one body", "body size", "left its place", "joint")
+SEEDS = range(4)
+SIZE_MM = 35.0
+"""Well above the 8 to 10 mm of skin, whatever the direction."""
+ROUNDING = 1e-9
+"""m: a rigid cluster without noise."""
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return sound_study()
+
+
+@pytest.fixture(scope="module")
+def trials(study: Study) -> dict[str, TrialEvidence]:
+    model, _ = nominal_model_of(study)
+    return {t.name: t for t in evidence_of(study, model)}
+
+
+def told(study: Study) -> list[Finding]:
+    return [f for f in check_study(study) if f.topic in BODY]
+
+
+def turned_with(trial: TrialEvidence, segment: str, labels: tuple[str, ...], by: Array) -> Change:
+    """Markers moved by (n, 3) m in static axes, which the segment carries along."""
+    rotation = trial.clusters[segment].rotation
+
+    def change(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        for label, own in zip(labels, by, strict=True):
+            markers[:, recording.labels.index(label)] += rotation @ own
+        return replace(recording, markers=markers)
+
+    return change
+
+
+def test_nothing_is_said_of_a_sound_study(study: Study) -> None:
+    assert told(study) == []
+
+
+def test_a_sound_cluster_has_the_static_shape_and_keeps_it(trials: dict[str, TrialEvidence]) -> None:
+    for cluster in trials["walk"].clusters.values():
+        assert np.abs(cluster.offsets).max() < ROUNDING and np.nanmax(cluster.strayed) < ROUNDING
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_displaced_marker_is_named_with_its_size(study: Study, trials: dict[str, TrialEvidence], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    walk = trials["walk"]
+    segment = ("foot_r", "foot_l", "thigh_r", "shank_l")[seed]
+    cluster = walk.clusters[segment]
+    label = cluster.labels[rng.integers(cluster.own)]
+    way = cluster.static[0] - cluster.static[1]  # within the plane of three markers
+    way = 1e-3 * SIZE_MM * way / np.linalg.norm(way)
+    spoilt = with_trial(study, "walk", turned_with(walk, segment, (label,), way[None]))
+    (found,) = told(spoilt)
+    assert f"'{label}'" in found.cause and found.where == "walk" and found.leg == segment[-1]
+    size = float(found.found.split(" mm off")[0])
+    assert abs(size - SIZE_MM) < 0.35 * SIZE_MM
+    assert f'weights = {{ "{label}" = 0 }}' in found.cure
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_cure_silences_the_finding(study: Study, trials: dict[str, TrialEvidence], seed: int) -> None:
+    walk = trials["walk"]
+    cluster = walk.clusters["foot_r"]
+    label = cluster.labels[seed % cluster.own]
+    way = np.random.default_rng(seed).normal(size=3)
+    way = 1e-3 * SIZE_MM * way / np.linalg.norm(way)
+    spoilt = with_trial(study, "walk", turned_with(walk, "foot_r", (label,), way[None]))
+    assert any(f"'{label}'" in f.cause for f in told(spoilt))
+    assert told(replace(spoilt, weights={label: 0.0})) == []
+
+
+def test_a_marker_that_all_moving_trials_have_elsewhere_is_told_once(
+    study: Study, trials: dict[str, TrialEvidence]
+) -> None:
+    spoilt = with_trial(study, "static", moved("R.Heel", lambda x: x + [0.0, 0.03, 0.0]))
+    found = [f for f in told(spoilt) if "'R.Heel'" in f.cause]
+    assert [f.where for f in found] == [STUDY]
+    assert "all moving trials agree against this one" in found[0].cure
+
+
+@pytest.mark.parametrize("pair", [("R.Thigh.Upper", "R.Thigh.Front"), ("L.Shank.Upper", "L.Shank.Rear")])
+def test_exchanged_labels_are_told_once_and_refused(study: Study, pair: tuple[str, str]) -> None:
+    spoilt = with_trial(study, "walk", swapped(*pair))
+    found = [f for f in check_study(spoilt) if f.severity is not Severity.INFO]
+    assert [f.severity for f in found] == [Severity.ERROR]
+    assert all(f"'{label}'" in found[0].evidence for label in pair)
+
+
+def test_labels_exchanged_for_a_stretch_are_refused_with_their_time(study: Study) -> None:
+    spoilt = with_trial(study, "walk", swapped("R.Thigh.Upper", "R.Thigh.Front", slice(50, 91)))
+    (found,) = [f for f in check_study(spoilt) if f.severity is Severity.ERROR]
+    assert found.topic == "exchanged" and "in 41 frames" in found.found
+
+
+def test_a_turned_cluster_is_an_error(study: Study, trials: dict[str, TrialEvidence]) -> None:
+    walk = trials["walk"]
+    cluster = walk.clusters["thigh_r"]
+    angle = np.deg2rad(30.0)
+    turn = np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]])
+    away = cluster.static - cluster.static.mean(axis=0)
+    spoilt = with_trial(study, "walk", turned_with(walk, "thigh_r", cluster.labels, away @ (turn - np.eye(3)).T))
+    found = told(spoilt)
+    assert found[0].severity is Severity.ERROR
+    assert "right thigh slid or turned together" in found[0].cause
+
+
+def test_a_mirrored_cluster_is_an_error(study: Study, trials: dict[str, TrialEvidence]) -> None:
+    walk = trials["walk"]
+    cluster = walk.clusters["foot_l"]
+    away = cluster.static - cluster.static.mean(axis=0)
+    spoilt = with_trial(study, "walk", turned_with(walk, "foot_l", cluster.labels, away * [0.0, 0.0, -2.0]))
+    found = told(spoilt)
+    assert found[0].severity is Severity.ERROR and found[0].leg == "l"
+    assert "left foot are mirrored" in found[0].cause
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [(sides_exchanged, "right and left labels are exchanged"), (axis_mirrored, "axis of the laboratory is mirrored")],
+)
+@pytest.mark.parametrize("name", ["knee_r", "walk"])
+def test_a_whole_trial_changed_has_one_cause(study: Study, change: Change, words: str, name: str) -> None:
+    """Found by the directions of the trial alone too, which is what is told: one fault, one finding."""
+    model, _ = nominal_model_of(study)
+    found = [
+        f for f in static_consistency(evidence_of(with_trial(study, name, change), model)) if f.topic == "one body"
+    ]
+    assert len(found) == 1 and found[0].severity is Severity.ERROR
+    assert words in found[0].cause
+
+
+def test_another_size_of_one_trial_and_of_the_static_one(study: Study) -> None:
+    (one,) = told(with_trial(study, "knee_r", scaled(1.03)))
+    assert one.where == "knee_r" and one.topic == "body size" and "knee_r 1.030" in one.found
+    (static,) = told(with_trial(study, "static", scaled(1.03)))
+    assert static.where == "static" and static.severity is Severity.ERROR
+
+
+@pytest.mark.parametrize("joint", ["knee_l", "hip_r", "ankle_l"])
+def test_a_trial_declared_for_another_joint_names_the_one_that_moves(study: Study, joint: str) -> None:
+    spoilt = replace(study, trials=tuple(replace(t, joint=joint) if t.joint else t for t in study.trials))
+    (found,) = [f for f in told(spoilt) if f.topic == "joint"]
+    assert found.severity is Severity.ERROR
+    assert found.cause == f"the trial is declared for {joint}, but this looks like knee_r"
+
+
+def test_alignment_and_turns_are_exact() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        f, a, r = rng.uniform(-1.0, 1.0, 3)
+        cos, sin = np.cos([f, a, r]), np.sin([f, a, r])
+        rz = np.array([[cos[0], -sin[0], 0], [sin[0], cos[0], 0], [0, 0, 1.0]])
+        rx = np.array([[1.0, 0, 0], [0, cos[1], -sin[1]], [0, sin[1], cos[1]]])
+        ry = np.array([[cos[2], 0, sin[2]], [0, 1.0, 0], [-sin[2], 0, cos[2]]])
+        rotation = rz @ rx @ ry
+        np.testing.assert_allclose(side_turns(rotation), [a, r], atol=ROUNDING)
+        np.testing.assert_allclose(nearest_rotation(2.0 * rotation), rotation, atol=ROUNDING)
+        points, shift = rng.normal(size=(4, 3)), rng.normal(size=3)
+        turn, back = alignment(points, points @ rotation.T + shift, rng.uniform(0.5, 2.0, 4))
+        np.testing.assert_allclose(turn, rotation, atol=ROUNDING)
+        np.testing.assert_allclose(back, shift, atol=ROUNDING)
+
+
+def test_a_segment_with_two_markers_borrows_the_hip_centre(study: Study, trials: dict[str, TrialEvidence]) -> None:
+    walk = trials["walk"]
+    assert walk.stance is not None
+    fewer = clusters_of(walk.recording, walk.stance, study.marker_set.landmarks, lambda m: m != "R.Thigh.Rear")
+    assert fewer["thigh_r"].labels[-1] == "hip centre" and fewer["thigh_r"].reduced
+    assert not fewer["thigh_l"].borrowed
+
+
+def test_gaps_do_not_matter(study: Study) -> None:
+    rng = np.random.default_rng(2)
+
+    def holes(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        markers[rng.random(markers.shape[:2]) < 0.15] = np.nan
+        return replace(recording, markers=markers)
+
+    assert told(with_trial(study, "walk", holes)) == []
+
+
+def test_a_gap_of_one_marker_all_the_time_is_no_contradiction(study: Study) -> None:
+    assert told(with_trial(study, "walk", moved("L.Shank.Front", lambda x: put(x, slice(None), np.nan)))) == []
+
+
+def test_a_knee_that_bends_about_another_line(study: Study) -> None:
+    def moved_forward(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        for label, by in (("R.Knee.Lat", 0.045), ("R.Knee.Med", -0.045)):
+            markers[:, recording.labels.index(label), 0] += by
+        return replace(recording, markers=markers)
+
+    found = [f for f in told(with_trial(study, "static", moved_forward)) if "epicondyles" in f.cause]
+    assert len(found) == 1 and found[0].leg == "r" and found[0].severity is Severity.WARNING
+
+
+def test_the_odd_walk_of_three_is_named(study: Study, trials: dict[str, TrialEvidence]) -> None:
+    walk = study.trials[1]
+    rng = np.random.default_rng(0)
+    others = tuple(
+        replace(
+            walk,
+            name=name,
+            recording=replace(
+                walk.recording, markers=walk.recording.markers + 1e-4 * rng.normal(size=walk.recording.markers.shape)
+            ),
+        )
+        for name in ("walk2", "walk3")
+    )
+    three = replace(study, trials=(*study.trials, *others))
+    assert told(three) == []
+    cluster = trials["walk"].clusters["thigh_r"]
+    way = cluster.static[0] - cluster.static[1]
+    way = 0.011 * way / np.linalg.norm(way)
+    spoilt = with_trial(three, "walk2", turned_with(trials["walk"], "thigh_r", cluster.labels[:1], way[None]))
+    (found,) = told(spoilt)
+    assert found.where == "walk2" and "the other 2 walks" in found.cause
+
+
+def test_a_further_trial_is_held_against_the_saved_model(study: Study, trials: dict[str, TrialEvidence]) -> None:
+    model = trials["walk"].model
+    assert model is not None
+    spoilt = with_trial(
+        study, "walk", turned_with(trials["walk"], "foot_r", ("R.Heel",), np.array([[0.0, 0.03, 0.02]]))
+    )
+    for of, labels in ((study, []), (spoilt, ["'R.Heel'"])):
+        found = [f for f in check_further(of.trials[1], model, study.marker_set, study.settings) if f.topic in BODY]
+        assert len(found) == len(labels)
+        assert all(label in f.cause for f, label in zip(found, labels, strict=True))
+
+
+@pytest.mark.parametrize("label", ["R.Thigh.Upper", "R.Thigh.Front", "R.Thigh.Rear"])
+@pytest.mark.parametrize("axis", range(3))
+def test_in_a_further_trial_the_marker_itself_is_named(
+    study: Study, trials: dict[str, TrialEvidence], label: str, axis: int
+) -> None:
+    model = trials["walk"].model
+    assert model is not None
+    spoilt = with_trial(study, "walk", turned_with(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]))
+    found = [f for f in check_further(spoilt.trials[1], model, study.marker_set, study.settings) if f.topic in BODY]
+    assert [f"marker '{label}' is not where" in f.cause for f in found] == [True]
+
+
+def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: dict[str, TrialEvidence]) -> None:
+    walk = trials["walk"]
+    assert walk.stance is not None
+    flexion = np.abs(
+        flexion_of(walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation)
+    )
+    bent = np.argsort(flexion)[-12:]
+    part = replace(walk.recording, time=walk.recording.time[:12], markers=walk.recording.markers[bent])
+    centres = {**walk.stance.centres, "hip_r": walk.stance.centres["hip_r"] + [0.08, 0.0, 0.0]}
+    clusters = clusters_of(part, walk.stance, {}, lambda _: True)
+    links = links_of(clusters, centres, {})
+    assert links["hip_r"].far > 0.1 and contradictions(clusters, links) == ()
+    near = {joint: replace(link, far=0.0) for joint, link in links.items()}
+    assert contradictions(clusters, near) != ()
+
+
+def test_limits_grow_with_tall_people(study: Study, trials: dict[str, TrialEvidence]) -> None:
+    tall = replace(study, subject=replace(study.subject, height=2.1))
+    model, _ = nominal_model_of(tall)
+    walk = next(t for t in evidence_of(tall, model) if t.name == "walk")
+    for segment, cluster in walk.clusters.items():
+        assert offset_limit(cluster) == pytest.approx(1.2 * offset_limit(trials["walk"].clusters[segment]))
+    for joint, link in walk.links.items():
+        assert reach(link) == pytest.approx(1.2 * reach(trials["walk"].links[joint]), rel=0.01)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.02])
+def test_sizes_that_scatter_leave_the_body_its_size(
+    study: Study, trials: dict[str, TrialEvidence], scatter: float
+) -> None:
+    spoilt = study
+    clusters = trials["walk"].clusters
+    for (segment, cluster), way in zip(clusters.items(), np.linspace(-1.0, 1.0, len(clusters)), strict=True):
+        size = 0.981 + scatter * way
+        by = (size - 1.0) * (cluster.static - cluster.static.mean(axis=0))
+        for name in ("walk", "knee_r"):
+            spoilt = with_trial(spoilt, name, turned_with(trials[name], segment, cluster.labels, by))
+    assert any(f.topic == "body size" for f in told(spoilt)) == (scatter == 0.0)
+
+
+@pytest.mark.parametrize("label", ["R.Thigh.Upper", "R.Thigh.Front"])
+def test_of_two_markers_both_are_named_and_neither_is_left_out(study: Study, label: str) -> None:
+    def without(recording: Recording) -> Recording:
+        kept = [i for i, name in enumerate(recording.labels) if name != "R.Thigh.Rear"]
+        return replace(recording, labels=tuple(recording.labels[i] for i in kept), markers=recording.markers[:, kept])
+
+    two = with_trial(study, "walk", without)
+    assert told(two) == []
+    found = told(with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0])))
+    assert len(found) == 1 and "'R.Thigh.Upper'" in found[0].cause and "'R.Thigh.Front'" in found[0].cause
+    assert "weights" not in found[0].cure
