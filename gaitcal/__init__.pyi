@@ -20,9 +20,8 @@ from .gait.ensemble import ensemble as ensemble
 from .gait.normal_bands import read_normal_bands as read_normal_bands
 from .io.formats import read_recording as read_recording
 from .io.recording import Recording as Recording
-from .model.build import build_model as build_model
 from .model.linkage import COORDINATES as COORDINATES
-from .model.marker_roles import MarkerSet as MarkerSet
+from .model.marker_set import MarkerSet as MarkerSet
 from .model.marker_set import load_marker_set as load_marker_set
 from .model.model_file import load_model as load_model
 from .model.model_file import save_model as save_model
@@ -31,6 +30,7 @@ from .model.nominal import published_model as published_model
 from .model.parameters import Parameters as Parameters
 from .model.subject_model import Subject as Subject
 from .model.subject_model import SubjectModel as SubjectModel
+from .model.subject_model import build_model as build_model
 from .motion.motion import Motion as Motion
 from .motion.motion import track as track
 from .published.study import monte_carlo as monte_carlo
@@ -39,7 +39,7 @@ from .results.cycles import cycles as cycles
 from .results.cycles import cycles_to_xarray as cycles_to_xarray
 from .results.cycles import read_cycles as read_cycles
 from .results.sessions import compare_results as compare_results
-from .results.spatiotemporal import spatiotemporal as spatiotemporal
+from .results.stride_files import spatiotemporal as spatiotemporal
 from .session.calibrate import calibrate as calibrate
 from .session.result import Calibration as Calibration
 from .session.tables import parameter_table as parameter_table

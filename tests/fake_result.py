@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.error_sources import ErrorSources
+from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.codes import Code
 from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors

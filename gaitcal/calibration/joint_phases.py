@@ -23,6 +23,7 @@ from functools import partial
 
 import numpy as np
 
+from gaitcal.calibration.error_sources import ErrorSources, nominal_influence
 from gaitcal.calibration.identifiability import (
     Turns,
     beyond_bounds,
@@ -32,7 +33,6 @@ from gaitcal.calibration.identifiability import (
     unmoved_parameters,
     unseen_parameters,
 )
-from gaitcal.calibration.error_sources import ErrorSources, nominal_influence
 from gaitcal.calibration.joint_calibration import JointSettings, passed
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, TaskTrials, estimate_joints
 from gaitcal.calibration.joint_prior import GAIT, TaskTissue, prior_of

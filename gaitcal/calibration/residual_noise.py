@@ -26,8 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.calibration.inertial_chart import LogChart
 from gaitcal.calibration.error_sources import ErrorSources, TrialScores, trial_scores
+from gaitcal.calibration.inertial_chart import LogChart
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual

@@ -21,8 +21,8 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, stretches
-from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, marker_moves, squares
+from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics

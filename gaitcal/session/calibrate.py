@@ -15,6 +15,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
+from gaitcal.calibration.error_sources import ErrorSources, TrialScores, nominal_influence, whole_body_scores
 from gaitcal.calibration.inertial_calibration import (
     InertialFit,
     LoadedMotion,
@@ -25,7 +26,6 @@ from gaitcal.calibration.inertial_calibration import (
 )
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
-from gaitcal.calibration.error_sources import ErrorSources, TrialScores, nominal_influence, whole_body_scores
 from gaitcal.calibration.joint_phases import JointCalibration, Phase, parameters_for
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root

@@ -12,8 +12,8 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.error_sources import ErrorSources
+from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.codes import Code
 from gaitcal.dynamics.axis_errors import TorqueErrors

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import Array
+from gaitcal.calibration.error_sources import nominal_influence
 from gaitcal.calibration.inertial_calibration import LoadedMotion, RootEquations, TorqueScale, by_inertial, equations_of
 from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.inertial_evidence import (
@@ -17,7 +18,6 @@ from gaitcal.calibration.inertial_evidence import (
     spread_of_the_rest,
     stay_nominal,
 )
-from gaitcal.calibration.error_sources import nominal_influence
 from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, ResidualNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.calibration.identifiability import LARGEST_ORIENTATION, LARGEST_POSITION, unseen_parameters
 from gaitcal.calibration.error_sources import LEVERAGE_CAP, ErrorSources, marker_moves
+from gaitcal.calibration.identifiability import LARGEST_ORIENTATION, LARGEST_POSITION, unseen_parameters
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints
 from gaitcal.model.parameters import JP_INDEX, Parameters

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.error_sources import source_of
+from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, calibrate_by_evidence
 from gaitcal.calibration.joint_phases import JointCalibration, JointTrial

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from gaitcal.calibration import influence as moves_module
+from gaitcal.calibration import error_sources as moves_module
 from gaitcal.calibration import torque_errors
 from gaitcal.calibration.error_sources import (
     ErrorSources,
