@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from gaitcal import cli
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.study.settings import CalibrationSettings

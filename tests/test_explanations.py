@@ -11,7 +11,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.cli.examples import EXAMPLES
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from typer.testing import CliRunner
 
 import gaitcal as gc
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.runtime import one_blas_thread, with_one_blas_thread
 from tests.synthetic_studies import write_synthetic_study
 

@@ -1,28 +1,17 @@
-"""What a command prints: steps while it works, a table at the end. Nothing on standard output but results.
-
-The program that commands register themselves with, and what each of them is handed besides its own options.
-"""
+"""What a command prints: steps while it works, a table at the end. Nothing on standard output but results."""
 
 from __future__ import annotations
 
-import atexit
-import gc
 import logging
-import os
-import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from inspect import Signature, signature
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import rich.console
-import typer
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from gaitcal.cli.examples import epilog
-from gaitcal.cli.options import Quiet, Verbose
 from gaitcal.faults.verdict import Verdict
 from gaitcal.findings import Severity
 from gaitcal.model.linkage import LOWER_BODY
@@ -158,52 +147,3 @@ def _residuals(name: str, loads: LoadedTrial) -> str:
         parts.append(f"{stage.short} {force:.1f} N, {torque:.1f} N·m")
     frames = int(loads.reactions.valid.sum())
     return f"{name}: pelvis residual RMS over {frames} valid frames: " + "; ".join(parts)
-
-
-app = typer.Typer(
-    name="gaitcal",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
-    "and how far each can be trusted.",
-)
-
-
-RARELY = (200_000, 20, 20)
-"""Allocations before a search for cycles of garbage: more than libraries make while they load, which are no garbage."""
-
-
-def set_up() -> None:
-    """Prepare the process, before any library is loaded."""
-    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ[name] = "1"  # whatever the user set, as the numbers depend on it: see gaitcal/runtime.py
-    gc.set_threshold(*RARELY)
-    # as it ends, Python else looks twice through all that libraries made, a fifth of a second
-    atexit.register(gc.freeze)
-
-
-def _one_blas_thread() -> AbstractContextManager[None]:
-    """For a program that calls the command line and has NumPy loaded, so that `set_up` came too late."""
-    if "numpy" not in sys.modules:
-        return nullcontext()
-    from gaitcal.runtime import one_blas_thread
-
-    return one_blas_thread()
-
-
-def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Register a command. Its first parameter, `console`, stands for the two options that end every command's list."""
-
-    def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
-
-        with _one_blas_thread():
-            function(Console(quiet=quiet, verbose=verbose), **arguments)
-
-    _, *of_command = signature(function).parameters.values()
-    *of_all, _ = signature(run).parameters.values()
-    run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
-    app.command(function.__name__, help=function.__doc__, epilog=epilog(function.__name__))(run)
-    return function

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.cli import options as told
-from gaitcal.cli.console import app, command, set_up
+from gaitcal.cli.application import app, command, set_up
 from gaitcal.cli.faults import told_in_a_line
 from gaitcal.cli.options import Age, Height, Mass, Normal, Out, Result, Sex, StudyPath
 

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
+from gaitcal.cli.application import app
 from gaitcal.cli.cohort import _teller, duration
-from gaitcal.cli.console import Console, app
+from gaitcal.cli.console import Console
 from gaitcal.codes import Code
 from gaitcal.cohort.people import people_in
 from gaitcal.cohort.run import Ended

@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 
 from gaitcal.calibration.joint_estimate import estimate_joints
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of, prior_of_study, prior_root
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.cohort.cohort_file import read_cohort
 from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, learn_priors
 from gaitcal.cohort.one_person import CommonSettings, _contradictions

@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli.console import Console, app
+from gaitcal.cli.application import app
+from gaitcal.cli.console import Console
 from gaitcal.cli.figures import Options, chosen, run
 from gaitcal.errors import InputError, UsageError
 from gaitcal.figures import report

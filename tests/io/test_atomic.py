@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.io import lock
 from gaitcal.io.atomic import amended, atomic_directory, atomic_file, atomic_text, file_in_place, require_room

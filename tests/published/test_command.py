@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.page.sections.monte_carlo import PART

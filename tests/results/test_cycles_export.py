@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.gait.cycles import GaitCycle, normalise
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.events import TrialEvents

@@ -17,7 +17,7 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.io.lock import MANIFEST
 from gaitcal.io.snapshot import HASHES, SELF, listed, self_hash, sha256_of

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.errors import UsageError
 from gaitcal.io.formats import convert, read_recording
 from gaitcal.io.labels import FootMoment

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.results.calibration import write_results
 from gaitcal.session.calibrate import calibrate

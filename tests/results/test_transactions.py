@@ -17,7 +17,7 @@ import gaitcal.results.trials as trials_module
 from gaitcal.cli import dynamics as dynamics_command
 from gaitcal.cli import montecarlo as montecarlo_command
 from gaitcal.cli import other_programs
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.io.lock import locked

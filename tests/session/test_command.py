@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.errors import InputError, UsageError
 from gaitcal.study.study import Study
 from tests.session.folders import other_person, recordings, write

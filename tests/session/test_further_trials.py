@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.model.marker_set import load_marker_set
 from tests.synthetic_studies import write_synthetic_study

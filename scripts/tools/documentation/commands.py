@@ -9,7 +9,7 @@ from typing import Any, Final, get_args
 
 from typer.models import ArgumentInfo, OptionInfo
 
-from gaitcal.cli.console import app
+from gaitcal.cli.application import app
 
 EVERYWHERE: Final = ("--quiet", "--verbose", "--help")
 """Options that every command has, told once."""
