@@ -145,7 +145,7 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
         wanted = stride["start"] + share * (stride["stop"] - stride["start"])
         assert abs(seconds - wanted) < 0.6 * np.diff(time).mean() + 0.004  # half a frame, and a pixel of the pointer
         frame = int(np.abs(time - seconds).argmin())
-        assert page.run("gaitcal.faults.groups[0].position.toArray()") == pytest.approx(
+        assert page.run("gaitcal.body.groups[0].position.toArray()") == pytest.approx(
             scene.trials[0].origins[frame, 0].tolist(), abs=1e-3
         )
         assert standing(page, at, lead) == pytest.approx(
@@ -210,10 +210,10 @@ def test_dragging_loops_whole_frames_and_a_press_ends_it(page: Page) -> None:
     lead = page.run(f"{at}.lead")
     start, stop = next((a, b) for a, b in itertools.pairwise(STRIDES[0][lead]) if a <= window[0] <= b)
     assert (np.array(window) - start) / (stop - start) == pytest.approx([0.2, 0.6], abs=0.03)
-    assert not page.run(f"{at}.looped.hidden")
+    assert page.run(f"{at}.plot.select.width") > 0
     mouse(page, "mousePressed", *begin)
     mouse(page, "mouseReleased", *begin)
-    assert page.run("gaitcal.state.window") is None and page.run(f"{at}.looped.hidden")
+    assert page.run("gaitcal.state.window") is None and page.run(f"{at}.plot.select.width") == 0
 
 
 def test_a_title_brings_its_joint_near_and_escape_leaves(page: Page) -> None:
@@ -396,22 +396,19 @@ def test_paper_has_all_panels_twice_as_dense_and_the_screen_comes_back(page: Pag
 
 
 def test_five_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
-    """Five trials with all frames that a page holds: a tick moves cursors alone; few points keep a curve's peaks."""
+    """Five trials with all frames that a page holds: a tick moves cursors alone."""
     scene = long_walks(5, 16)
     ends = float(scene.trials[0].time[-1])
     strikes = np.arange(0.1, ends, 0.9).tolist()
     sheet, _ = stridden(scene, {t: {"r": strikes, "l": [s + 0.4 for s in strikes[:-1]]} for t in range(5)})
     page = shown(visit, tmp_path, Shown(scene, sheet))
     page.run(f"gaitcal.state.set({{ axis: 'time' }}); {STEADY}")
-    tick, points, peak = page.run("""(() => { let best = Infinity;
+    tick = page.run("""(() => { let best = Infinity;
         for (let k = 0; k < 10; k++) { const begin = performance.now();
           for (let i = 0; i < 50; i++) { gaitcal.state.seconds = 0.01 * i; gaitcal.curves.tick(); }
           best = Math.min(best, (performance.now() - begin) / 50); }
-        const curve = gaitcal.curves.strides.trial.curve('hip_flexion', 'r', 'angle');
-        const most = (values) => values.reduce((a, b) => Math.max(a, b));
-        return [best, curve.whole().x.length, most(curve.whole().value) - most(curve.part('value'))]; })()""")
+        return best; })()""")
     assert tick < 5.0  # ms; 0.1 on an idle machine
-    assert points <= 2600 and peak == 0.0
     assert page.console == []
 
 

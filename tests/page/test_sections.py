@@ -157,9 +157,9 @@ def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, told: Path
         """(p => { p.scrollIntoView(); const b = p.getBoundingClientRect();
         const at = {clientX: b.left + 0.25 * b.width, clientY: b.top + 5, bubbles: true};
         p.dispatchEvent(new MouseEvent('click', at)); })
-        (document.querySelector('.traced .plot'))"""
+        (document.querySelector('.traced .u-over'))"""
     )
-    width = page.run("document.querySelector('.traced .plot').clientWidth")
+    width = page.run("document.querySelector('.traced .u-over').clientWidth")
     assert page.run("gaitcal.seconds") == pytest.approx(0.25 * duration, abs=duration / width)
 
 

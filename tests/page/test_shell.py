@@ -113,7 +113,7 @@ def test_the_timeline_says_what_each_leg_does(visit: Visit, shown: Path) -> None
         [1.0, pytest.approx(1.035, abs=1e-3)],
     ]
     assert page.run("Gaitcal.stances(gaitcal.sheet, 'l', gaitcal.trial.duration)")[0] == [0, 0.1]
-    assert page.run("Gaitcal.validSpans(gaitcal.trial, 'r')") == [[0, pytest.approx(0.745, abs=1e-3)]]
+    assert page.run("gaitcal.trial.validSpans('r')") == [[0, pytest.approx(0.745, abs=1e-3)]]
     page.run("gaitcal.seek(0.5)")
     assert page.run("document.getElementById('time').getAttribute('aria-valuetext')") == "0.50 s"
     page.run("gaitcal.state.set({ trial: 1 })")
@@ -203,8 +203,8 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     page.run(THERE)
     assert page.run("gaitcal.stage.viewer.camera.fov") == 10
     assert {"fitted", "nominal"} < set(state(page, "layers")), "its axes are seen"
-    opacity = """Object.fromEntries(gaitcal.faults.meshes.filter(m => m.skin && m.mesh.visible)
-        .map(({ mesh, segment }) => [gaitcal.faults.segments[segment], mesh.material.opacity]))"""
+    opacity = """Object.fromEntries(gaitcal.body.meshes.filter(m => m.skin && m.mesh.visible)
+        .map(({ mesh, segment }) => [gaitcal.body.segments[segment], mesh.material.opacity]))"""
     near = page.run(opacity)
     assert near["thigh_r"] == near["shank_r"] > 2 * near["pelvis"] and "thigh_l" not in near
     page.press("Escape")

@@ -25,7 +25,7 @@ Gaitcal.Body = class {
     });
     this.skin = skin;
     this.veil = skin.clone();
-    for (const { mesh, segment, order } of Gaitcal.placed(scene.meshes, scene.body, this.groups, [[depth, 1], [skin, 2]])) {
+    for (const { mesh, segment, order } of Gaitcal.meshes(scene.meshes, scene.body, this.groups, [[depth, 1], [skin, 2]])) {
       mesh.castShadow = order === 2;
       this.meshes.push({ mesh, segment, skin: order === 2 });
     }
@@ -51,7 +51,7 @@ Gaitcal.Body = class {
 };
 
 // Every mesh in its place within its segment, once for each pair of material and order of drawing.
-Gaitcal.placed = (packed, places, groups, layers) => {
+Gaitcal.meshes = (packed, places, groups, layers) => {
   const shapes = {};
   for (const [name, shape] of Object.entries(packed)) shapes[name] = Gaitcal.shape(shape);
   return places.flatMap(({ mesh: name, segment, place }) =>
@@ -81,16 +81,13 @@ Gaitcal.FLOOR = 48;
 // A texture of floor tiles half a metre wide, in two colours.
 Gaitcal.tiles = (tile, seam) => {
   const THREE = MeshCat.THREE;
-  const canvas = document.createElement("canvas");
-  canvas.width = canvas.height = 256;
+  const canvas = html("canvas", { width: 256, height: 256 });
   const pen = canvas.getContext("2d");
   pen.fillStyle = tile;
   pen.fillRect(0, 0, 256, 256);
-  pen.fillStyle = seam;
-  pen.fillRect(0, 0, 256, 3);
-  pen.fillRect(0, 253, 256, 3);
-  pen.fillRect(0, 0, 3, 256);
-  pen.fillRect(253, 0, 3, 256);
+  pen.strokeStyle = seam;
+  pen.lineWidth = 6;
+  pen.strokeRect(0, 0, 256, 256);
   const texture = new THREE.CanvasTexture(canvas);
   texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
   texture.repeat.set(2 * Gaitcal.FLOOR, 2 * Gaitcal.FLOOR);

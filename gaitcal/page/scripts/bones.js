@@ -28,7 +28,7 @@ Gaitcal.Bones = class {
     const depth = new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true, side: THREE.DoubleSide });
     const layers = [[bone, 0], [depth, Gaitcal.ORDER.bones]];
     const { meshes = {}, placed = [] } = scene.bones;
-    for (const { mesh, segment, order } of Gaitcal.placed(meshes, placed, body.groups, layers)) {
+    for (const { mesh, segment, order } of Gaitcal.meshes(meshes, placed, body.groups, layers)) {
       mesh.castShadow = order === 0;
       this.meshes.push({ mesh, segment, part: order === 0 ? "bone" : "depth" });
     }
@@ -83,17 +83,8 @@ Gaitcal.Bones = class {
   write(host) {
     host.hidden = this.knees.length === 0;
     for (const written of host.querySelectorAll(".knee")) written.remove();
-    for (const knee of this.knees) {
-      const title = document.createElement("h3");
-      title.textContent = knee.title;
-      title.className = "knee";
-      host.append(title);
-      for (const text of [...knee.axes, knee.stands]) {
-        const line = document.createElement("p");
-        line.textContent = text;
-        line.className = "knee";
-        host.append(line);
-      }
+    for (const { title, axes, stands } of this.knees) {
+      host.append(html("h3.knee", title), ...[...axes, stands].map((text) => html("p.knee", text)));
     }
   }
 };

@@ -1,63 +1,93 @@
 "use strict";
-// Play, trial, speed, result and legend: the controls that are always there.
+// Play, trial, speed, result, legend and presets: the controls that are always there.
 Gaitcal.Controls = class {
   constructor(page) {
     this.page = page;
     this.state = page.state;
-    const get = (id) => document.getElementById(id);
-    this.get = get;
-    for (const [r, { name, scene }] of page.results.entries()) get("result").add(new Option(name || scene.subject, String(r)));
+    const { state } = this;
+    const get = Gaitcal.get;
+    for (const [r, { name, scene }] of page.results.entries()) get("result").add(new Option(name || scene.subject, r));
     get("whose").hidden = page.results.length < 2;
-    get("result").addEventListener("change", () => this.state.set({ result: Number(get("result").value) }));
-    get("trial").addEventListener("change", () => this.state.set({ trial: Number(get("trial").value) }));
-    get("speed").addEventListener("change", () => this.state.set({ speed: Number(get("speed").value) }));
+    for (const field of ["result", "trial", "speed"]) {
+      get(field).addEventListener("change", () => state.set({ [field]: Number(get(field).value) }));
+    }
     get("play").addEventListener("click", () => page.clock.play());
     get("open").addEventListener("click", () => this.legend(!get("main").classList.contains("open")));
-    this.state.on(["playing"], () => this.playing());
-    this.state.on(["speed"], () => (get("speed").value = String(this.state.speed)));
-    this.state.on(["result"], () => this.trials());
-    this.state.on(["result", "trial"], () => this.chosen());
+    state.on(["playing", "speed", "result", "trial"], (changed) => this.write(changed.has("result")));
     this.measured();
-    this.trials();
-    this.chosen();
-    this.playing();
-    get("speed").value = String(this.state.speed);
+    this.write(true);
   }
 
   // The body fills what header and footer leave of the window; how high these are follows from what is in them, and the
   // header leaves when the page is scrolled.
   measured() {
     const root = document.documentElement.style;
-    let seen = true;
+    const [top, controls] = ["top", "controls"].map(Gaitcal.get);
+    let there = true;
     const write = () => {
-      root.setProperty("--above", `${seen ? this.get("top").offsetHeight : 0}px`);
-      root.setProperty("--below", `${this.get("controls").offsetHeight}px`);
+      root.setProperty("--above", `${there ? top.offsetHeight : 0}px`);
+      root.setProperty("--below", `${controls.offsetHeight}px`);
     };
     const heights = new ResizeObserver(write);
-    for (const id of ["top", "controls"]) heights.observe(this.get(id));
-    const scrolled = new IntersectionObserver(([entry]) => {
-      seen = entry.isIntersecting;
+    for (const part of [top, controls]) heights.observe(part);
+    new IntersectionObserver(([entry]) => {
+      there = entry.isIntersecting;
       write();
-    });
-    scrolled.observe(this.get("top"));
+    }).observe(top);
   }
 
   legend(open) {
-    this.get("main").classList.toggle("open", open);
-    this.get("open").setAttribute("aria-expanded", String(open));
+    Gaitcal.get("main").classList.toggle("open", open);
+    Gaitcal.get("open").setAttribute("aria-expanded", String(open));
   }
 
-  playing() {
-    this.get("play").textContent = this.state.playing ? "\u275a\u275a" : "\u25b6";
-    this.get("play").setAttribute("aria-label", this.state.playing ? "Pause" : "Play");
+  write(anew) {
+    const { state } = this;
+    const { get } = Gaitcal;
+    if (anew) get("trial").replaceChildren(...this.page.result.trials.map(({ name }, i) => new Option(name, i)));
+    for (const field of ["result", "trial", "speed"]) get(field).value = String(state[field]);
+    get("play").textContent = state.playing ? "\u275a\u275a" : "\u25b6";
+    get("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
+  }
+};
+
+// The presets as tabs.
+Gaitcal.Presets = class {
+  constructor(host, page) {
+    this.state = page.state;
+    this.tabs = Gaitcal.PRESETS.map(({ name, title }) =>
+      Gaitcal.button(title, () => this.state.set({ preset: name }), {
+        role: "tab", id: `preset-${name}`, "aria-controls": "panel",
+      }),
+    );
+    host.append(...this.tabs);
+    host.addEventListener("keydown", (event) => this.moved(event));
+    this.state.on(["preset"], () => this.write());
+    this.write();
   }
 
-  trials() {
-    this.get("trial").replaceChildren(...this.page.result.trials.map(({ name }, i) => new Option(name, String(i))));
+  // Arrow keys go from tab to tab, and around.
+  moved(event) {
+    const here = this.tabs.indexOf(event.target);
+    const last = this.tabs.length - 1;
+    const there = { ArrowRight: here + 1, ArrowLeft: here - 1, Home: 0, End: last }[event.key];
+    if (there === undefined || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const tab = this.tabs[there < 0 ? last : there > last ? 0 : there];
+    tab.focus();
+    tab.click();
   }
 
-  chosen() {
-    this.get("trial").value = String(this.state.trial);
-    this.get("result").value = String(this.state.result);
+  write() {
+    const { preset } = this.state;
+    for (const tab of this.tabs) {
+      const chosen = tab.id === `preset-${preset}`;
+      tab.setAttribute("aria-selected", String(chosen));
+      tab.tabIndex = chosen ? 0 : -1;
+    }
+    Gaitcal.get("panel").setAttribute("aria-labelledby", `preset-${preset}`);
+    Gaitcal.get("main").dataset.preset = preset;
+    for (const id of ["switches", "curves", "steps"]) Gaitcal.get(id).hidden = preset !== "clinician";
   }
 };

@@ -1,7 +1,5 @@
 "use strict";
 // Signs, units and whose moment: as gaitcal/gait/conventions.py has them.
-Gaitcal.KINDS = { angle: "angle", moment: "moment", power: "power", force: "force" };
-Gaitcal.LEGS = { r: "right", l: "left" };
 Gaitcal.GROUND = {
   ground_reaction_vertical: ["Ground reaction, vertical", "up"],
   ground_reaction_forward: ["Ground reaction, forward", "forward"],
@@ -56,7 +54,7 @@ Gaitcal.Convention = class {
     const joint = this.total(base);
     if (kind === "power" && joint) return `${joint.title} power`;
     const title = this.sheet.rows.get(base)?.title ?? base;
-    return kind === "angle" ? title : `${title} ${Gaitcal.KINDS[kind]}`;
+    return kind === "angle" ? title : `${title} ${kind}`;
   }
 
   // The joint of which a power is the sum over all axes.
@@ -91,10 +89,4 @@ Gaitcal.Convention = class {
     if (side) return senses[side] ?? null;
     return senses.r && senses.r.sign === senses.l?.sign ? senses.r : null;
   }
-};
-
-// A number with so many digits; a minus sign as in print.
-Gaitcal.number = (value, digits) => {
-  const text = value.toFixed(digits);
-  return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", "\u2212");
 };

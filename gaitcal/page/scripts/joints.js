@@ -136,11 +136,9 @@ Gaitcal.Joints = class {
   }
 };
 
-Gaitcal.SIDES = { r: "right", l: "left" };
-
 Gaitcal.jointTitle = (mark) => {
   const [name, side] = mark.joint.split("_");
-  return side in Gaitcal.SIDES ? `${Gaitcal.SIDES[side]} ${name} joint` : `${name} joint`;
+  return side in Gaitcal.LEGS ? `${Gaitcal.LEGS[side]} ${name} joint` : `${name} joint`;
 };
 
 Gaitcal.jointText = (mark) => {

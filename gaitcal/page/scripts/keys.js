@@ -1,15 +1,13 @@
 "use strict";
 // The keyboard, and the dialog that tells its keys.
-Gaitcal.SPEEDS = [0.1, 0.25, 0.5, 1, 2];
-
 Gaitcal.Keys = class {
   constructor(page) {
     this.page = page;
     this.state = page.state;
-    this.dialog = document.getElementById("keys");
-    document.getElementById("help").addEventListener("click", () => this.dialog.showModal());
-    document.getElementById("keys-close").addEventListener("click", () => this.dialog.close());
-    this.single = document.getElementById("keys-on"); // who speaks to the computer may not want keys of one letter
+    this.dialog = Gaitcal.get("keys");
+    Gaitcal.get("help").addEventListener("click", () => this.dialog.showModal());
+    Gaitcal.get("keys-close").addEventListener("click", () => this.dialog.close());
+    this.single = Gaitcal.get("keys-on"); // who speaks to the computer may not want keys of one letter
     this.bound = this.bindings();
     this.write();
     window.addEventListener("keydown", (event) => this.pressed(event));
@@ -44,15 +42,8 @@ Gaitcal.Keys = class {
   }
 
   write() {
-    const rows = this.bound.map(([, keys, what]) => {
-      const [name, text] = [document.createElement("dt"), document.createElement("dd")];
-      const key = document.createElement("kbd");
-      key.textContent = keys;
-      name.append(key);
-      text.textContent = what;
-      return [name, text];
-    });
-    document.getElementById("keys-list").replaceChildren(...rows.flat());
+    const rows = this.bound.map(([, keys, what]) => [html("dt", html("kbd", keys)), html("dd", what)]);
+    Gaitcal.get("keys-list").replaceChildren(...rows.flat());
   }
 
   pressed(event) {

@@ -8,35 +8,26 @@ Gaitcal.Page = class {
       name: alike ? `${result.name || result.scene.subject} (${i + 1})` : result.name,
       trials: result.scene.trials.map((packed) => new Gaitcal.Trial(packed, result.scene)),
     }));
+    this.bare = this.results.every(({ sheet }) => sheet === null);
+    Gaitcal.get("main").classList.toggle("bare", this.bare);
+    for (const part of document.querySelectorAll(".gait")) part.hidden = this.bare;
     this.state = new Gaitcal.State(this.results);
     this.clock = new Gaitcal.Clock(this);
-    this.bare = this.results.every(({ sheet }) => sheet === null);
-    document.getElementById("main").classList.toggle("bare", this.bare);
-    for (const part of document.querySelectorAll(".gait")) part.hidden = this.bare;
-    this.address = new Gaitcal.Address(this);
     this.stage = new Gaitcal.Stage(this);
     this.timeline = new Gaitcal.Timeline(this);
     this.controls = new Gaitcal.Controls(this);
     this.keys = new Gaitcal.Keys(this);
-    if (!this.bare) this.parts();
+    // What a page of results has beside the body: each part is made with its place in the page and the page.
+    for (const name of this.bare ? [] : ["Presets", "Switches", "Verdict", "Curves", "Steps", "Sections", "Print"]) {
+      const id = name.toLowerCase();
+      this[id] = new Gaitcal[name](Gaitcal.get(id), this);
+    }
+    // A joint that the address names is looked at once everything below has its place.
+    if (!this.bare) requestAnimationFrame(() => this.curves.reveal(false));
     this.state.on(["result", "trial"], () => this.titled());
     this.titled();
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-    this.play(!still && !this.address.said.still);
-  }
-
-  // What a page of results has beside the body: each part is made with its place in the page and the page.
-  parts() {
-    const part = (Part, host) => Part && new Part(document.getElementById(host), this);
-    this.presets = part(Gaitcal.Presets, "presets");
-    this.switches = part(Gaitcal.Switches, "switches");
-    this.verdict = part(Gaitcal.Verdict, "verdict");
-    this.curves = part(Gaitcal.Curves, "curves");
-    this.steps = part(Gaitcal.Steps, "steps");
-    this.sections = part(Gaitcal.Sections, "sections");
-    this.print = part(Gaitcal.Print, "print");
-    // A joint that the address names is looked at once everything below has its place.
-    requestAnimationFrame(() => this.curves.reveal(false));
+    this.play(!still && !this.state.still);
   }
 
   get result() {
@@ -55,14 +46,14 @@ Gaitcal.Page = class {
   titled() {
     const { scene } = this.result;
     document.title = `${scene.subject} \u00b7 ${this.trial.name}`;
-    document.getElementById("subject").textContent = scene.subject;
+    Gaitcal.get("subject").textContent = scene.subject;
   }
 
   // A few words on the shown trial.
   about() {
     const { trial, result } = this;
     const rate = ((trial.time.length - 1) / trial.duration) * trial.stride;
-    const frames = `${Gaitcal.group(trial.recorded)} frame${trial.recorded === 1 ? "" : "s"}`;
+    const frames = `${Gaitcal.numeral(trial.recorded, 0)} frame${trial.recorded === 1 ? "" : "s"}`;
     const lines = [
       `${trial.name} \u00b7 ${frames}${Number.isFinite(rate) ? ` at ${Math.round(rate)} Hz` : ""}`,
       `${result.scene.mass.toFixed(1)} kg, ${result.scene.height.toFixed(2)} m`,
@@ -79,7 +70,7 @@ Gaitcal.Page = class {
   }
 
   seek(seconds) {
-    this.clock.seek(seconds);
+    this.state.set({ seconds });
   }
 
   get seconds() {
@@ -103,8 +94,6 @@ Gaitcal.Page = class {
   }
 };
 
-Gaitcal.group = (n) => String(n).replace(/\B(?=(\d{3})+$)/g, "\u202f");
-
 Gaitcal.ordinal = (n) => {
   const last = n % 100;
   const ending = last > 10 && last < 14 ? "th" : { 1: "st", 2: "nd", 3: "rd" }[n % 10] ?? "th";
@@ -112,9 +101,9 @@ Gaitcal.ordinal = (n) => {
 };
 
 (() => {
-  const failure = document.getElementById("failure");
+  const failure = Gaitcal.get("failure");
   try {
-    window.gaitcal = new Gaitcal.Page(JSON.parse(document.getElementById("results").textContent));
+    window.gaitcal = new Gaitcal.Page(JSON.parse(Gaitcal.get("results").textContent));
   } catch (error) {
     failure.hidden = false;
     failure.textContent = `This page could not be drawn (${error.message}). It needs a browser with WebGL.`;

@@ -12,28 +12,26 @@ Gaitcal.TITLES = {
 
 // What one preset tells: of the person, then of `trials` of the sheet. `scope`: as of `Gaitcal.Blocks`.
 Gaitcal.presetParts = (scope, sheet, preset, trials) => {
-  const out = document.createDocumentFragment();
   const [title, own] = [Gaitcal.TITLES[preset] ?? "", sheet.sections?.[preset] ?? []];
   const trust = preset === "trust";
-  if (own.length || trust) out.append(Gaitcal.make("h2", {}, title));
-  if (trust) out.append(Gaitcal.reasons(sheet));
-  const heading = own.findIndex(({ kind }) => kind === "heading");
-  const first = trust && heading >= 0 ? heading : own.length;
-  out.append(new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(own.slice(0, first)));
-  for (const trial of trials) {
+  const ofPerson = (blocks) => new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(blocks);
+  const ofTrial = (trial) => {
     const blocks = trial.sections?.[preset];
-    if (!blocks?.length) continue;
+    if (!blocks?.length) return null;
     const name = Gaitcal.visible(trial.name);
     const told = blocks[0].kind === "heading" && Gaitcal.visible(blocks[0].text).includes(name);
-    const above = Gaitcal.make("h2", {}, "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role));
-    const parts = new Gaitcal.Blocks({ ...scope, trial }, told ? 1 : 2, `Trial ${name}`).all(blocks);
-    out.append(Gaitcal.make("div", { class: "of-trial" }, told ? null : above, parts));
-  }
-  if (first < own.length) {
-    out.append(Gaitcal.make("h2", { class: "of-all" }, "The whole calibration"));
-    out.append(new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(own.slice(first)));
-  }
-  return out;
+    const above = !told && html("h2", "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role));
+    return html("div.of-trial", above, new Gaitcal.Blocks({ ...scope, trial }, told ? 1 : 2, `Trial ${name}`).all(blocks));
+  };
+  const heading = own.findIndex(({ kind }) => kind === "heading");
+  const first = trust && heading >= 0 ? heading : own.length;
+  return [
+    (own.length > 0 || trust) && html("h2", title),
+    trust && Gaitcal.reasons(sheet),
+    ofPerson(own.slice(0, first)),
+    trials.map(ofTrial),
+    first < own.length && [html("h2.of-all", "The whole calibration"), ofPerson(own.slice(first))],
+  ];
 };
 
 Gaitcal.Sections = class {
@@ -41,6 +39,7 @@ Gaitcal.Sections = class {
     Object.assign(this, { host, page, cursors: [] });
     page.state.on(["preset", "trial", "result"], () => this.draw());
     page.state.on(["seconds", "playing"], () => this.follow());
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
     this.draw();
   }
 
@@ -48,20 +47,14 @@ Gaitcal.Sections = class {
   draw() {
     const { page, host, cursors } = this;
     const { sheet } = page.result;
-    const summaries = () =>
-      [...host.querySelectorAll("details")].map((fold) => [fold, fold.firstElementChild.textContent]);
-    const open = new Set(
-      summaries()
-        .filter(([fold]) => fold.open)
-        .map(([, title]) => title),
-    );
+    const title = (fold) => fold.firstElementChild.textContent;
+    const open = new Set([...host.querySelectorAll("details[open]")].map(title));
     cursors.length = 0;
-    const parts = sheet
-      ? Gaitcal.presetParts({ page, cursors }, sheet, page.state.preset, page.sheet ? [page.sheet] : [])
-      : "";
-    host.replaceChildren(parts);
+    const shown = page.sheet ? [page.sheet] : [];
+    host.replaceChildren();
+    if (sheet) Gaitcal.built(host, "", Gaitcal.presetParts({ page, cursors }, sheet, page.state.preset, shown));
     host.hidden = !host.hasChildNodes();
-    for (const [fold, title] of summaries()) fold.open = open.has(title);
+    for (const fold of host.querySelectorAll("details")) fold.open = open.has(title(fold));
     this.follow();
   }
 

@@ -3,10 +3,9 @@
 Gaitcal.Stage = class {
   constructor(page) {
     const THREE = MeshCat.THREE;
-    const get = (id) => document.getElementById(id);
+    const { get } = Gaitcal;
     this.page = page;
     this.state = page.state;
-    this.get = get;
     this.viewer = new MeshCat.Viewer(get("pane"));
     this.viewer.gui.domElement.remove();
     for (const path of [["Grid"], ["Axes"], ["Lights"]]) this.viewer.set_property(path, "visible", false);
@@ -34,7 +33,7 @@ Gaitcal.Stage = class {
     this.views();
     get("follow").addEventListener("change", () => this.refresh());
     this.open();
-    this.state.on(["result", "trial", "joint", "layers", "preset", "seconds"], (_, changed) => this.changed(changed));
+    this.state.on(["result", "trial", "joint", "layers", "preset", "seconds"], (changed) => this.changed(changed));
   }
 
   changed(changed) {
@@ -59,13 +58,7 @@ Gaitcal.Stage = class {
   }
 
   views() {
-    const add = (host, title, clicked) => {
-      const button = document.createElement("button");
-      button.type = "button";
-      button.textContent = title;
-      button.addEventListener("click", clicked);
-      this.get(host).append(button);
-    };
+    const add = (host, title, clicked) => Gaitcal.get(host).append(Gaitcal.button(title, clicked));
     const sides = { oblique: [0.75, 0.3, 0.85], side: [0, 0.06, 1], front: [1, 0.06, 0], back: [-1, 0.06, 0] };
     for (const [title, from] of Object.entries(sides)) add("views", title, () => this.look(...from, true));
     for (const [title, joint] of [["whole body", null], ["right knee", "knee_r"], ["left knee", "knee_l"]]) {
@@ -112,8 +105,8 @@ Gaitcal.Stage = class {
     const { near } = this;
     this.figure.show((layer) => this.on(layer), near);
     const words = this.on("bones") ? this.figure.bones.words(near) : null;
-    this.get("about").textContent = words ?? this.page.about();
-    this.get("heading").classList.toggle("near", words !== null);
+    Gaitcal.get("about").textContent = words ?? this.page.about();
+    Gaitcal.get("heading").classList.toggle("near", words !== null);
     this.pose();
   }
 
@@ -122,7 +115,7 @@ Gaitcal.Stage = class {
     figure.pose(this.state.seconds, near, this.legend.times);
     this.floor.follow(figure.place);
     const joint = near && figure.joints.pose(near);
-    this.camera.goAlong(joint ? joint.place : figure.place, this.get("follow").checked, Boolean(joint));
+    this.camera.goAlong(joint ? joint.place : figure.place, Gaitcal.get("follow").checked, Boolean(joint));
     this.viewer.set_dirty();
   }
 

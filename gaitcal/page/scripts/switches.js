@@ -13,76 +13,67 @@ Gaitcal.Switches = class {
     const strides = trials.some((trial) => trial.strides.length > 0);
     const moments = curves.some(({ kind }) => kind === "moment");
     const has = (field) => curves.some((curve) => curve[field] !== null);
-    this.writers = [];
-    host.setAttribute("role", "group");
-    host.setAttribute("aria-label", "How curves are drawn");
-    const choices = [
+    // [whether it means something here, field, title, options]; without options it is on or off.
+    const all = [
       [strides, "axis", "Axis", [["percent", "% gait cycle"], ["time", "time"]]],
-      [strides, "spread", "Strides", [["strides", "every stride"], ["mean", "mean \u00b1 SD"]]],
-      [moments, "unit", "Moments", [["Nm/kg", "N\u00b7m/kg"], ["Nm", "N\u00b7m"], ["%BWH", "% BW\u00b7H"]]],
+      [strides, "spread", "Strides", [["strides", "every stride"], ["mean", "mean ± SD"]]],
+      [moments, "unit", "Moments", [["Nm/kg", "N·m/kg"], ["Nm", "N·m"], ["%BWH", "% BW·H"]]],
       [moments, "signs", "Signs", [["opensim", "OpenSim"], ["clinical", "clinical"]]],
       [moments, "acting", "Moments are", [["internal", "internal"], ["external", "external"]]],
-    ].filter(([meant]) => meant);
-    const boxes = [
       [has("se"), "errors", "standard errors"],
       [sheets.some(({ bands }) => bands.length), "norm", "norm band"],
       [has("nominal"), "nominal", "nominal model"],
       [has("truth"), "truth", "truth"],
       [page.results.length > 1, "second", "second result"],
     ].filter(([meant]) => meant);
-    const fields = [...choices, ...boxes].map(([, field]) => field);
-    const usual = (field) => Gaitcal.USUAL.includes(field);
-    const made = (wanted) => [
-      ...choices.filter(([, field]) => usual(field) === wanted).map(([, ...choice]) => this.choice(...choice)),
-      ...boxes.filter(([, field]) => usual(field) === wanted).map(([, ...box]) => this.box(...box)),
-    ];
+    const fields = all.map(([, field]) => field);
+    const made = (wanted) =>
+      all.filter(([, field]) => Gaitcal.USUAL.includes(field) === wanted).map(([, ...one]) => this.made(...one));
+    this.writers = [];
+    Gaitcal.dress(host, { role: "group", "aria-label": "How curves are drawn" });
     const rest = made(false);
     if (trials.some((trial) => trial.strides.length > 1) || trials.length > 1) rest.push(this.parts());
-    const [button, others] = rest.length ? this.more(rest, fields.filter((field) => !usual(field))) : [];
-    host.append(...[...made(true), button, moments ? this.convention() : null, others].filter(Boolean));
+    const others = html("div.others", { id: "switches-others", hidden: true }, rest);
+    const more = rest.length ? this.more(others, fields.filter((field) => !Gaitcal.USUAL.includes(field))) : "";
+    host.append(...made(true), more, moments ? this.convention() : "", rest.length ? others : "");
     this.state.on([...fields, "off"], () => this.write());
     this.write();
   }
 
   // Whose moments, and which of their signs, without opening anything.
   convention() {
-    const told = Gaitcal.element("span", "", "told");
-    told.title = "Moments";
+    const told = html("span.told", { title: "Moments" });
     this.writers.push(() => {
-      const signs = this.state.signs === "clinical" ? "clinical signs" : "OpenSim\u2019s signs";
+      const signs = this.state.signs === "clinical" ? "clinical signs" : "OpenSim’s signs";
       told.textContent = `${this.state.acting}, ${signs}`;
     });
     return told;
   }
 
-  // The button, and what it opens.
-  more(rest, fields) {
-    const button = Gaitcal.element("button", "", "more");
-    Object.assign(button, { type: "button", id: "switches-more" });
-    const others = Gaitcal.element("div", "", "others");
-    others.id = "switches-others";
-    others.append(...rest);
-    button.setAttribute("aria-controls", others.id);
+  // The button that opens the others and names those of them that are not as at first.
+  more(others, fields) {
+    const { state } = this;
+    const button = Gaitcal.button("", () => open(others.hidden), {
+      class: "more", id: "switches-more", "aria-controls": others.id,
+    });
     const open = (on) => {
       others.hidden = !on;
       button.setAttribute("aria-expanded", String(on));
     };
-    button.addEventListener("click", () => open(others.hidden));
     open(false);
-    const first = this.state.defaults();
     this.writers.push(() => {
-      const set = fields.filter((field) => this.state[field] !== first[field]).map((field) => this.words(field));
-      if (this.state.off.size) set.push("strides left out");
+      const set = fields.filter((field) => state[field] !== state.usual[field]).map((field) => this.words(field));
+      if (state.off.size) set.push("strides left out");
       button.textContent = set.length ? `More: ${set.join(", ")}` : "More";
     });
-    return [button, others];
+    return button;
   }
 
   // A choice in words: "external", "no truth".
   words(field) {
     const value = this.state[field];
     if (typeof value !== "boolean") return value;
-    const title = document.getElementById(`switch-${field}`).labels[0].textContent;
+    const title = Gaitcal.get(`switch-${field}`).labels[0].textContent;
     return value ? title : `no ${title}`;
   }
 
@@ -90,87 +81,57 @@ Gaitcal.Switches = class {
     for (const writer of this.writers) writer();
   }
 
-  choice(field, title, options) {
-    const label = Gaitcal.element("label", "", "pick");
-    label.title = title;
-    label.append(Gaitcal.element("span", title, Gaitcal.USUAL.includes(field) ? "unseen" : ""));
-    const select = document.createElement("select");
-    select.id = `switch-${field}`;
-    for (const [value, text] of options) select.add(new Option(text, value));
-    select.addEventListener("change", () => this.state.set({ [field]: select.value }));
-    this.writers.push(() => (select.value = this.state[field]));
-    label.append(select);
-    return label;
+  made(field, title, options) {
+    const { state } = this;
+    const id = `switch-${field}`;
+    const change = (value) => state.set({ [field]: value });
+    if (!options) return this.tick(title, id, () => state[field], change);
+    const select = Gaitcal.select(options, change, { id });
+    this.writers.push(() => {
+      select.value = state[field];
+    });
+    const hidden = Gaitcal.USUAL.includes(field) && { class: "unseen" };
+    return html("label.pick", { title }, html("span", hidden, title), select);
   }
 
-  box(field, title) {
-    return this.tick(title, `switch-${field}`, () => this.state[field], (on) => this.state.set({ [field]: on }));
-  }
-
-  tick(title, id, read, write) {
-    const label = Gaitcal.element("label", title, "tick");
-    const input = document.createElement("input");
-    input.type = "checkbox";
-    input.id = id;
-    input.addEventListener("change", () => write(input.checked));
-    this.writers.push(() => (input.checked = read()));
-    label.prepend(input);
+  tick(title, id, read, change) {
+    const label = Gaitcal.tick(title, change, { id });
+    this.writers.push(() => {
+      label.control.checked = read();
+    });
     return label;
   }
 
   // Which trials and strides take part in curves and means.
   parts() {
-    const details = Gaitcal.element("details", "", "parts");
-    const summary = document.createElement("summary");
-    details.append(summary);
-    const all = this.page.results.flatMap((result, r) => Gaitcal.parts(result, r));
-    const keys = all.filter((key) => key.split("/").length === 4);
-    const taking = (key) => !this.state.off.has(key) && !this.state.off.has(key.split("/").slice(0, 2).join("/"));
+    const { state, page } = this;
+    const keys = page.results.flatMap(Gaitcal.parts).filter((key) => key.split("/").length === 4);
+    const taking = (key) => !state.off.has(key) && !state.off.has(key.split("/").slice(0, 2).join("/"));
+    const summary = html("summary");
     this.writers.push(() => {
       const n = keys.filter(taking).length;
       summary.textContent = `Trials and strides: ${n === keys.length ? `all ${n}` : `${n} of ${keys.length} strides`}`;
     });
-    for (const [r, { name, sheet }] of this.page.results.entries()) {
-      if (!sheet) continue;
-      const list = document.createElement("ul");
-      if (this.page.results.length > 1) details.append(Gaitcal.element("p", name));
-      for (const [t, trial] of sheet.trials.entries()) if (trial.strides.length) list.append(this.trial(`${r}/${t}`, trial));
-      details.append(list);
-    }
-    return details;
+    const list = ({ name, sheet }, r) => [
+      page.results.length > 1 && html("p", name),
+      html("ul", sheet.trials.map((trial, t) => trial.strides.length > 0 && this.trial(`${r}/${t}`, trial))),
+    ];
+    return html("details.parts", summary, page.results.map((result, r) => result.sheet && list(result, r)));
   }
 
-  trial(key, trial) {
-    const item = document.createElement("li");
-    item.append(this.part(key, trial.name));
-    for (const { side, number, turns } of trial.strides) {
-      const title = `${Gaitcal.SIDES[side]} ${number}${turns ? " (turns)" : ""}`;
-      item.append(this.part(`${key}/${side}/${number}`, title));
-    }
-    return item;
+  trial(key, { name, strides }) {
+    const title = ({ side, number, turns }) => `${Gaitcal.LEGS[side]} ${number}${turns ? " (turns)" : ""}`;
+    const each = strides.map((stride) => this.part(`${key}/${stride.side}/${stride.number}`, title(stride)));
+    return html("li", this.part(key, name), each);
   }
 
   part(key, title) {
-    return this.tick(title, `part-${key.replaceAll("/", "-")}`, () => !this.state.off.has(key), (on) => {
-      const off = new Set(this.state.off);
+    const { state } = this;
+    return this.tick(title, `part-${key.replaceAll("/", "-")}`, () => !state.off.has(key), (on) => {
+      const off = new Set(state.off);
       if (on) off.delete(key);
       else off.add(key);
-      this.state.set({ off });
+      state.set({ off });
     });
   }
 };
-
-// An element with a text and a class.
-Gaitcal.element = (name, text, kind = "") => {
-  const element = document.createElement(name);
-  element.textContent = text;
-  if (kind) element.className = kind;
-  return element;
-};
-
-// The keys of `state.off`: "result/trial", "result/trial/side/number", all counted from 0 but the stride's own number.
-Gaitcal.parts = ({ sheet }, r) =>
-  (sheet?.trials ?? []).flatMap((trial, t) => [
-    `${r}/${t}`,
-    ...trial.strides.map(({ side, number }) => `${r}/${t}/${side}/${number}`),
-  ]);

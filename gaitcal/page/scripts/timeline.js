@@ -1,19 +1,62 @@
 "use strict";
+// The one clock: it moves `state.seconds` on, and around the window that is looped.
+Gaitcal.Clock = class {
+  constructor(page) {
+    this.page = page;
+    this.state = page.state;
+    this.before = null;
+    this.state.on(["playing"], () => this.start());
+  }
+
+  play(on = !this.state.playing) {
+    this.state.set({ playing: on });
+  }
+
+  // Whole frames on, from the nearest.
+  step(frames) {
+    const { trial } = this.page;
+    const at = trial.frame(this.state.seconds);
+    const here = at.part > 0.5 ? at.high : at.low;
+    const there = Math.min(trial.time.length - 1, Math.max(0, here + frames));
+    this.state.set({ playing: false, seconds: trial.time[there] });
+  }
+
+  start() {
+    if (!this.state.playing || this.before !== null) return;
+    this.before = performance.now();
+    requestAnimationFrame((now) => this.tick(now));
+  }
+
+  tick(now) {
+    const { state } = this;
+    if (!state.playing) {
+      this.before = null;
+      return;
+    }
+    const elapsed = Math.min(0.25, Math.max(0, now - this.before) / 1000);
+    this.before = now;
+    const [begin, end] = state.window ?? [0, this.page.trial.duration];
+    const next = state.seconds + elapsed * state.speed;
+    state.set({ seconds: next >= begin && next <= end ? next : begin });
+    requestAnimationFrame((later) => this.tick(later));
+  }
+};
+
+// px: a pointer that moved less has pressed, not dragged.
+Gaitcal.DRAGGED = 5;
+
 // Strikes, toe-offs, stance and validity of each leg along time; the slider that moves the clock; the window it loops.
 Gaitcal.Timeline = class {
   constructor(page) {
-    const get = (id) => document.getElementById(id);
     this.page = page;
     this.state = page.state;
-    this.time = get("time");
-    this.clock = get("clock");
-    this.looped = get("looped");
-    this.tracks = ["r", "l"].map((side) => ({ side, svg: get(`track-${side}`) }));
+    this.time = Gaitcal.get("time");
+    this.tracks = Gaitcal.get("tracks");
     this.time.addEventListener("input", () => this.state.set({ seconds: Number(this.time.value) }));
-    this.dragged(get("tracks"));
-    get("window-begin").addEventListener("click", () => this.begin());
-    get("window-end").addEventListener("click", () => this.end());
-    get("window-clear").addEventListener("click", () => this.state.set({ window: null }));
+    this.dragged();
+    Gaitcal.get("window-begin").addEventListener("click", () => this.begin());
+    Gaitcal.get("window-end").addEventListener("click", () => this.end());
+    Gaitcal.get("window-clear").addEventListener("click", () => this.state.set({ window: null }));
     this.state.on(["result", "trial"], () => this.open());
     this.state.on(["seconds"], () => this.pose());
     this.state.on(["window"], () => this.windowed());
@@ -32,110 +75,106 @@ Gaitcal.Timeline = class {
 
   // Loop from one time to another; nothing where they are one.
   choose(from, to) {
-    const { duration } = this.page.trial;
-    const [begin, end] = [Math.min(from, to), Math.max(from, to)].map((t) => Math.min(duration, Math.max(0, t)));
+    const [begin, end] = [Math.min(from, to), Math.max(from, to)];
     if (end - begin < 1e-3) return;
-    const { seconds } = this.state;
-    this.state.set({ window: [begin, end], seconds: Math.min(end, Math.max(begin, seconds)) });
+    this.state.set({ window: [begin, end], seconds: Math.min(end, Math.max(begin, this.state.seconds)) });
   }
 
   // A drag over the rows chooses a window, a click moves the clock.
-  dragged(host) {
+  dragged() {
     let from = null;
     const at = (event) => {
-      const box = this.tracks[0].svg.getBoundingClientRect();
-      return (Math.min(1, Math.max(0, (event.clientX - box.left) / box.width)) * this.page.trial.duration);
+      const box = Gaitcal.get("track-r").getBoundingClientRect();
+      return Math.min(1, Math.max(0, (event.clientX - box.left) / box.width)) * this.page.trial.duration;
     };
-    const DRAG = 5; // pixels
-    host.addEventListener("pointerdown", (event) => {
-      if (event.button > 0) return;
-      from = { x: event.clientX, seconds: at(event) };
-      host.setPointerCapture(event.pointerId);
+    const far = (event) => Math.abs(event.clientX - from.x) >= Gaitcal.DRAGGED;
+    Gaitcal.dress(this.tracks, {
+      pointerdown: (event) => {
+        if (event.button > 0) return;
+        from = { x: event.clientX, seconds: at(event) };
+        this.tracks.setPointerCapture(event.pointerId);
+      },
+      pointermove: (event) => from && far(event) && this.choose(from.seconds, at(event)),
+      pointerup: (event) => {
+        if (from && !far(event)) this.state.set({ seconds: from.seconds });
+        from = null;
+      },
+      pointercancel: () => {
+        from = null;
+      },
     });
-    host.addEventListener("pointermove", (event) => {
-      if (from && Math.abs(event.clientX - from.x) >= DRAG) this.choose(from.seconds, at(event));
-    });
-    host.addEventListener("pointerup", (event) => {
-      if (from && Math.abs(event.clientX - from.x) < DRAG) this.state.set({ seconds: from.seconds });
-      from = null;
-    });
-    host.addEventListener("pointercancel", () => (from = null));
+  }
+
+  // Places are shares of the trial, so that no change of width needs another drawing.
+  share(seconds) {
+    return `${((100 * seconds) / (this.page.trial.duration || 1)).toFixed(3)}%`;
   }
 
   open() {
     const { trial, sheet } = this.page;
     this.time.max = String(trial.duration);
-    for (const { side, svg } of this.tracks) {
-      const row = { side, stances: Gaitcal.stances(sheet, side, trial.duration), valid: Gaitcal.validSpans(trial, side) };
-      row.events = (sheet?.events ?? []).filter((event) => event.side === side);
-      this.draw(svg, row);
-      svg.parentElement.hidden = row.events.length === 0 && row.valid.length === 0;
+    for (const side of ["r", "l"]) {
+      const events = (sheet?.events ?? []).filter((event) => event.side === side);
+      const valid = trial.validSpans(side);
+      const track = Gaitcal.get(`track-${side}`);
+      this.draw(track, side, events, valid);
+      track.parentElement.hidden = events.length === 0 && valid.length === 0;
     }
     this.windowed();
     this.pose();
   }
 
-  // Places are shares of the trial, so that no change of width needs another drawing.
-  draw(svg, { side, stances, valid, events }) {
-    const { duration } = this.page.trial;
-    const share = (seconds) => `${((100 * seconds) / (duration || 1)).toFixed(3)}%`;
-    const add = (name, kind, attributes) => {
-      const element = document.createElementNS("http://www.w3.org/2000/svg", name);
-      element.setAttribute("class", kind);
-      for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
-      svg.append(element);
-      return element;
-    };
-    const bar = (kind, [from, to], y, height) => add("rect", kind, { x: share(from), width: share(to - from), y, height });
-    svg.replaceChildren();
-    bar("window", [0, 0], 0, 16);
-    for (const span of stances) bar("stance", span, 4, 6);
-    for (const span of valid) bar("valid", span, 13, 2.5);
-    for (const { kind, time } of events) {
-      if (Gaitcal.isStrike(kind)) add("line", "strike", { x1: share(time), x2: share(time), y1: 0, y2: 12 });
-      else add("circle", "off", { cx: share(time), cy: 7, r: 3 });
-    }
-    add("line", "now", { x1: 0, x2: 0, y1: 0, y2: 16 });
-    const among = (strike) => events.filter(({ kind }) => Gaitcal.isStrike(kind) === strike);
-    const list = (strike) => among(strike).map(({ time }) => `${time.toFixed(2)} s`);
+  draw(track, side, events, valid) {
+    const { sheet, trial } = this.page;
+    const x = (seconds) => this.share(seconds);
+    const bar = (kind, [from, to], y, height) => svg(`rect.${kind}`, { x: x(from), width: x(to - from), y, height });
+    const mark = ({ kind, time }) =>
+      Gaitcal.isStrike(kind)
+        ? svg("line.strike", { x1: x(time), x2: x(time), y1: 0, y2: 12 })
+        : svg("circle.off", { cx: x(time), cy: 7, r: 3 });
+    track.replaceChildren(
+      bar("window", [0, 0], 0, 16),
+      ...Gaitcal.stances(sheet, side, trial.duration).map((span) => bar("stance", span, 4, 6)),
+      ...valid.map((span) => bar("valid", span, 13, 2.5)),
+      ...events.map(mark),
+      svg("line.now", { x1: 0, x2: 0, y1: 0, y2: 16 }),
+    );
     const said = (what, when) => (when.length ? [`${what} ${when.join(", ")}`] : []);
-    const spans = valid.map(([from, to]) => `${from.toFixed(2)} to ${to.toFixed(2)} s`);
-    const steps = [...said("foot strikes at", list(true)), ...said("foot off at", list(false))];
-    const words = [...steps, ...said("torques valid", spans)];
-    svg.setAttribute("aria-label", `${Gaitcal.SIDES[side]} leg: ${words.join("; ") || "no events"}`);
+    const times = (strike) =>
+      events.filter(({ kind }) => Gaitcal.isStrike(kind) === strike).map(({ time }) => `${time.toFixed(2)} s`);
+    const words = [
+      ...said("foot strikes at", times(true)),
+      ...said("foot off at", times(false)),
+      ...said("torques valid", valid.map(([from, to]) => `${from.toFixed(2)} to ${to.toFixed(2)} s`)),
+    ];
+    track.setAttribute("aria-label", `${Gaitcal.LEGS[side]} leg: ${words.join("; ") || "no events"}`);
   }
 
   windowed() {
     const { window } = this.state;
-    const { duration } = this.page.trial;
     const [from, to] = window ?? [0, 0];
-    for (const { svg } of this.tracks) {
-      const rect = svg.querySelector(".window");
-      rect.setAttribute("x", `${(100 * from) / (duration || 1)}%`);
-      rect.setAttribute("width", `${(100 * (to - from)) / (duration || 1)}%`);
+    for (const bar of this.tracks.querySelectorAll(".window")) {
+      Gaitcal.dress(bar, { x: this.share(from), width: this.share(to - from) });
     }
-    this.looped.textContent = window ? `${from.toFixed(2)} \u2013 ${to.toFixed(2)} s` : "";
-    document.getElementById("window-clear").disabled = window === null;
+    Gaitcal.get("looped").textContent = window ? `${from.toFixed(2)} – ${to.toFixed(2)} s` : "";
+    Gaitcal.get("window-clear").disabled = window === null;
   }
 
   pose() {
     const { seconds } = this.state;
-    const { trial } = this.page;
     const words = `${seconds.toFixed(2)} s`;
     this.time.value = String(seconds);
     this.time.setAttribute("aria-valuetext", words);
-    this.clock.textContent = words;
-    const x = `${((100 * seconds) / (trial.duration || 1)).toFixed(3)}%`;
-    for (const { svg } of this.tracks) {
-      svg.lastChild.setAttribute("x1", x);
-      svg.lastChild.setAttribute("x2", x);
-    }
+    Gaitcal.get("clock").textContent = words;
+    const x = this.share(seconds);
+    for (const line of this.tracks.querySelectorAll(".now")) Gaitcal.dress(line, { x1: x, x2: x });
   }
 };
 
 Gaitcal.isStrike = (kind) => kind.endsWith("strike");
 
-// When a foot stands, [from, to] in s: from strike to toe-off, and from the begin or to the end where one was not seen.
+// When a foot stands, [from, to] in s, as gaitcal/gait/cycles.py: from strike to toe-off, and from the begin or to the
+// end where one was not seen.
 Gaitcal.stances = (sheet, side, duration) => {
   const events = (sheet?.events ?? []).filter((event) => event.side === side).sort((a, b) => a.time - b.time);
   if (events.length === 0) return [];
@@ -149,21 +188,4 @@ Gaitcal.stances = (sheet, side, duration) => {
     }
   }
   return from === null ? spans : [...spans, [from, duration]];
-};
-
-// When torques of a leg are valid, [from, to] in s.
-Gaitcal.validSpans = (trial, side) => {
-  const { time, validLegs } = trial;
-  const leg = side === "r" ? 0 : 1;
-  const spans = [];
-  let from = null;
-  for (let i = 0; i < time.length; i++) {
-    const valid = validLegs[2 * i + leg] > 0;
-    if (valid) from ??= i;
-    if (from !== null && (!valid || i + 1 === time.length)) {
-      spans.push([time[from], time[valid ? i : i - 1]]);
-      from = null;
-    }
-  }
-  return spans;
 };

@@ -1,27 +1,23 @@
 "use strict";
 // The table of people: sorted by a press on a column's name, filtered below it, some rows at a time.
-Gaitcal.MOST_SHOWN = 4;
-
 Gaitcal.PeopleTable = class {
   constructor(host, people, choices) {
     Object.assign(this, { people, choices });
-    this.chooser = new Gaitcal.Chooser(people, choices);
-    document.querySelector("#people .bar").append(this.chooser.button);
-    this.head = Gaitcal.make("thead");
-    this.body = Gaitcal.make("tbody");
-    this.table = Gaitcal.make("table", { "aria-label": "People" }, this.head, this.body);
-    this.pager = Gaitcal.make("div", { class: "bar pager" });
-    host.append(
-      Gaitcal.scroller(this.table, "People"),
-      this.pager,
-    );
-    this.table.parentElement.classList.add("people-table");
-    this.body.addEventListener("click", (event) => this.pressed(event));
+    document.querySelector("#people .bar").append(new Gaitcal.Chooser(people, choices).button);
+    this.head = html("thead");
+    this.body = html("tbody", { click: (event) => this.pressed(event) });
+    this.table = html("table", { "aria-label": "People" }, this.head, this.body);
+    this.pager = html("div.bar.pager");
+    const place = Gaitcal.scroller(this.table, "People");
+    place.classList.add("people-table");
+    host.append(place, this.pager);
     choices.on(["columns"], () => this.draw());
     choices.on([...Gaitcal.NARROWING, "sort", "page", "rows"], () => this.fill());
     choices.on(["shown"], () => this.mark());
-    window.addEventListener("beforeprint", () => this.fill(this.people.count));
+    window.addEventListener("beforeprint", () => this.fill(people.count));
     window.addEventListener("afterprint", () => this.fill());
+    // The filters stay in view below the names, however many lines those take.
+    this.tall = new ResizeObserver(([{ target }]) => this.table.style.setProperty("--head", `${target.offsetHeight}px`));
     this.draw();
   }
 
@@ -31,68 +27,41 @@ Gaitcal.PeopleTable = class {
     target.closest("tr").querySelector("input")?.click();
   }
 
-  get columns() {
-    return this.choices.columns.map((name) => this.people.columns.get(name));
-  }
-
   draw() {
-    this.heads = this.columns.map((column) => this.headCell(column));
-    this.tests = this.columns.map((column) => this.testCell(column));
-    const names = Gaitcal.make("tr", {}, ...this.heads.map(({ cell }) => cell));
-    const tests = Gaitcal.make("tr", { class: "tests" }, ...this.tests.map(({ cell }) => cell));
-    this.head.replaceChildren(names, tests);
-    // The filters stay in view below the names, however many lines those take.
-    this.tall ??= new ResizeObserver(([{ target }]) =>
-      this.table.style.setProperty("--head", `${target.offsetHeight}px`),
-    );
+    const columns = this.choices.columns.map((name) => this.people.columns.get(name));
+    this.heads = columns.map((column) => this.headCell(column));
+    this.tests = columns.map((column) => this.testCell(column));
+    const names = html("tr", this.heads.map(({ cell }) => cell));
+    this.head.replaceChildren(names, html("tr.tests", this.tests.map(({ input }) => html("td", input))));
     this.tall.disconnect();
     this.tall.observe(names);
     this.fill();
   }
 
   headCell(column) {
-    const arrow = Gaitcal.make("span", { class: "arrow", "aria-hidden": "true" });
-    const button = Gaitcal.make(
-      "button",
-      { type: "button", title: column.meaning || null },
-      Gaitcal.visible(column.title),
-      arrow,
-    );
-    const cell = Gaitcal.make(
-      "th",
-      {
-        scope: "col",
-        class: [column.text ? "text" : "", column.side ? `side-${column.side}` : ""].join(" ").trim() || null,
-      },
-      button,
-    );
-    if (column.side) button.append(Gaitcal.make("span", { class: "unit" }, ` ${Gaitcal.SIDE_WORDS[column.side]}`));
-    if (column.unit) button.append(Gaitcal.make("span", { class: "unit" }, ` ${column.unit}`));
-    button.addEventListener("click", () => {
-      const { sort } = this.choices;
-      this.choices.set({
-        sort: sort === column.name ? `-${column.name}` : sort === `-${column.name}` ? "" : column.name,
-      });
-    });
-    return { column, cell, arrow };
+    const { name, title, meaning, side, unit, text } = column;
+    const { choices } = this;
+    const arrow = html("span.arrow", { "aria-hidden": "true" });
+    const next = () => ({ [name]: `-${name}`, [`-${name}`]: "" })[choices.sort] ?? name;
+    const words = [
+      Gaitcal.visible(title), arrow,
+      side && html("span.unit", ` ${Gaitcal.LEGS[side]}`), unit && html("span.unit", ` ${unit}`),
+    ];
+    const button = Gaitcal.button(words, () => choices.set({ sort: next() }), { title: meaning || null });
+    const kind = [text && "text", side && `side-${side}`].filter(Boolean).join(" ");
+    return { name, arrow, cell: html("th", { scope: "col", class: kind }, button) };
   }
 
   testCell(column) {
-    const words = Gaitcal.columnWords(column);
-    const input = Gaitcal.make("input", {
-      type: "text",
-      "aria-label": `Filter ${words}`,
-      placeholder: column.text ? "words" : ">",
-      autocomplete: "off",
-      spellcheck: "false",
-    });
-    input.addEventListener("input", () => {
+    const changed = ({ target }) => {
       const tests = new Map(this.choices.tests);
-      if (input.value.trim()) tests.set(column.name, input.value);
+      if (target.value.trim()) tests.set(column.name, target.value);
       else tests.delete(column.name);
       this.choices.set({ tests });
-    });
-    return { column, input, cell: Gaitcal.make("td", {}, input) };
+    };
+    const words = { "aria-label": `Filter ${Gaitcal.columnWords(column)}`, placeholder: column.text ? "words" : ">" };
+    const input = html("input", { type: "text", autocomplete: "off", spellcheck: "false", input: changed, ...words });
+    return { column, input };
   }
 
   // The rows of the page of the table that is chosen; `most`: so many rows whatever is chosen.
@@ -102,71 +71,52 @@ Gaitcal.PeopleTable = class {
     const rows = most ?? (choices.rows || order.length);
     const pages = Math.max(1, Math.ceil(order.length / Math.max(1, rows)));
     const page = most ? 0 : Math.min(choices.page, pages - 1);
-    this.listed = order.slice(page * rows, (page + 1) * rows);
-    this.body.replaceChildren(...this.listed.map((i) => this.row(i)));
-    if (!this.listed.length)
-      this.body.append(
-        Gaitcal.make(
-          "tr",
-          {},
-          Gaitcal.make("td", { class: "text nobody", colspan: this.heads.length }, "Nobody passes all filters."),
-        ),
-      );
-    for (const { column, cell, arrow } of this.heads) {
-      const way = { [column.name]: "ascending", [`-${column.name}`]: "descending" }[choices.sort];
-      way ? cell.setAttribute("aria-sort", way) : cell.removeAttribute("aria-sort");
+    const listed = order.slice(page * rows, (page + 1) * rows);
+    const nobody = html("tr", html("td.text.nobody", { colspan: this.heads.length }, "Nobody passes all filters."));
+    this.body.replaceChildren(...(listed.length ? listed.map((i) => this.row(i)) : [nobody]));
+    for (const { name, cell, arrow } of this.heads) {
+      const way = { [name]: "ascending", [`-${name}`]: "descending" }[choices.sort];
+      if (way) cell.setAttribute("aria-sort", way);
+      else cell.removeAttribute("aria-sort");
       arrow.textContent = { ascending: " ▲", descending: " ▼" }[way] ?? "";
     }
     for (const { column, input } of this.tests) {
       const text = choices.tests.get(column.name) ?? "";
       if (input.value.trim() !== text.trim()) input.value = text;
-      const wrong = text.trim() && !column.text && !Gaitcal.numberTest(text, column.digits);
-      wrong ? input.setAttribute("aria-invalid", "true") : input.removeAttribute("aria-invalid");
+      input.toggleAttribute("aria-invalid", false);
+      if (text.trim() && !Gaitcal.columnTest(column, text)) input.setAttribute("aria-invalid", "true");
     }
     this.turn(page, pages, order.length, rows);
     this.mark();
   }
 
   row(i) {
-    return Gaitcal.make("tr", { "data-person": i }, ...this.columns.map((column, k) => this.cell(column, i, k === 0)));
+    return html("tr", { "data-person": i }, this.tests.map(({ column }, k) => this.cell(column, i, k === 0)));
   }
 
   cell(column, i, first) {
-    const cell = first
-      ? Gaitcal.make("th", { scope: "row", class: "text" })
-      : Gaitcal.make("td", { class: column.text ? `text ${column.name}` : null });
-    if (first) cell.append(this.tick(i));
-    if (column.name === "person") cell.append(this.person(i));
-    else if (column.name === "verdict") cell.append(Gaitcal.judgement(column.at(i)));
-    else if (column.text) {
-      const text =
-        column.name === "first_cause" ? Gaitcal.capital(Gaitcal.visible(column.at(i))) : Gaitcal.visible(column.at(i));
-      cell.append(text.length > 90 ? Gaitcal.make("span", { title: text }, `${text.slice(0, 89)}…`) : text);
-    } else {
-      cell.append(Gaitcal.numeral(column.at(i), column.digits));
-      const error = column.error?.(i);
-      if (Number.isFinite(error))
-        cell.append(Gaitcal.make("span", { class: "soft" }, ` ± ${Gaitcal.numeral(error, column.digits)}`));
-    }
-    return cell;
-  }
-
-  // The person's name, which leads to the page.
-  person(i) {
-    const [name, link] = [this.people.word("person", i), this.people.link(i)];
-    return link ? Gaitcal.make("a", { href: link }, Gaitcal.named(name)) : Gaitcal.named(name);
+    const { name, text, digits, error } = column;
+    const value = column.at(i);
+    const number = () => {
+      const half = error?.(i);
+      const known = Number.isFinite(half) && html("span.soft", ` ± ${Gaitcal.numeral(half, digits)}`);
+      return [Gaitcal.numeral(value, digits), known];
+    };
+    const words = () => {
+      const shown = name === "first_cause" ? Gaitcal.capital(Gaitcal.visible(value)) : Gaitcal.visible(value);
+      return shown.length > 90 ? html("span", { title: shown }, `${shown.slice(0, 89)}…`) : shown;
+    };
+    const told = { person: () => this.people.linked(i, value), verdict: () => Gaitcal.judgement(value) };
+    const content = (told[name] ?? (text ? words : number))();
+    if (first) return html("th.text", { scope: "row" }, this.tick(i), content);
+    return html("td", { class: text && `text ${name}` }, content);
   }
 
   tick(i) {
-    const box = Gaitcal.make("input", {
-      type: "checkbox",
-      "aria-label": `Draw the curves of ${Gaitcal.visible(this.people.name(i))}`,
-    });
-    box.addEventListener("change", () => {
-      const others = this.choices.shown.filter((other) => other !== i);
-      this.choices.set({ shown: box.checked ? [...others, i].slice(-Gaitcal.MOST_SHOWN) : others });
-    });
-    return Gaitcal.make("label", { class: "of-row" }, box);
+    const { people, choices } = this;
+    const words = { "aria-label": `Draw the curves of ${Gaitcal.visible(people.name(i))}` };
+    const change = ({ target }) => choices.show(i, target.checked);
+    return html("label.of-row", html("input", { type: "checkbox", change, ...words }));
   }
 
   mark() {
@@ -178,25 +128,77 @@ Gaitcal.PeopleTable = class {
   }
 
   turn(page, pages, count, rows) {
-    const button = (words, to) => {
-      const out = Gaitcal.make("button", { type: "button", disabled: to < 0 || to >= pages }, words);
-      out.addEventListener("click", () => this.choices.set({ page: to }));
-      return out;
-    };
-    const choice = Gaitcal.make(
-      "select",
-      {},
-      ...[25, 50, 100, 0].map((number) =>
-        Gaitcal.make("option", { value: number, selected: number === this.choices.rows }, number || "all"),
-      ),
-    );
-    choice.addEventListener("change", () => this.choices.set({ rows: Number(choice.value), page: 0 }));
+    const { choices } = this;
+    const button = (words, to, on) => pages > 1 && Gaitcal.button(words, () => choices.set({ page: to }), { disabled: !on });
+    const numbers = [25, 50, 100, 0].map((number) => [number, number || "all"]);
+    const choice = Gaitcal.select(numbers, (number) => choices.set({ rows: Number(number), page: 0 }));
+    choice.value = String(choices.rows);
     const words = count ? `${page * rows + 1} to ${Math.min(count, (page + 1) * rows)} of ${count}` : "none";
-    this.pager.replaceChildren(
-      ...(pages > 1 ? [button("First", page ? 0 : -1), button("Previous", page - 1)] : []),
-      Gaitcal.make("span", {}, words),
-      ...(pages > 1 ? [button("Next", page + 1), button("Last", page < pages - 1 ? pages - 1 : -1)] : []),
-      Gaitcal.make("label", { class: "pick" }, Gaitcal.make("span", {}, "Rows"), choice),
+    const [before, after] = [page > 0, page < pages - 1];
+    this.pager.replaceChildren();
+    Gaitcal.built(this.pager, "", [
+      button("First", 0, before), button("Previous", page - 1, before), html("span", words),
+      button("Next", page + 1, after), button("Last", pages - 1, after), Gaitcal.pick("Rows", choice),
+    ]);
+  }
+};
+
+// Which columns the table has: a list of all of them with their units and meanings, found by words.
+Gaitcal.Chooser = class {
+  constructor(people, choices) {
+    Object.assign(this, { people, choices });
+    this.dialog = Gaitcal.get("chooser");
+    this.button = Gaitcal.button("Columns …", () => this.open(), { "aria-haspopup": "dialog" });
+  }
+
+  open() {
+    if (!this.entries) this.build();
+    this.mark();
+    this.dialog.showModal();
+  }
+
+  build() {
+    const { choices } = this;
+    this.entries = [...this.people.columns.values()].map((column) => this.entry(column));
+    const list = { tabindex: "0", "aria-label": "Columns" };
+    const narrow = ({ target }) => {
+      const words = target.value.toLowerCase().split(/\s+/).filter(Boolean);
+      for (const { item, text } of this.entries) item.hidden = !words.every((word) => text.includes(word));
+    };
+    const usual = () => {
+      choices.set({ columns: choices.usual.columns });
+      this.mark();
+    };
+    const find = html("input", { type: "search", autocomplete: "off", spellcheck: "false", input: narrow });
+    this.dialog.append(
+      html("h2", { id: "chooser-title" }, "Columns of the table"),
+      Gaitcal.pick("Find", find),
+      html("ul.column-list", list, this.entries.map(({ item }) => item)),
+      html("p.bar", Gaitcal.button("The usual ones", usual),
+        Gaitcal.button("Close", () => this.dialog.close(), { class: "main" })),
     );
+  }
+
+  entry(column) {
+    const { name, unit, meaning } = column;
+    const title = Gaitcal.columnWords(column);
+    const words = [Gaitcal.visible(title), unit && html("span.unit", ` ${unit}`), html("span.soft", ` ${meaning}`)];
+    const label = Gaitcal.tick(html("span", words), (on) => this.chosen(name, on));
+    const text = `${title} ${name} ${unit} ${meaning}`.toLowerCase();
+    return { name, box: label.control, item: html("li", label), text };
+  }
+
+  // A new column comes last; one whose filter is on is filtered no more when it goes.
+  chosen(name, on) {
+    const columns = this.choices.columns.filter((other) => other !== name);
+    const tests = new Map(this.choices.tests);
+    if (on) columns.push(name);
+    else tests.delete(name);
+    if (columns.length) this.choices.set(tests.size === this.choices.tests.size ? { columns } : { columns, tests });
+    this.mark();
+  }
+
+  mark() {
+    for (const { name, box } of this.entries) box.checked = this.choices.columns.includes(name);
   }
 };
