@@ -62,7 +62,7 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
     said = page.run("location.hash")
     assert "truth" not in said and "second" not in said, "what is as usual is not said"
     page = visit(f"{shown.as_uri()}?b{said}")
-    assert not page.run("gaitcal.playing")
+    assert not page.run("gaitcal.state.playing")
     for field, value in (
         ("preset", "joints"), ("axis", "time"), ("unit", "Nm"), ("signs", "clinical"), ("acting", "external"),
         ("nominal", True), ("norm", False), ("errors", False), ("truth", True), ("spread", "mean"), ("seconds", 0.25),
@@ -71,7 +71,7 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
     ):  # fmt: skip
         assert state(page, field) == value, field
     page = visit(f"{shown.as_uri()}?c#trial=no+plates&t=0.5")
-    assert page.run("gaitcal.trial.name") == "no plates" and page.run("gaitcal.seconds") == 0.5
+    assert page.run("gaitcal.trial.name") == "no plates" and page.run("gaitcal.state.seconds") == 0.5
     assert page.console == []
 
 
@@ -174,13 +174,13 @@ def test_five_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
         """(() => { let best = Infinity;
         for (let turn = 0; turn < 5; turn++) {
             const start = performance.now();
-            for (let k = 0; k < 50; k++) gaitcal.seek(gaitcal.trial.duration * k / 50);
+            for (let k = 0; k < 50; k++) gaitcal.clock.seek(gaitcal.trial.duration * k / 50);
             best = Math.min(best, (performance.now() - start) / 50);
         } return best; })()"""
     )
     assert per_tick < TICK
     page.run("gaitcal.state.set({ trial: 4, seconds: 10 })")
     before = stage(page)
-    page.run(f"gaitcal.seek(10.4); {DRAWN}")
+    page.run(f"gaitcal.clock.seek(10.4); {DRAWN}")
     assert changed(before, stage(page)) > 2000
     assert page.console == []

@@ -60,7 +60,7 @@ def shown(visit: Visit, folder: Path, *results: Shown, width: int = 1280, phone:
     path = folder / "result.html"
     path.write_text(page_html(results), encoding="utf-8")
     page = visit(path, width, 900, phone)
-    page.run(f"gaitcal.play(false); gaitcal.state.set({{ seconds: 0.3 }}); {STEADY}")
+    page.run(f"gaitcal.clock.play(false); gaitcal.state.set({{ seconds: 0.3 }}); {STEADY}")
     return page
 
 
@@ -136,7 +136,7 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
     for share in (0.1, 0.43, 0.77):
         page.move(*place(page, at, share))
         page.run(STEADY)
-        seconds = page.run("gaitcal.seconds")
+        seconds = page.run("gaitcal.state.seconds")
         assert np.abs(time - seconds).min() < ON_FRAME
         lead = page.run(f"{at}.lead")
         stride = next(
@@ -145,7 +145,7 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
         wanted = stride["start"] + share * (stride["stop"] - stride["start"])
         assert abs(seconds - wanted) < 0.6 * np.diff(time).mean() + 0.004  # half a frame, and a pixel of the pointer
         frame = int(np.abs(time - seconds).argmin())
-        assert page.run("gaitcal.body.groups[0].position.toArray()") == pytest.approx(
+        assert page.run("gaitcal.stage.figure.body.groups[0].position.toArray()") == pytest.approx(
             scene.trials[0].origins[frame, 0].tolist(), abs=1e-3
         )
         assert standing(page, at, lead) == pytest.approx(
@@ -165,7 +165,7 @@ def test_the_clock_moves_every_cursor(axis: str, page: Page) -> None:
     page.run(f"gaitcal.state.set({{ axis: '{axis}' }}); {STEADY}")
     wide = page.run(f"{panel('hip_flexion', 'angle')}.span.wide")
     for seconds in (0.3, 0.45, 0.62):
-        page.run(f"gaitcal.seek({seconds})")
+        page.run(f"gaitcal.clock.seek({seconds})")
         for base, kind in (("hip_flexion", "angle"), ("hip_flexion", "moment")):
             at = panel(base, kind)
             if axis == "time":
@@ -176,7 +176,7 @@ def test_the_clock_moves_every_cursor(axis: str, page: Page) -> None:
                 start, stop = next((a, b) for a, b in itertools.pairwise(STRIDES[0][side]) if a <= seconds <= b)
                 percent = 100 * (seconds - start) / (stop - start)
                 assert standing(page, at, side) == pytest.approx(percent, abs=100 * ON_LINE / wide)
-    page.run("gaitcal.seek(0.05)")  # before any stride: no cursor over the cycle, one over time
+    page.run("gaitcal.clock.seek(0.05)")  # before any stride: no cursor over the cycle, one over time
     hidden = page.run(f"{panel('hip_flexion', 'angle')}.cursors.r.style.transform") == "translateX(-99px)"
     assert hidden
 
@@ -224,9 +224,9 @@ def test_a_title_brings_its_joint_near_and_escape_leaves(page: Page) -> None:
     page.run(f"{panel('hip_flexion', 'moment')}.root.focus(); 1")
     page.press("Enter")
     assert page.run("gaitcal.state.joint") in ("hip_r", "hip_l")
-    before = page.run("gaitcal.seconds")
+    before = page.run("gaitcal.state.seconds")
     page.press("ArrowRight")
-    assert 0 < page.run("gaitcal.seconds") - before < 0.02  # one frame, once
+    assert 0 < page.run("gaitcal.state.seconds") - before < 0.02  # one frame, once
     page.press("Escape")
     assert page.run("gaitcal.state.joint") is None
     assert page.run("document.querySelectorAll('.curve-group:is(.large, .dim)').length") == 0

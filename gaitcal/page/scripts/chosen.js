@@ -72,3 +72,21 @@ Gaitcal.onOff = {
   read: (text) => (["0", "1"].includes(text) ? text === "1" : undefined),
   write: (on) => String(Number(on)),
 };
+
+// Controls of the page that stand for a field of what is chosen: `data-field` says which.
+Gaitcal.bind = (chosen) => {
+  for (const control of document.querySelectorAll("[data-field]")) {
+    const { field } = control.dataset;
+    const tick = control.type === "checkbox";
+    const number = typeof chosen[field] === "number";
+    const write = () => {
+      if (tick) control.checked = chosen[field];
+      else if (control.value !== String(chosen[field])) control.value = String(chosen[field]);
+    };
+    control.addEventListener(control.type === "search" ? "input" : "change", () => {
+      chosen.set({ [field]: tick ? control.checked : number ? Number(control.value) : control.value });
+    });
+    chosen.on([field], write);
+    write();
+  }
+};

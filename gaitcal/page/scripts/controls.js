@@ -4,18 +4,16 @@ Gaitcal.Controls = class {
   constructor(page) {
     this.page = page;
     this.state = page.state;
-    const { state } = this;
-    const get = Gaitcal.get;
+    const { get } = Gaitcal;
     for (const [r, { name, scene }] of page.results.entries()) get("result").add(new Option(name || scene.subject, r));
     get("whose").hidden = page.results.length < 2;
-    for (const field of ["result", "trial", "speed"]) {
-      get(field).addEventListener("change", () => state.set({ [field]: Number(get(field).value) }));
-    }
     get("play").addEventListener("click", () => page.clock.play());
     get("open").addEventListener("click", () => this.legend(!get("main").classList.contains("open")));
-    state.on(["playing", "speed", "result", "trial"], (changed) => this.write(changed.has("result")));
+    this.state.on(["result"], () => this.trials());
+    this.state.on(["playing"], () => this.playing());
     this.measured();
-    this.write(true);
+    this.trials();
+    this.playing();
   }
 
   // The body fills what header and footer leave of the window; how high these are follows from what is in them, and the
@@ -41,28 +39,27 @@ Gaitcal.Controls = class {
     Gaitcal.get("open").setAttribute("aria-expanded", String(open));
   }
 
-  write(anew) {
-    const { state } = this;
-    const { get } = Gaitcal;
-    if (anew) get("trial").replaceChildren(...this.page.result.trials.map(({ name }, i) => new Option(name, i)));
-    for (const field of ["result", "trial", "speed"]) get(field).value = String(state[field]);
-    get("play").textContent = state.playing ? "\u275a\u275a" : "\u25b6";
-    get("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
+  trials() {
+    Gaitcal.get("trial").replaceChildren(...this.page.result.trials.map(({ name }, i) => new Option(name, i)));
+    Gaitcal.get("trial").value = String(this.state.trial);
+  }
+
+  playing() {
+    const { playing } = this.state;
+    Gaitcal.get("play").textContent = playing ? "\u275a\u275a" : "\u25b6";
+    Gaitcal.get("play").setAttribute("aria-label", playing ? "Pause" : "Play");
   }
 };
 
 // The presets as tabs.
 Gaitcal.Presets = class {
-  constructor(host, page) {
-    this.state = page.state;
-    this.tabs = Gaitcal.PRESETS.map(({ name, title }) =>
-      Gaitcal.button(title, () => this.state.set({ preset: name }), {
-        role: "tab", id: `preset-${name}`, "aria-controls": "panel",
-      }),
-    );
-    host.append(...this.tabs);
+  constructor(host, { state }) {
+    this.state = state;
+    this.names = Object.keys(Gaitcal.PRESETS);
+    this.tabs = [...host.children];
+    for (const [k, tab] of this.tabs.entries()) tab.addEventListener("click", () => state.set({ preset: this.names[k] }));
     host.addEventListener("keydown", (event) => this.moved(event));
-    this.state.on(["preset"], () => this.write());
+    state.on(["preset"], () => this.write());
     this.write();
   }
 
@@ -81,10 +78,9 @@ Gaitcal.Presets = class {
 
   write() {
     const { preset } = this.state;
-    for (const tab of this.tabs) {
-      const chosen = tab.id === `preset-${preset}`;
-      tab.setAttribute("aria-selected", String(chosen));
-      tab.tabIndex = chosen ? 0 : -1;
+    for (const [k, tab] of this.tabs.entries()) {
+      tab.setAttribute("aria-selected", String(this.names[k] === preset));
+      tab.tabIndex = this.names[k] === preset ? 0 : -1;
     }
     Gaitcal.get("panel").setAttribute("aria-labelledby", `preset-${preset}`);
     Gaitcal.get("main").dataset.preset = preset;

@@ -13,10 +13,10 @@ Gaitcal.Curves = class {
   constructor(host, page) {
     const { state } = page;
     Object.assign(this, { host, page, state, strides: new Gaitcal.Strides(page) });
-    Object.assign(this, { density: 1, lead: "r", pointed: null, readAt: 0, panels: [], kind: "angle" });
-    this.legend = html("ul.curve-legend", { "aria-label": "Legend of the curves" });
-    this.notes = html("div.curve-notes");
-    this.peaks = new Gaitcal.Peaks(this);
+    Object.assign(this, { density: 1, lead: "r", pointed: null, readAt: 0, panels: [], groups: [] });
+    const part = (name) => host.querySelector(`.curve-${name}`);
+    Object.assign(this, { legend: part("legend"), notes: part("notes"), grid: part("groups"), sentence: part("sentence") });
+    this.peaks = new Gaitcal.Peaks(part("peaks"), this);
     this.watch = new IntersectionObserver((entries) => this.came(entries), { rootMargin: "120px" });
     this.build();
     state.on(["seconds"], () => this.tick());
@@ -35,7 +35,8 @@ Gaitcal.Curves = class {
     for (const panel of this.panels) panel.plot?.destroy();
     this.watch.disconnect();
     this.pointed = null;
-    host.replaceChildren();
+    [this.panels, this.groups] = [[], []];
+    for (const part of host.children) part.hidden = !strides.sheet;
     if (!strides.sheet) return;
     const trials = strides.sheets.filter(Boolean).flatMap((sheet) => sheet.trials);
     const known = new Set(trials.flatMap(({ packed }) => packed.curves.map(({ base, kind }) => `${base}/${kind}`)));
@@ -45,28 +46,10 @@ Gaitcal.Curves = class {
       .filter(({ subjects }) => subjects.length)
       .map((group) => Gaitcal.curveGroup(group, this));
     this.panels = this.groups.flatMap(({ panels }) => panels);
-    this.sentence = html("p.curve-sentence");
-    this.grid = html("div.curve-groups", { "data-kind": this.kind }, this.groups.map(({ root }) => root));
-    const top = html("div.curve-top", this.legend, this.sentence);
-    host.append(html("h2.unseen", "Curves"), this.chooser(), top, this.grid, this.notes, this.peaks.root);
+    this.grid.replaceChildren(...this.groups.map(({ root }) => root));
     for (const panel of this.panels) this.watch.observe(panel.root);
     this.enlarge(false);
     this.refresh();
-  }
-
-  // Where there is room for one column only, what kind of curve it holds.
-  chooser() {
-    const choose = (kind) => {
-      this.kind = kind;
-      this.grid.dataset.kind = kind;
-    };
-    const kinds = { angle: "angles", moment: "moments", power: "powers", all: "all" };
-    const radio = (kind) =>
-      html("input", { type: "radio", name: "curve-kind", value: kind, checked: kind === this.kind, change: () => choose(kind) });
-    return html("fieldset.curve-kinds",
-      html("legend", "Curves"),
-      Object.entries(kinds).map(([kind, words]) => html("label", radio(kind), html("span", words))),
-    );
   }
 
   // Everything anew, when it is looked at.
@@ -243,22 +226,27 @@ Gaitcal.Curves = class {
     const means = percent && state.spread === "mean" && many;
     const has = (part) => sheet.trials.some(({ packed }) => packed.curves.some((curve) => curve[part] && curve.joint));
     const second = state.second && strides.sheets[1 - state.result];
-    const items = [
-      ["right", "right", true],
-      ["left", "left", true],
-      ["none", "neither leg", !percent],
-      ["sd", "± SD over strides", means],
-      ["se", means ? "± standard error of the mean" : "± standard error", state.errors && has("se")],
-      ["thin", "other strides", percent && !means && many],
-      ["nominal", "nominal model", state.nominal && has("nominal")],
-      ["truth", "truth", state.truth && has("truth")],
-      ["norm", "healthy, mean ± SD", state.norm && percent && sheet.bands.length > 0],
-      ["invalid", "not valid", true],
-      ["off", "toe-off", percent],
-      ["stance", "foot on the ground", !percent],
-      ["second", second ? this.named(1 - state.result) : "", Boolean(second)],
-    ].filter(([, , shown]) => shown);
-    this.legend.replaceChildren(...items.map(([key, text]) => html("li", Gaitcal.key(key), html("span", text))));
+    const shown = {
+      none: !percent,
+      sd: means,
+      se: state.errors && has("se"),
+      thin: percent && !means && many,
+      nominal: state.nominal && has("nominal"),
+      truth: state.truth && has("truth"),
+      norm: state.norm && percent && sheet.bands.length > 0,
+      off: percent,
+      stance: !percent,
+      second: Boolean(second),
+    };
+    const words = {
+      se: means ? "± standard error of the mean" : "± standard error",
+      second: second ? this.named(1 - state.result) : "",
+    };
+    for (const item of this.legend.children) {
+      const { key } = item.dataset;
+      item.hidden = shown[key] === false;
+      if (key in words) item.lastElementChild.textContent = words[key];
+    }
     this.notes.replaceChildren(...this.sentences(percent, counts).map((text) => html("p", text)));
   }
 
@@ -284,16 +272,6 @@ Gaitcal.Curves = class {
       ...relative,
     ];
   }
-};
-
-// A small picture of a line or band.
-Gaitcal.key = (name) => {
-  const band = ["sd", "se", "norm"].includes(name);
-  return svg(`svg.curve-key.key-${name}`, { width: 26, height: 12, viewBox: "0 0 26 12", "aria-hidden": "true" },
-    band && svg("rect", { x: 1, y: 1, width: 24, height: 10 }),
-    !band && svg("line", name === "off" ? { x1: 13, y1: 0, x2: 13, y2: 12 } : { x1: 0, y1: 6, x2: 26, y2: 6 }),
-    name === "second" && svg("circle", { cx: 13, cy: 6, r: 3 }),
-  );
 };
 
 // The curves of one joint, and how they stand: powers in the last column, whatever else there is. Three angles stand above

@@ -34,13 +34,6 @@ Gaitcal.get = (id) => document.getElementById(id);
 
 Gaitcal.button = (words, click, attributes = {}) => html("button", { type: "button", click, ...attributes }, words);
 
-// A list of choices [[value, words], ...].
-Gaitcal.select = (options, change, attributes = {}) =>
-  html("select", { change: ({ target }) => change(target.value), ...attributes },
-    options.map(([value, words]) => html("option", { value }, words)));
-
-Gaitcal.pick = (title, control) => html("label.pick", html("span", title), control);
-
 // A box to tick, in its label (`.control` is the box).
 Gaitcal.tick = (words, change, attributes = {}) =>
   html("label.tick", html("input", { type: "checkbox", change: ({ target }) => change(target.checked), ...attributes }), words);

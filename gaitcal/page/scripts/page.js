@@ -22,12 +22,13 @@ Gaitcal.Page = class {
       const id = name.toLowerCase();
       this[id] = new Gaitcal[name](Gaitcal.get(id), this);
     }
+    Gaitcal.bind(this.state);
     // A joint that the address names is looked at once everything below has its place.
     if (!this.bare) requestAnimationFrame(() => this.curves.reveal(false));
     this.state.on(["result", "trial"], () => this.titled());
     this.titled();
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-    this.play(!still && !this.state.still);
+    this.clock.play(!still && !this.state.still);
   }
 
   get result() {
@@ -63,34 +64,6 @@ Gaitcal.Page = class {
       lines.push(`every ${Gaitcal.ordinal(trial.stride)} frame is in this page; poses between are interpolated`);
     }
     return lines.join("\n");
-  }
-
-  play(on) {
-    this.clock.play(on);
-  }
-
-  seek(seconds) {
-    this.state.set({ seconds });
-  }
-
-  get seconds() {
-    return this.state.seconds;
-  }
-
-  get playing() {
-    return this.state.playing;
-  }
-
-  get speed() {
-    return this.state.speed;
-  }
-
-  get person() {
-    return this.stage.figure.place;
-  }
-
-  get body() {
-    return this.stage.figure.body;
   }
 };
 

@@ -86,21 +86,15 @@ Gaitcal.Panel = class {
       const y = line.value.map((value, i) => (touches(i) ? value : NaN));
       return { x: line.x, y, colour: colour(line.side), width: line.weight === "thin" ? 0.8 : 0.7, alpha: 0.45 };
     };
-    const around = (x, middle, half, more) => ({
-      x,
-      low: middle.map((value, i) => value - half[i]),
-      high: middle.map((value, i) => value + half[i]),
-      ...more,
-    });
     const main = lines.filter(({ isMain }) => isMain);
     const spread = (part, alpha) =>
       main
         .filter((line) => !line.second && line[part])
-        .map((line) => around(line.x, stroke(line, line.value).y, line[part], { colour: colour(line.side), alpha }));
+        .map((line) => ({ x: line.x, ...Gaitcal.around(stroke(line, line.value).y, line[part]), colour: colour(line.side), alpha }));
     const models = (part, more) => main.filter((line) => line[part]).map((line) => stroke(line, line[part], more));
-    const norms = traces.bands.map(({ mean, sd }) =>
-      around(Gaitcal.PERCENTS, mean, sd, { colour: colours.norm, alpha: 0.25 }),
-    );
+    const norms = traces.bands.map(({ mean, sd }) => ({
+      x: Gaitcal.PERCENTS, ...Gaitcal.around(mean, sd), colour: colours.norm, alpha: 0.25,
+    }));
     const edges = norms.flatMap(({ low, high }) =>
       [low, high].map((y) => ({ x: Gaitcal.PERCENTS, y, colour: colours.norm, width: 1, dash: [1, 2.5] })),
     );

@@ -28,9 +28,8 @@ Gaitcal.within = (percents) => {
 };
 
 Gaitcal.Peaks = class {
-  constructor(curves) {
-    this.curves = curves;
-    this.root = html("div.curve-peaks");
+  constructor(root, curves) {
+    Object.assign(this, { root, curves });
   }
 
   // Peaks of a leg: {peaks, strides}, one record for each of so many strides that is valid enough to count; over time

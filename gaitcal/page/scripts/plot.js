@@ -78,6 +78,12 @@ Gaitcal.plot = (place, size, drawing) => {
   );
 };
 
+// The edges of a band about its middle.
+Gaitcal.around = (middle, half) => ({
+  low: middle.map((value, i) => value - half[i]),
+  high: middle.map((value, i) => value + half[i]),
+});
+
 // As many digits as tell the ticks apart.
 Gaitcal.tickWords = (splits) => {
   const digits = splits.length > 1 ? Gaitcal.digitsOf(Math.abs(splits[1] - splits[0])) : 0;

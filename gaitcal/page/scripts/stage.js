@@ -58,12 +58,12 @@ Gaitcal.Stage = class {
   }
 
   views() {
-    const add = (host, title, clicked) => Gaitcal.get(host).append(Gaitcal.button(title, clicked));
-    const sides = { oblique: [0.75, 0.3, 0.85], side: [0, 0.06, 1], front: [1, 0.06, 0], back: [-1, 0.06, 0] };
-    for (const [title, from] of Object.entries(sides)) add("views", title, () => this.look(...from, true));
-    for (const [title, joint] of [["whole body", null], ["right knee", "knee_r"], ["left knee", "knee_l"]]) {
-      add("near", title, () => this.state.set({ joint }));
-    }
+    Gaitcal.get("views").addEventListener("click", ({ target }) => {
+      if (target.dataset.from) this.look(...target.dataset.from.split(" ").map(Number), true);
+    });
+    Gaitcal.get("near").addEventListener("click", ({ target: { dataset } }) => {
+      if (dataset.joint !== undefined) this.state.set({ joint: dataset.joint || null });
+    });
   }
 
   // The person and trial of the state, from where the camera first sees them.

@@ -1,12 +1,15 @@
 "use strict";
 // What is chosen on the page of a result.
-Gaitcal.PRESETS = [
-  { name: "clinician", title: "Clinician", layers: ["body", "bones", "forces"] },
-  { name: "fit", title: "Fit", layers: ["body", "measured", "model", "errors"] },
-  { name: "joints", title: "Joints", layers: ["body", "bones", "nominal", "fitted", "uncertainty"] },
-  { name: "trust", title: "Trust", layers: ["body", "bones", "forces"] },
-  { name: "provenance", title: "Provenance", layers: ["body"] },
-];
+Gaitcal.LAYERS = ["body", "bones", "measured", "model", "errors", "forces", "fitted", "nominal", "uncertainty"];
+
+// The layers of each preset, in the order of the tabs.
+Gaitcal.PRESETS = {
+  clinician: ["body", "bones", "forces"],
+  fit: ["body", "measured", "model", "errors"],
+  joints: ["body", "bones", "nominal", "fitted", "uncertainty"],
+  trust: ["body", "bones", "forces"],
+  provenance: ["body"],
+};
 
 Gaitcal.SPEEDS = [0.1, 0.25, 0.5, 1, 2];
 
@@ -26,8 +29,6 @@ Gaitcal.jointNamed = (text) => {
 // The trial that is shown first: the first walk.
 Gaitcal.firstTrial = (result) => Math.max(0, result.trials.findIndex((trial) => trial.role === "gait"));
 
-Gaitcal.layersOf = (preset) => Gaitcal.PRESETS.find(({ name }) => name === preset).layers;
-
 Gaitcal.State = class extends Gaitcal.Chosen {
   // `results`: as the page holds them, with their trials.
   constructor(results) {
@@ -40,7 +41,7 @@ Gaitcal.State = class extends Gaitcal.Chosen {
       speed: 1,
       window: null,
       preset: "clinician",
-      layers: new Set(sheet ? Gaitcal.PRESETS[0].layers : Gaitcal.LAYERS.map(([name]) => name)),
+      layers: new Set(sheet ? Gaitcal.PRESETS.clinician : Gaitcal.LAYERS),
       axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time",
       unit: "Nm/kg",
       signs: "opensim",
@@ -76,7 +77,7 @@ Gaitcal.State = class extends Gaitcal.Chosen {
     if ("seconds" in next) next.seconds = inside(next.seconds);
     if (next.window) next.window = inside(next.window[1]) > inside(next.window[0]) ? next.window.map(inside) : null;
     if (next.preset && next.preset !== this.preset) {
-      next.layers ??= this.near(new Set(Gaitcal.layersOf(next.preset)), next);
+      next.layers ??= this.near(new Set(Gaitcal.PRESETS[next.preset]), next);
     } else if ("joint" in next && Boolean(next.joint) !== Boolean(this.joint)) next.layers ??= this.near(this.layers, next);
     return next;
   }
@@ -100,7 +101,7 @@ Gaitcal.State = class extends Gaitcal.Chosen {
   }
 
   normal() {
-    const layers = this.results[0].sheet ? Gaitcal.layersOf(this.preset) : this.usual.layers;
+    const layers = this.results[0].sheet ? Gaitcal.PRESETS[this.preset] : this.usual.layers;
     const trial = Gaitcal.firstTrial(this.results[this.result]);
     return { ...this.usual, trial, layers: new Set([...layers, ...this.lent]) };
   }
@@ -127,7 +128,7 @@ Gaitcal.addressed = (results) => {
     },
   };
   return {
-    preset: Gaitcal.among(...Gaitcal.PRESETS.map(({ name }) => name)),
+    preset: Gaitcal.among(...Object.keys(Gaitcal.PRESETS)),
     axis: Gaitcal.among("percent", "time"),
     unit: Gaitcal.among("Nm", "Nm/kg", "%BWH"),
     signs: Gaitcal.among("opensim", "clinical"),
@@ -147,7 +148,7 @@ Gaitcal.addressed = (results) => {
       },
       write: (window) => (window ?? []).map(milli).join(","),
     },
-    layers: among(Gaitcal.LAYERS.map(([name]) => name)),
+    layers: among(Gaitcal.LAYERS),
     off: among(results.flatMap((result, r) => Gaitcal.parts(result, r))),
     result: {
       read: (text) => (results[Number(text) - 1] ? Number(text) - 1 : undefined),

@@ -12,6 +12,10 @@ Gaitcal.Clock = class {
     this.state.set({ playing: on });
   }
 
+  seek(seconds) {
+    this.state.set({ seconds });
+  }
+
   // Whole frames on, from the nearest.
   step(frames) {
     const { trial } = this.page;

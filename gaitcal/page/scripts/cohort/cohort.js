@@ -1,13 +1,5 @@
 "use strict";
 // The page of a cohort, all together.
-Gaitcal.FILES = {
-  "people.csv": "the table of people",
-  "people.parquet": "the same, for programs",
-  "columns.csv": "what its columns mean",
-  "cycles.parquet": "every stride of everyone",
-  "failures.csv": "who has no result",
-  "manifest.json": "settings and hashes",
-};
 
 // A part of the page comes into view; the address keeps what is chosen.
 Gaitcal.go = (id) => {
@@ -18,66 +10,65 @@ Gaitcal.go = (id) => {
 // A table of words.
 Gaitcal.wordTable = (head, rows, label) => {
   const texts = (row) => row.map((t) => ({ t, align: "text" }));
-  return Gaitcal.table({ head: texts(head), rows: rows.map(texts) }, label);
+  return Gaitcal.scroller(Gaitcal.table({ head: texts(head), rows: rows.map(texts) }, label), label);
+};
+
+Gaitcal.sentence = ({ about, failures, groups, grouped }) => {
+  const { count } = Gaitcal;
+  const made = new Date(document.lastModified);
+  const day = { day: "numeric", month: "long", year: "numeric" };
+  const when = Number.isNaN(made.getTime()) ? "" : `, written ${made.toLocaleDateString("en-GB", day)}`;
+  const inGroups = grouped ? ` in ${count(groups.length, "group")}` : "";
+  const settings = Object.keys(about.settings).length ? "the settings that stand below" : "default settings";
+  return (
+    `${count(about.people, "person", "people")}, ${count(about.sessions, "session")}${inGroups}: ` +
+    `${count(about.results, "result")}, ${failures.length} without${when} by gaitcal ${about.version} with ${settings}.`
+  );
+};
+
+// Who has no result, why in one line, and what to do.
+Gaitcal.failures = ({ failures }) => {
+  if (!failures.length) return html("p", "Everyone has a result.");
+  const words = { person: "Person", session: "Session", group: "Group", cause: "Cause", what_to_do: "What to do" };
+  const optional = ["session", "group"];
+  const names = Object.keys(words).filter((name) => !optional.includes(name) || failures.some((line) => line[name]));
+  const rows = failures.map((line) => names.map((name) => line[name]));
+  return Gaitcal.wordTable(names.map((name) => words[name]), rows, "Without a result");
 };
 
 Gaitcal.Cohort = class {
   constructor() {
     const { get } = Gaitcal;
     this.people = new Gaitcal.People(JSON.parse(get("content").textContent), () => get("curves-packed").textContent);
-    const { people } = this;
-    this.choices = new Gaitcal.Choices(people);
-    this.top();
-    this.failures(get("failures"));
-    new Gaitcal.Triage(get("triage"), people, this.choices);
-    Gaitcal.filters(get("people"), people, this.choices);
-    if (people.count) {
-      this.table = new Gaitcal.PeopleTable(get("people"), people, this.choices);
-      this.distributions = new Gaitcal.Distributions(get("distributions"), people, this.choices);
-      this.means = new Gaitcal.MeanCurves(get("means"), people, this.choices);
-    } else for (const id of ["people", "distributions", "means"]) get(id).hidden = true;
-    this.bottom();
-  }
-
-  top() {
-    const { about, failures, groups, grouped } = this.people;
-    const { count, get } = Gaitcal;
-    const made = new Date(document.lastModified);
-    const day = { day: "numeric", month: "long", year: "numeric" };
-    const when = Number.isNaN(made.getTime()) ? "" : `, written ${made.toLocaleDateString("en-GB", day)}`;
-    const inGroups = grouped ? ` in ${count(groups.length, "group")}` : "";
-    const settings = Object.keys(about.settings).length ? "the settings that stand below" : "default settings";
-    get("sentence").textContent =
-      `${count(about.people, "person", "people")}, ${count(about.sessions, "session")}${inGroups}: ` +
-      `${count(about.results, "result")}, ${failures.length} without${when} by gaitcal ${about.version} with ${settings}.`;
-    const parts = about.results ? ["triage", "people", "distributions", "means", "failures"] : ["triage", "failures"];
+    this.choices = new Gaitcal.Choices(this.people);
+    const { people, choices } = this;
+    const shown = people.count > 0;
+    const optional = ["people", "distributions", "means"];
+    get("sentence").textContent = Gaitcal.sentence(people);
+    const parts = ["triage", ...(shown ? optional : []), "failures"];
     get("parts").append(...parts.map((id) => Gaitcal.button(get(`${id}-title`).textContent, () => Gaitcal.go(id))));
+    get("failures").append(Gaitcal.failures(people));
+    Gaitcal.triage(get("triage"), people, choices);
+    Gaitcal.filters(people, choices);
+    for (const id of optional) get(id).hidden = !shown;
+    if (shown) {
+      Gaitcal.chooser(people, choices);
+      Gaitcal.peopleTable(people, choices);
+      Gaitcal.distributions(get("distributions"), people, choices);
+      Gaitcal.meanCurves(get("means"), people, choices);
+    }
+    Gaitcal.bind(choices);
+    this.settings();
   }
 
-  // Who has no result, why in one line, and what to do.
-  failures(host) {
-    const { failures } = this.people;
-    const words = { person: "Person", session: "Session", group: "Group", cause: "Cause", what_to_do: "What to do" };
-    const optional = ["session", "group"];
-    const names = Object.keys(words).filter((name) => !optional.includes(name) || failures.some((line) => line[name]));
-    const rows = failures.map((line) => names.map((name) => line[name]));
-    const table = () => Gaitcal.wordTable(names.map((name) => words[name]), rows, "Without a result");
-    host.append(failures.length ? Gaitcal.scroller(table(), "Without a result") : html("p", "Everyone has a result."));
-  }
-
-  bottom() {
+  settings() {
     const { about, curves } = this.people;
     const settings = Object.entries(about.settings).map(([name, value]) => [name, JSON.stringify(value)]);
     const sources = new Set(curves.flatMap(({ normal }) => (normal ? [normal.source] : [])));
-    const table = () => Gaitcal.wordTable(["Setting", "Value"], settings, "Settings");
-    const files = Object.entries(Gaitcal.FILES).map(([name, words]) =>
-      html("li", html("a", { href: `./${name}` }, name), ` ${words}`));
-    Gaitcal.built(Gaitcal.get("about"), "", [
-      html("h2", "Files beside this page"),
-      html("ul.plain", files),
-      settings.length > 0 && Gaitcal.fold("Settings that were said for everyone", table()),
+    Gaitcal.built(Gaitcal.get("settings"), "", [
+      settings.length > 0 &&
+        Gaitcal.fold("Settings that were said for everyone", Gaitcal.wordTable(["Setting", "Value"], settings, "Settings")),
       [...sources].map((source) => html("p.hint", `Normal band: ${Gaitcal.visible(source)}`)),
-      html("p.hint", "Everything is in this file; it asks nothing of the network. Curves are drawn with uPlot (MIT)."),
     ]);
   }
 };

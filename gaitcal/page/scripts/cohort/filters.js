@@ -50,46 +50,29 @@ Gaitcal.passing = (people, { verdict, cause, group, find, tests }) => {
   return (i) => all.every((test) => test(i));
 };
 
-// Find, group, and what is filtered by, each with a button that takes it off.
-Gaitcal.filters = (host, people, choices) => {
-  const field = { type: "search", id: "find", autocomplete: "off", spellcheck: "false" };
-  const find = html("input", { ...field, input: () => choices.set({ find: find.value }) });
-  const options = [["", "all groups"], ...people.groups.map((name) => [name, Gaitcal.visible(name)])];
-  const group = people.groups.length > 1 && Gaitcal.select(options, (name) => choices.set({ group: name }), { id: "group" });
-  const said = html("p.count", { role: "status" });
-  const chips = html("ul.chips", { "aria-label": "Filters that are on" });
-  host.append(html("div.bar", Gaitcal.pick("Find", find), group && Gaitcal.pick("Group", group), said), chips);
+// How many are shown, and what is filtered by, each with a button that takes it off.
+Gaitcal.filters = (people, choices) => {
+  const group = Gaitcal.get("group");
+  for (const name of people.groups) group.add(new Option(Gaitcal.visible(name), name));
+  if (people.groups.length < 2) group.closest("label").remove();
   const chip = (words, off) => {
     const label = { class: "chip", "aria-label": `Take off the filter: ${words}` };
     return Gaitcal.button([words, html("span", { "aria-hidden": "true" }, " ✕")], () => choices.set(off), label);
   };
   const draw = () => {
-    if (find.value !== choices.find) find.value = choices.find;
-    if (group) group.value = choices.group;
-    said.textContent = `${choices.filtered().length} of ${people.count} shown`;
+    document.querySelector("#people .count").textContent = `${choices.filtered().length} of ${people.count} shown`;
     const on = ["verdict", "cause", "group", "find"].filter((name) => choices[name]);
-    const buttons = on.map((name) => chip(`${name}: ${Gaitcal.visible(choices[name])}`, { [name]: "" }));
+    const chips = on.map((name) => chip(`${name}: ${Gaitcal.visible(choices[name])}`, { [name]: "" }));
     for (const [name, text] of choices.tests) {
       const column = people.columns.get(name);
       const hint = Gaitcal.columnTest(column, text) ? "" : " (not understood; allowed: >1.2, <=3, 1..2, ?)";
       const others = new Map([...choices.tests].filter(([other]) => other !== name));
-      buttons.push(chip(`${Gaitcal.columnWords(column)}: ${Gaitcal.visible(text)}${hint}`, { tests: others }));
+      chips.push(chip(`${Gaitcal.columnWords(column)}: ${Gaitcal.visible(text)}${hint}`, { tests: others }));
     }
     const none = Object.fromEntries(Gaitcal.NARROWING.map((name) => [name, choices.usual[name]]));
-    if (buttons.length > 1) buttons.push(Gaitcal.button("Take off all", () => choices.set(none), { class: "chip" }));
-    chips.replaceChildren(...buttons.map((button) => html("li", button)));
+    if (chips.length > 1) chips.push(Gaitcal.button("Take off all", () => choices.set(none), { class: "chip" }));
+    document.querySelector("#people .chips").replaceChildren(...chips.map((one) => html("li", one)));
   };
   choices.on(Gaitcal.NARROWING, draw);
   draw();
-};
-
-// Which legs pictures are of: one choice for distributions and curves.
-Gaitcal.legsChoice = (choices) => {
-  const select = Gaitcal.select([["both", "mean of both"], ["r", "right"], ["l", "left"]], (legs) => choices.set({ legs }));
-  const write = () => {
-    select.value = choices.legs;
-  };
-  choices.on(["legs"], write);
-  write();
-  return Gaitcal.pick("Legs", select);
 };

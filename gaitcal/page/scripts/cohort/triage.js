@@ -8,27 +8,18 @@ Gaitcal.VERDICT_WORDS = {
   failed: "no result: each with its cause",
 };
 
-Gaitcal.Triage = class {
-  constructor(host, people, choices) {
-    Object.assign(this, { people, choices });
-    host.append(html("ul.cards.triage", Object.keys(Gaitcal.VERDICT_WORDS).map((word) => this.card(word))), this.causes());
-  }
-
+Gaitcal.triage = (host, people, choices) => {
   // A button that puts a filter on, and off again; of those without a result, one that leads to them.
-  button(words, field, value, attributes) {
-    const { choices } = this;
-    const failed = value === "failed";
+  const filter = (words, field, value, attributes) => {
+    if (value === "failed") return Gaitcal.button(words, () => Gaitcal.go("failures"), attributes);
     const turn = () => choices.set({ [field]: choices[field] === value ? "" : value });
-    const button = Gaitcal.button(words, failed ? () => Gaitcal.go("failures") : turn, attributes);
+    const button = Gaitcal.button(words, turn, attributes);
     const draw = () => button.setAttribute("aria-pressed", String(choices[field] === value));
-    if (failed) return button;
     choices.on([field], draw);
     draw();
     return button;
-  }
-
-  card(word) {
-    const { people } = this;
+  };
+  const card = (word) => {
     const own = people.all.filter((i) => people.word("verdict", i) === word);
     const count = word === "failed" ? people.failures.length : own.length;
     const strideless = own.filter((i) => people.strideless(i)).length;
@@ -39,34 +30,13 @@ Gaitcal.Triage = class {
       strideless > 0 && html("span.soft.strideless", `of these ${strideless} without a usable stride`),
     ];
     const tone = Gaitcal.JUDGEMENTS[word]?.tone ?? "";
-    return html("li", this.button(words, "verdict", word, { class: `card ${tone}`, disabled: count === 0 }));
-  }
-
-  causes() {
-    const { ranked } = this.people;
-    if (!ranked.length) return html("p", "No cause for doubt was found in anybody.");
-    const [first, rest] = [ranked.slice(0, Gaitcal.CAUSES_AT_ONCE), ranked.slice(Gaitcal.CAUSES_AT_ONCE)];
-    return html("div",
-      this.list(first, "Causes, the commonest first"),
-      rest.length > 0 && Gaitcal.fold(`${rest.length} more causes`, this.list(rest, "Further causes")),
-    );
-  }
-
-  list(entries, label) {
-    const head = ["Cause", "Severity", "People and sessions", "What to do"];
-    const table = html("table.causes",
-      html("caption", html("span", label)),
-      html("thead", html("tr", head.map((text) => html("th.text", { scope: "col" }, text)))),
-      html("tbody", entries.map((entry) => this.row(entry))),
-    );
-    return Gaitcal.scroller(table, label);
-  }
-
-  row({ severity, cause, actions, count }) {
+    return html("li", filter(words, "verdict", word, { class: `card ${tone}`, disabled: count === 0 }));
+  };
+  const row = ({ severity, cause, actions, count }) => {
     const failed = severity === "failed";
-    const most = Math.max(1, this.people.count + this.people.failures.length);
+    const most = Math.max(1, people.count + people.failures.length);
     const shown = Gaitcal.capital(Gaitcal.visible(cause));
-    const button = this.button(shown, "cause", failed ? severity : cause, { class: "plain-button" });
+    const button = filter(shown, "cause", failed ? severity : cause, { class: "plain-button" });
     const bar = svg("svg.share", { width: 90, height: 10, "aria-hidden": "true" },
       svg("rect.whole", { width: 90, height: 10 }),
       svg(`rect.${severity}`, { width: Math.max(2, (90 * count) / most).toFixed(1), height: 10 }),
@@ -81,5 +51,20 @@ Gaitcal.Triage = class {
       html("td.text.short", html("strong", String(count)), " ", bar),
       html("td.text.action", words.length > 170 ? Gaitcal.fold(begin, html("p", words)) : words),
     );
-  }
+  };
+  const list = (entries, label) => {
+    const head = ["Cause", "Severity", "People and sessions", "What to do"];
+    const table = html("table.causes",
+      html("caption", html("span", label)),
+      html("thead", html("tr", head.map((text) => html("th.text", { scope: "col" }, text)))),
+      html("tbody", entries.map(row)),
+    );
+    return Gaitcal.scroller(table, label);
+  };
+  const [first, rest] = [people.ranked.slice(0, Gaitcal.CAUSES_AT_ONCE), people.ranked.slice(Gaitcal.CAUSES_AT_ONCE)];
+  Gaitcal.built(host, "", [
+    html("ul.cards.triage", Object.keys(Gaitcal.VERDICT_WORDS).map(card)),
+    first.length ? list(first, "Causes, the commonest first") : html("p", "No cause for doubt was found in anybody."),
+    rest.length > 0 && Gaitcal.fold(`${rest.length} more causes`, list(rest, "Further causes")),
+  ]);
 };
