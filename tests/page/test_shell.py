@@ -113,7 +113,7 @@ def test_the_timeline_says_what_each_leg_does(visit: Visit, shown: Path) -> None
         [1.0, pytest.approx(1.035, abs=1e-3)],
     ]
     assert page.run("Gaitcal.stances(gaitcal.sheet, 'l', gaitcal.trial.duration)")[0] == [0, 0.1]
-    assert page.run("gaitcal.trial.validSpans('r')") == [[0, pytest.approx(0.745, abs=1e-3)]]
+    assert page.run("gaitcal.trial.valid.r") == [[0, pytest.approx(0.745, abs=1e-3)]]
     page.run("gaitcal.clock.seek(0.5)")
     assert page.run("document.getElementById('time').getAttribute('aria-valuetext')") == "0.50 s"
     page.run("gaitcal.state.set({ trial: 1 })")

@@ -19,34 +19,28 @@ Gaitcal.Convention = class {
   // By what a value of the files is multiplied. `side`: of the stride, which matters to the pelvis; "" over time.
   factor(base, kind, side) {
     const { mass, bwh } = this.sheet.person;
-    if (kind === "angle") return this.ofPelvis(base, side)?.sign ?? 1;
-    if (kind === "moment") {
-      const scale = { Nm: 1, "Nm/kg": 1 / mass, "%BWH": 100 / bwh }[this.moments];
-      return scale * this.sign(base);
-    }
-    if (kind === "power") return this.moments === "Nm" ? 1 : 1 / mass;
-    return 1;
+    const scale = { Nm: 1, "Nm/kg": 1 / mass, "%BWH": 100 / bwh }[this.moments];
+    const power = this.moments === "Nm" ? 1 : 1 / mass;
+    return { angle: this.ofPelvis(base, side)?.sign ?? 1, moment: scale * this.sign(base), power }[kind] ?? 1;
   }
 
   unit(kind) {
-    if (kind === "moment") return Gaitcal.MOMENT_UNITS[this.moments];
-    if (kind === "power") return this.moments === "Nm" ? "W" : "W/kg";
-    return { angle: "°", force: "N" }[kind] ?? "";
+    const power = this.moments === "Nm" ? "W" : "W/kg";
+    return { angle: "°", moment: Gaitcal.MOMENT_UNITS[this.moments], power, force: "N" }[kind];
   }
 
   digits(kind) {
     const small = this.moments !== "Nm";
-    return { angle: 1, moment: small ? 2 : 1, power: small ? 2 : 0, force: 0 }[kind] ?? 1;
+    return { angle: 1, moment: small ? 2 : 1, power: small ? 2 : 0, force: 0 }[kind];
   }
 
   // What a positive value means.
   positive(base, kind, side) {
     if (kind === "power") return "generated";
     if (kind === "force") return Gaitcal.GROUND[base]?.[1] ?? "";
-    const row = this.sheet.rows.get(base);
-    if (!row) return "";
-    if (kind === "angle") return this.ofPelvis(base, side)?.words ?? row.angle[0];
-    return row.moment[this.flipped(base) ? 1 : 0];
+    const { angle, moment } = this.sheet.rows.get(base);
+    if (kind === "angle") return this.ofPelvis(base, side)?.words ?? angle[0];
+    return moment[this.flipped(base) ? 1 : 0];
   }
 
   title(base, kind) {
@@ -75,7 +69,7 @@ Gaitcal.Convention = class {
   }
 
   flipped(base) {
-    return this.clinical && Boolean(this.sheet.rows.get(base)?.flips);
+    return this.clinical && this.sheet.rows.get(base)?.flips;
   }
 
   sign(base) {

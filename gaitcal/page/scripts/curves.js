@@ -69,12 +69,9 @@ Gaitcal.Curves = class {
     );
     this.held = this.current();
     this.now = this.moment();
-    for (const panel of this.panels) {
-      panel.dirty = true;
-      panel.name();
-    }
+    for (const panel of this.panels) panel.name();
     this.tell();
-    this.schedule();
+    this.redraw();
     clearTimeout(this.writing);
     const whole = this.panels.map(({ subject }) => subject).filter(({ detail }) => !detail);
     this.writing = setTimeout(() => this.peaks.write(whole), 60);
@@ -106,9 +103,12 @@ Gaitcal.Curves = class {
   }
 
   resized() {
-    const width = this.host.clientWidth;
-    if (width === this.wide) return;
-    this.wide = width;
+    if (this.host.clientWidth === this.wide) return;
+    this.wide = this.host.clientWidth;
+    this.redraw();
+  }
+
+  redraw() {
     for (const panel of this.panels) panel.dirty = true;
     this.schedule();
   }
@@ -133,10 +133,7 @@ Gaitcal.Curves = class {
     const held = this.current();
     const others = held.some((stride, i) => stride !== this.held[i]);
     this.held = held;
-    if (others && this.state.spread !== "mean") {
-      for (const panel of this.panels) panel.dirty = true;
-      this.schedule();
-    }
+    if (others && this.state.spread !== "mean") this.redraw();
     this.now = this.moment();
     for (const panel of this.panels) if (panel.visible) panel.follow(this.now);
     if (this.pointed) {
@@ -188,12 +185,11 @@ Gaitcal.Curves = class {
       group.root.classList.toggle("dim", here && !chosen);
       if (chosen && "open" in group.root) group.root.open = true;
       for (const panel of group.panels) {
-        panel.dirty = true;
         if (side) panel.lead = side;
         if (panel.subject.joint) panel.title.setAttribute("aria-pressed", String(chosen));
       }
     }
-    this.schedule();
+    this.redraw();
     if (move) this.reveal(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);
   }
 

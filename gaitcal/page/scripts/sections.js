@@ -34,32 +34,27 @@ Gaitcal.presetParts = (scope, sheet, preset, trials) => {
   ];
 };
 
-Gaitcal.Sections = class {
-  constructor(host, page) {
-    Object.assign(this, { host, page, cursors: [] });
-    page.state.on(["preset", "trial", "result"], () => this.draw());
-    page.state.on(["seconds", "playing"], () => this.follow());
-    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
-    this.draw();
-  }
-
+Gaitcal.sections = (host, page) => {
+  const { state } = page;
+  const cursors = [];
+  const title = (fold) => fold.firstElementChild.textContent;
+  const follow = () => {
+    for (const cursor of cursors) cursor(state.seconds, !state.playing);
+  };
   // What a reader has unfolded stays so in another trial.
-  draw() {
-    const { page, host, cursors } = this;
+  const draw = () => {
     const { sheet } = page.result;
-    const title = (fold) => fold.firstElementChild.textContent;
     const open = new Set([...host.querySelectorAll("details[open]")].map(title));
-    cursors.length = 0;
     const shown = page.sheet ? [page.sheet] : [];
+    cursors.length = 0;
     host.replaceChildren();
-    if (sheet) Gaitcal.built(host, "", Gaitcal.presetParts({ page, cursors }, sheet, page.state.preset, shown));
+    if (sheet) Gaitcal.built(host, "", Gaitcal.presetParts({ page, cursors }, sheet, state.preset, shown));
     host.hidden = !host.hasChildNodes();
     for (const fold of host.querySelectorAll("details")) fold.open = open.has(title(fold));
-    this.follow();
-  }
-
-  follow() {
-    const { seconds, playing } = this.page.state;
-    for (const cursor of this.cursors) cursor(seconds, !playing);
-  }
+    follow();
+  };
+  state.on(["preset", "trial", "result"], draw);
+  state.on(["seconds", "playing"], follow);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  draw();
 };

@@ -34,26 +34,11 @@ Gaitcal.State = class extends Gaitcal.Chosen {
   constructor(results) {
     const { sheet } = results[0];
     const usual = {
-      result: 0,
-      trial: Gaitcal.firstTrial(results[0]),
-      seconds: 0,
-      playing: false,
-      speed: 1,
-      window: null,
-      preset: "clinician",
-      layers: new Set(sheet ? Gaitcal.PRESETS.clinician : Gaitcal.LAYERS),
-      axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time",
-      unit: "Nm/kg",
-      signs: "opensim",
-      acting: "internal",
-      nominal: false,
-      norm: true,
-      errors: true,
-      truth: true,
-      spread: "strides",
-      off: new Set(),
-      joint: null,
-      second: results.length > 1,
+      result: 0, trial: Gaitcal.firstTrial(results[0]), seconds: 0, playing: false, speed: 1, window: null,
+      preset: "clinician", layers: new Set(sheet ? Gaitcal.PRESETS.clinician : Gaitcal.LAYERS), joint: null,
+      axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time", spread: "strides",
+      unit: "Nm/kg", signs: "opensim", acting: "internal",
+      nominal: false, norm: true, errors: true, truth: true, second: results.length > 1, off: new Set(),
     };
     super(usual, Gaitcal.addressed(results));
     Object.assign(this, { results, lent: [] });
@@ -134,11 +119,7 @@ Gaitcal.addressed = (results) => {
     signs: Gaitcal.among("opensim", "clinical"),
     acting: Gaitcal.among("internal", "external"),
     spread: Gaitcal.among("strides", "mean"),
-    nominal: Gaitcal.onOff,
-    norm: Gaitcal.onOff,
-    errors: Gaitcal.onOff,
-    truth: Gaitcal.onOff,
-    second: Gaitcal.onOff,
+    ...Object.fromEntries(["nominal", "norm", "errors", "truth", "second"].map((field) => [field, Gaitcal.onOff])),
     joint: { read: Gaitcal.jointNamed, write: (joint) => joint ?? "" },
     speed: Gaitcal.among(...Gaitcal.SPEEDS),
     window: {

@@ -65,15 +65,11 @@ Gaitcal.stepsParts = (page) => {
   return tables.length ? [html("h2", "Steps and phases"), ...tables, html("p.soft", Gaitcal.STEP_WORDS)] : [];
 };
 
-Gaitcal.Steps = class {
-  constructor(host, page) {
-    Object.assign(this, { host, page });
-    page.state.on(["off", "result", "second", "preset"], () => this.draw());
-    this.draw();
-  }
-
-  draw() {
-    this.host.replaceChildren(...Gaitcal.stepsParts(this.page));
-    this.host.hidden = this.page.state.preset !== "clinician" || !this.host.hasChildNodes();
-  }
+Gaitcal.steps = (host, page) => {
+  const draw = () => {
+    host.replaceChildren(...Gaitcal.stepsParts(page));
+    host.hidden = page.state.preset !== "clinician" || !host.hasChildNodes();
+  };
+  page.state.on(["off", "result", "second", "preset"], draw);
+  draw();
 };

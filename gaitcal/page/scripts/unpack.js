@@ -38,8 +38,8 @@ Gaitcal.located = (values, x) => {
 // One trial, read at any time: poses, markers and forces between two frames are interpolated.
 Gaitcal.Trial = class {
   constructor(packed, scene) {
-    const { name, role, recorded, stride, start, tracked, hasForces } = packed;
-    Object.assign(this, { packed, name, role, recorded, stride, start, tracked, hasForces });
+    const { name, role, about, valid, tracked, hasForces } = packed;
+    Object.assign(this, { packed, name, role, about, valid, tracked, hasForces });
     this.segments = scene.segments.length;
     this.markers = scene.markers.labels.length;
   }
@@ -51,7 +51,6 @@ Gaitcal.Trial = class {
     for (const name of ["time", "pelvis", "forces", "centres", "plates"]) this[name] = Gaitcal.floats(packed[name]);
     for (const name of ["origins", "measured"]) this[name] = new Gaitcal.Lengths(packed[name]);
     this.turns = new Int16Array(Gaitcal.bytes(packed.turns));
-    this.validLegs = new Uint8Array(Gaitcal.bytes(packed.validLegs)); // right, left of every frame
     this.packed = null;
     return this;
   }
@@ -100,22 +99,6 @@ Gaitcal.Trial = class {
       Gaitcal.between((k) => this.centres[a + k], (k) => this.centres[b + k], at.part, outCentre)
     );
   }
-
-  // When torques of a leg are valid, [from, to] in s.
-  validSpans(side) {
-    const valid = Array.from(this.time, (_, i) => this.validLegs[2 * i + (side === "r" ? 0 : 1)] > 0);
-    return Gaitcal.stretches(valid).map(([from, to]) => [this.time[from], this.time[to]]);
-  }
-};
-
-// First and last number of each stretch in which all are true.
-Gaitcal.stretches = (flags) => {
-  const out = [];
-  for (const [i, on] of flags.entries()) {
-    if (on && i && flags[i - 1]) out.at(-1)[1] = i;
-    else if (on) out.push([i, i]);
-  }
-  return out;
 };
 
 // Between two points; the nearer one where the other is missing, nothing where the nearer one is missing.

@@ -33,47 +33,41 @@ Gaitcal.verdictLines = (sheet) => {
   return html("ul.lines", lines.map(line));
 };
 
-Gaitcal.Verdict = class {
-  constructor(host, page) {
-    Object.assign(this, { host, page });
-    page.state.on(["result", "second"], () => this.draw());
-    this.draw();
-  }
-
-  draw() {
-    const { results, state, result } = this.page;
-    this.host.hidden = !result.sheet;
-    if (!result.sheet) return;
-    const button = ({ name, sheet }, index) => {
-      if (!sheet || (index !== state.result && !state.second)) return null;
-      const words = [
-        results.length > 1 && html("span.whose", Gaitcal.named(name), ": "),
-        Gaitcal.judgement(sheet.verdict.judgement),
-        html("span.unseen", ": why"),
-      ];
-      return Gaitcal.button(words, () => state.set({ preset: "trust", result: index }), { class: "judged" });
-    };
-    const lines = Gaitcal.verdictLines(result.sheet);
-    lines.id = "verdict-lines";
-    this.host.replaceChildren(html("div.judgements", results.map(button), this.more(lines)), lines);
-  }
-
+Gaitcal.verdict = (host, page) => {
+  const { results, state } = page;
   // Where the window is narrow, one line is shown until more is asked for.
-  more(lines) {
-    if (lines.children.length < 2) return null;
-    const write = () => {
-      lines.classList.toggle("folded", !this.unfolded);
-      button.setAttribute("aria-expanded", String(Boolean(this.unfolded)));
-      button.textContent = this.unfolded ? "Less" : "More";
+  let unfolded = false;
+  const more = (lines) => {
+    const button = Gaitcal.button("", () => write(!unfolded), { class: "more", "aria-controls": lines.id });
+    const write = (on) => {
+      unfolded = on;
+      lines.classList.toggle("folded", !on);
+      button.setAttribute("aria-expanded", String(on));
+      button.textContent = on ? "Less" : "More";
     };
-    const turn = () => {
-      this.unfolded = !this.unfolded;
-      write();
-    };
-    const button = Gaitcal.button("", turn, { class: "more", "aria-controls": lines.id });
-    write();
+    write(unfolded);
     return button;
-  }
+  };
+  const judged = ({ name, sheet }, index) => {
+    if (!sheet || (index !== state.result && !state.second)) return null;
+    const words = [
+      results.length > 1 && html("span.whose", Gaitcal.named(name), ": "),
+      Gaitcal.judgement(sheet.verdict.judgement),
+      html("span.unseen", ": why"),
+    ];
+    return Gaitcal.button(words, () => state.set({ preset: "trust", result: index }), { class: "judged" });
+  };
+  const draw = () => {
+    const { sheet } = page.result;
+    host.hidden = !sheet;
+    if (!sheet) return;
+    const lines = Gaitcal.verdictLines(sheet);
+    lines.id = "verdict-lines";
+    const buttons = [results.map(judged), lines.children.length > 1 && more(lines)];
+    host.replaceChildren(html("div.judgements", buttons), lines);
+  };
+  state.on(["result", "second"], draw);
+  draw();
 };
 
 // Reasons of more letters than this are folded: what they make of the moments stands below them.
