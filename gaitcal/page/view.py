@@ -240,7 +240,7 @@ def _with_markers(trial: TrialScene, labels: tuple[str, ...], wanted: tuple[str,
 
 
 COHORT_SCRIPTS: Final = (
-    *("dom.js", "unpack.js", "chosen.js", "statistics.js", "plot.js", "blocks.js", "verdict.js"),
+    *("dom.js", "unpack.js", "chosen.js", "statistics.js", "plot.js", "blocks.js", "pictures.js", "verdict.js"),
     *("cohort/people.js", "cohort/choices.js", "cohort/filters.js", "cohort/triage.js", "cohort/table.js"),
     *("cohort/distributions.js", "cohort/means.js", "cohort/cohort.js"),
 )

@@ -36,7 +36,7 @@ Gaitcal.Page = class {
     this.curves = new Gaitcal.Curves(get("curves"), this);
     Gaitcal.steps(get("steps"), this);
     Gaitcal.sections(get("sections"), this);
-    this.print = new Gaitcal.Print(get("print"), this);
+    this.print = Gaitcal.print(get("print"), this);
   }
 
   get result() {

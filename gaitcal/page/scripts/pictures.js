@@ -40,7 +40,7 @@ Gaitcal.Axis = class {
 
   foot(title = this.unit) {
     const anchor = (share) => (share < 0.06 ? "start" : share > 0.94 ? "end" : "middle");
-    return svg("svg.lane", { height: 32 },
+    return svg("svg.lane", { height: title ? 32 : 18 },
       this.ticks.map(({ at, digits }) =>
         svg("text", { x: this.at(at), y: 13, "text-anchor": anchor(this.share(at)) }, Gaitcal.numeral(at, digits))),
       svg("text", { x: "50%", y: 28, "text-anchor": "middle" }, title),
