@@ -297,6 +297,8 @@ def _trial(scene: Scene, trial: TrialScene, thin: int) -> dict[str, Any]:
     return {
         "name": trial.name,
         "role": trial.role,
+        "recorded": trial.recorded,
+        "stride": trial.stride * thin,
         "about": _about(scene, trial, time, trial.stride * thin),
         "time": floats(time),
         "pelvis": floats(pelvis),

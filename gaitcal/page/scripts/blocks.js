@@ -1,4 +1,3 @@
-"use strict";
 // Headings, sentences and tables that a sheet holds as data, rendered one after the other. Headings never skip a level,
 // whatever the blocks say.
 Gaitcal.Blocks = class {

@@ -1,4 +1,3 @@
-"use strict";
 // The segments as moving groups, and the body meshes that are fixed in them.
 const { THREE } = MeshCat;
 

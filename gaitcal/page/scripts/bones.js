@@ -1,4 +1,3 @@
-"use strict";
 // Behind a bone a mark is veiled, not hidden: where it enters and leaves the bone is to be seen.
 Gaitcal.VEIL = { opacity: 0.38, depthFunc: THREE.GreaterDepth, depthWrite: false };
 

@@ -1,4 +1,3 @@
-"use strict";
 // The camera starts on the person and goes along; pointing at a marker or joint tells its name.
 Gaitcal.WIDE = 32;
 Gaitcal.FLIGHT = 300; // ms

@@ -1,4 +1,3 @@
-"use strict";
 // What is chosen. Whoever draws listens to the fields that it shows; whoever is clicked sets them. It stands in the
 // address, so that a link opens what was seen: read at the start, written after a while of rest, and only what differs
 // from the page as it opens. Whatever else stands there is passed over.

@@ -1,4 +1,3 @@
-"use strict";
 // Play, trials, results and legend: the controls that are always there. `legend(open)` opens and closes the layers.
 Gaitcal.controls = (page) => {
   const { state, results } = page;

@@ -1,4 +1,3 @@
-"use strict";
 // Signs, units and whose moment: as gaitcal/gait/conventions.py has them.
 Gaitcal.GROUND = {
   ground_reaction_vertical: ["Ground reaction, vertical", "up"],

@@ -1,4 +1,3 @@
-"use strict";
 // The grid of small multiples: joints by angle, moment and power; what is drawn when, and where the clock stands.
 
 // What curves are drawn anew for. Time alone moves cursors.
@@ -87,8 +86,8 @@ Gaitcal.Curves = class {
 
   // All sizes are read before the first is drawn: to draw in between would lay the page out each time.
   draw(panels) {
-    const sizes = panels.map((panel) => panel.size());
-    for (const [i, panel] of panels.entries()) if (sizes[i]) panel.draw(sizes[i]);
+    const sizes = panels.map(({ place }) => [place.clientWidth, place.clientHeight]);
+    for (const [i, panel] of panels.entries()) if (!sizes[i].includes(0)) panel.draw(sizes[i]);
   }
 
   came(entries) {

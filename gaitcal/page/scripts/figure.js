@@ -1,4 +1,3 @@
-"use strict";
 // The body of one result, with its bones, markers, forces and joints.
 Gaitcal.Figure = class {
   constructor(result, root) {

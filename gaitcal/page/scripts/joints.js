@@ -1,4 +1,3 @@
-"use strict";
 // Joint centres and axes, nominal and fitted, with what is known of their uncertainty. They are fixed in the segments
 // and drawn after everything else on a fresh depth buffer, so that they are seen inside the body.
 Gaitcal.Joints = class {

@@ -1,4 +1,3 @@
-"use strict";
 // The keyboard, and the dialog that tells its keys.
 Gaitcal.keys = (page) => {
   const { state, clock, timeline, controls } = page;

@@ -1,4 +1,3 @@
-"use strict";
 // The legend, which is also where each part is shown or hidden.
 Gaitcal.legend = (host, page) => {
   const { state } = page;

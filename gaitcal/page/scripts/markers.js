@@ -1,4 +1,3 @@
-"use strict";
 // Measured markers, model markers, and a bar from one to the other.
 Gaitcal.Markers = class {
   constructor(scene, root) {

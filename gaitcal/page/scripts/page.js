@@ -1,4 +1,3 @@
-"use strict";
 // Everything together: results, what is chosen of them, and all that draws.
 Gaitcal.Page = class {
   constructor(results) {

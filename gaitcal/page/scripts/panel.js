@@ -1,4 +1,3 @@
-"use strict";
 // One panel: a title, axes, its curves, and a cursor that follows the clock and moves it. Right is solid, left dashed;
 // nothing is told by colour alone.
 Gaitcal.Panel = class {
@@ -42,12 +41,6 @@ Gaitcal.Panel = class {
     this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.words}`);
   }
 
-  // How large its plot is; null while it is hidden.
-  size() {
-    const [width, height] = [this.place.clientWidth, this.place.clientHeight];
-    return width && height ? [width, height] : null;
-  }
-
   // Axes and curves as they are chosen now.
   draw(size) {
     this.dirty = false;
@@ -74,17 +67,14 @@ Gaitcal.Panel = class {
     const colour = (side) => colours[Gaitcal.LEGS[side] ?? "ink"];
     const dash = (side) => (side === "l" ? [6, 3.5] : []);
     const stroke = (line, values, more = {}) => ({
-      x: line.x,
-      y: values.map((value, i) => (line.valid[i] ? value : NaN)),
-      colour: colour(line.side),
-      dash: dash(line.side),
-      ...more,
+      x: line.x, y: values.map((value, i) => (line.valid[i] ? value : NaN)),
+      colour: colour(line.side), dash: dash(line.side), ...more,
     });
     // Stretches between points of which one is not valid.
-    const pale = (line) => {
-      const touches = (i) => [i - 1, i, i + 1].some((k) => k >= 0 && k < line.x.length && !line.valid[k]);
-      const y = line.value.map((value, i) => (touches(i) ? value : NaN));
-      return { x: line.x, y, colour: colour(line.side), width: line.weight === "thin" ? 0.8 : 0.7, alpha: 0.45 };
+    const pale = ({ x, value, valid, side, weight }) => {
+      const touches = (i) => !valid[i] || (i > 0 && !valid[i - 1]) || (i + 1 < x.length && !valid[i + 1]);
+      const y = value.map((one, i) => (touches(i) ? one : NaN));
+      return { x, y, colour: colour(side), width: weight === "thin" ? 0.8 : 0.7, alpha: 0.45 };
     };
     const main = lines.filter(({ isMain }) => isMain);
     const spread = (part, alpha) =>
@@ -92,18 +82,11 @@ Gaitcal.Panel = class {
         .filter((line) => !line.second && line[part])
         .map((line) => ({ x: line.x, ...Gaitcal.around(stroke(line, line.value).y, line[part]), colour: colour(line.side), alpha }));
     const models = (part, more) => main.filter((line) => line[part]).map((line) => stroke(line, line[part], more));
-    const norms = traces.bands.map(({ mean, sd }) => ({
-      x: Gaitcal.PERCENTS, ...Gaitcal.around(mean, sd), colour: colours.norm, alpha: 0.25,
-    }));
-    const edges = norms.flatMap(({ low, high }) =>
-      [low, high].map((y) => ({ x: Gaitcal.PERCENTS, y, colour: colours.norm, width: 1, dash: [1, 2.5] })),
-    );
+    const norms = traces.bands.map(({ mean, sd }) => Gaitcal.normBand(Gaitcal.PERCENTS, mean, sd, colours));
     return {
-      x: traces.x,
-      y: traces.y,
+      x: traces.x, y: traces.y, colours, density: curves.density, incrs: percent ? [25, 50, 100] : Gaitcal.STEPS,
       bands: [...norms, ...spread("sd", 0.16), ...(state.errors ? spread("se", 0.3) : [])],
       lines: [
-        ...edges,
         ...lines.filter((line) => !line.valid.every(Boolean)).map(pale),
         ...lines.filter(({ weight }) => weight === "thin").map((line) => stroke(line, line.value, { width: 0.9, alpha: 0.55 })),
         ...models("nominal", { width: 1, colour: colours.nominal }),
@@ -112,9 +95,6 @@ Gaitcal.Panel = class {
       ],
       uprights: percent ? offs.map(({ side, at }) => ({ at, colour: colour(side), dash: side === "l" ? [3, 3] : [] })) : [],
       feet: percent ? [] : stances.map(({ side, span: [from, to] }) => ({ from, to, row: side === "r" ? 7 : 3.5, colour: colour(side) })),
-      incrs: percent ? [25, 50, 100] : Gaitcal.STEPS,
-      colours,
-      density: curves.density,
       hooks: { draw: [(plot) => this.drawn(plot)] },
     };
   }

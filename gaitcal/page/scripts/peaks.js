@@ -1,4 +1,3 @@
-"use strict";
 // The peaks of the curves as tables: what the eye reads off the panels, for those who read or hear.
 Gaitcal.PEAK_TABLES = { angle: "Angles", moment: "Moments", power: "Powers", force: "Ground reactions" };
 

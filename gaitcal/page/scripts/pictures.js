@@ -1,4 +1,3 @@
-"use strict";
 // Pictures of intervals, bars and boxes: lanes below each other over one axis, as SVG in percent of the width, so that
 // they fit any screen and paper in the page's own colours. Each stands before a table of the same numbers, unseen.
 

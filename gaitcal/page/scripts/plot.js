@@ -1,4 +1,3 @@
-"use strict";
 // Lines and bands over one axis, drawn by uPlot.
 
 // Between ticks: 1, 2, 5, 10, ...
@@ -16,7 +15,7 @@ Gaitcal.pageColours = () => {
 
 // A plot in `place`, `size` px wide and high. NaN is a gap.
 // x, y: [low, high] of both axes; lines: [{x, y, colour, width, dash, alpha, rings: numbers of points}];
-// bands: [{x, low, high, colour, alpha}]; uprights: [{at, colour, dash}]; feet: bars at the foot of the plot,
+// bands: [{x, low, high, colour, alpha, dash: of its rim}]; uprights: [{at, colour, dash}]; feet: bars at the foot of the plot,
 // [{from, to, row, colour}]; incrs: steps between ticks of x; density: px of the plot for one of the page;
 // unit: of the numbers along x; cursor, hooks: as of uPlot.
 Gaitcal.plot = (place, size, drawing) => {
@@ -27,7 +26,9 @@ Gaitcal.plot = (place, size, drawing) => {
     { x: band.x, y: band.high, width: 0, alpha: band.alpha },
     { x: band.x, y: band.low, width: 0 },
   ]);
-  const all = [...edges, ...lines];
+  const rims = bands.filter(({ dash }) => dash).flatMap(({ x: own, low, high, colour, dash }) =>
+    [low, high].map((edge) => ({ x: own, y: edge, colour, width: 1, dash })));
+  const all = [...edges, ...rims, ...lines];
   // Curves over the same x stand together; those of another one, as of a second result, come after them.
   const axes = [...new Set(all.map((line) => line.x))];
   const drawn = axes.flatMap((one) => all.filter((line) => line.x === one));
@@ -82,6 +83,11 @@ Gaitcal.plot = (place, size, drawing) => {
 Gaitcal.around = (middle, half) => ({
   low: middle.map((value, i) => value - half[i]),
   high: middle.map((value, i) => value + half[i]),
+});
+
+// The band of healthy people.
+Gaitcal.normBand = (x, mean, sd, { norm }) => ({
+  x, ...Gaitcal.around(mean, sd), colour: norm, alpha: 0.25, dash: [1, 2.5],
 });
 
 // As many digits as tell the ticks apart.

@@ -1,4 +1,3 @@
-"use strict";
 // The page on paper: verdict and kinematics; kinetics and steps; then everything that any preset tells, as appendix.
 Gaitcal.PAPER_WIDTH = 690; // px between the margins of a sheet (print.css)
 
@@ -38,7 +37,7 @@ Gaitcal.print = (host, page) => {
   const appendix = (sheet) => {
     const scope = { page, cursors: [], wide: Gaitcal.PAPER_WIDTH };
     const part = (preset) => html("section.preset", Gaitcal.presetParts(scope, sheet, preset, sheet.trials));
-    return Object.keys(Gaitcal.TITLES).map(part);
+    return Object.keys(Gaitcal.PRESETS).map(part);
   };
   // What speaks against the result is printed, and what a reader has unfolded, or everything on demand; what is left
   // out is counted, and named where it stands.

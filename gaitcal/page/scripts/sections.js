@@ -1,18 +1,9 @@
-"use strict";
 // Below the curves, what a preset tells: of the person first, then of the chosen trial. Trust tells in between what
 // makes the error of the trial's peak moments, as the person is asked about that first.
 
-Gaitcal.TITLES = {
-  clinician: "About these curves",
-  fit: "The fit of the model",
-  joints: "Joints and segments",
-  trust: "Can it be believed?",
-  provenance: "Where it comes from",
-};
-
 // What one preset tells: of the person, then of `trials` of the sheet. `scope`: as of `Gaitcal.Blocks`.
 Gaitcal.presetParts = (scope, sheet, preset, trials) => {
-  const [title, own] = [Gaitcal.TITLES[preset] ?? "", sheet.sections?.[preset] ?? []];
+  const [title, own] = [Gaitcal.PRESETS[preset].title, sheet.sections?.[preset] ?? []];
   const trust = preset === "trust";
   const ofPerson = (blocks) => new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(blocks);
   const ofTrial = (trial) => {

@@ -1,4 +1,3 @@
-"use strict";
 // The curves of a result, unpacked when they are first asked for. See gaitcal/page/sheet/ for what a sheet holds.
 
 // 0, 1, ..., 100 %.

@@ -1,4 +1,3 @@
-"use strict";
 // The body in motion: figure, layers and camera, as the state has them.
 Gaitcal.Stage = class {
   constructor(page) {

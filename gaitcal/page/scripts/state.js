@@ -1,15 +1,11 @@
-"use strict";
 // What is chosen on the page of a result.
 Gaitcal.LAYERS = ["body", "bones", "measured", "model", "errors", "forces", "fitted", "nominal", "uncertainty"];
 
-// The layers of each preset, in the order of the tabs.
-Gaitcal.PRESETS = {
-  clinician: ["body", "bones", "forces"],
-  fit: ["body", "measured", "model", "errors"],
-  joints: ["body", "bones", "nominal", "fitted", "uncertainty"],
-  trust: ["body", "bones", "forces"],
-  provenance: ["body"],
-};
+// The presets are the tabs of the page: {title: of what it tells, layers: that it shows}.
+Gaitcal.PRESETS = {};
+for (const { id, dataset: { title, layers } } of document.querySelectorAll("#presets button")) {
+  Gaitcal.PRESETS[id.replace("preset-", "")] = { title, layers: layers.split(" ") };
+}
 
 Gaitcal.SPEEDS = [0.1, 0.25, 0.5, 1, 2];
 
@@ -35,7 +31,7 @@ Gaitcal.State = class extends Gaitcal.Chosen {
     const { sheet } = results[0];
     const usual = {
       result: 0, trial: Gaitcal.firstTrial(results[0]), seconds: 0, playing: false, speed: 1, window: null,
-      preset: "clinician", layers: new Set(sheet ? Gaitcal.PRESETS.clinician : Gaitcal.LAYERS), joint: null,
+      preset: "clinician", layers: new Set(sheet ? Gaitcal.PRESETS.clinician.layers : Gaitcal.LAYERS), joint: null,
       axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time", spread: "strides",
       unit: "Nm/kg", signs: "opensim", acting: "internal",
       nominal: false, norm: true, errors: true, truth: true, second: results.length > 1, off: new Set(),
@@ -62,7 +58,7 @@ Gaitcal.State = class extends Gaitcal.Chosen {
     if ("seconds" in next) next.seconds = inside(next.seconds);
     if (next.window) next.window = inside(next.window[1]) > inside(next.window[0]) ? next.window.map(inside) : null;
     if (next.preset && next.preset !== this.preset) {
-      next.layers ??= this.near(new Set(Gaitcal.PRESETS[next.preset]), next);
+      next.layers ??= this.near(new Set(Gaitcal.PRESETS[next.preset].layers), next);
     } else if ("joint" in next && Boolean(next.joint) !== Boolean(this.joint)) next.layers ??= this.near(this.layers, next);
     return next;
   }
@@ -86,7 +82,7 @@ Gaitcal.State = class extends Gaitcal.Chosen {
   }
 
   normal() {
-    const layers = this.results[0].sheet ? Gaitcal.PRESETS[this.preset] : this.usual.layers;
+    const layers = this.results[0].sheet ? Gaitcal.PRESETS[this.preset].layers : this.usual.layers;
     const trial = Gaitcal.firstTrial(this.results[this.result]);
     return { ...this.usual, trial, layers: new Set([...layers, ...this.lent]) };
   }

@@ -1,4 +1,3 @@
-"use strict";
 // Mean, standard deviation (of n - 1) and number of those values that are known; NaN where there are too few.
 Gaitcal.average = (values) => {
   const known = values.filter(Number.isFinite);

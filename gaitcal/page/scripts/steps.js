@@ -1,4 +1,3 @@
-"use strict";
 // The table of steps and phases. Which strides count, and how means are formed, is gaitcal/gait/symmetry.py.
 
 Gaitcal.OF_BOTH_LEGS = ["step_width"];

@@ -1,4 +1,3 @@
-"use strict";
 // Which strides of a page's results count in its present state, and where the clock stands in them.
 Gaitcal.Strides = class {
   constructor({ state, results }) {

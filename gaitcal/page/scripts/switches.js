@@ -1,4 +1,3 @@
-"use strict";
 // The controls of what is shown of the curves and in which convention; those without a meaning here are not shown. The
 // usual ones stand in a row, the others behind a button that says which of them are not as they were at first.
 Gaitcal.switches = (host, { state, results }) => {

@@ -1,4 +1,3 @@
-"use strict";
 // The one clock: it moves `state.seconds` on, and around the window that is looped.
 Gaitcal.clock = (page) => {
   const { state } = page;

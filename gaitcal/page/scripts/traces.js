@@ -1,4 +1,3 @@
-"use strict";
 // What one panel shows in the present state: lines with their bands, the normal band, limits of both axes.
 
 // More strides than these make no difference to the eye.

@@ -1,4 +1,3 @@
-"use strict";
 // A trial's own curves over its time, with limits and the clock's cursor: pelvis residuals, marker errors.
 
 Gaitcal.TRIAL_CURVES = {

@@ -1,4 +1,3 @@
-"use strict";
 // The packed scene, back as numbers. See gaitcal/page/scene_file.py for how it was packed.
 
 Gaitcal.bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;

@@ -1,4 +1,3 @@
-"use strict";
 // How far the result can be believed: the strip on top of the page, and the reasons.
 
 // Each judgement has a shape of its own, its word beside it, and a tone.

@@ -1,4 +1,3 @@
-"use strict";
 // What is chosen: who is shown, in which order, and what of them.
 
 // Fields by which fewer people are shown.

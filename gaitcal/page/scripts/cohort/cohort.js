@@ -1,4 +1,3 @@
-"use strict";
 // The page of a cohort, all together.
 
 // A part of the page comes into view; the address keeps what is chosen.

@@ -1,4 +1,3 @@
-"use strict";
 // Distributions: a dot is a person, a box the middle half of a group, a line its median.
 Gaitcal.LANE = 54; // px high
 Gaitcal.LANE_WIDE = 380; // px, about: dots that are nearer than their size in it stand in a pile

@@ -1,4 +1,3 @@
-"use strict";
 // Who is shown: words and numbers that people are to have, and the line that says which filters are on.
 
 // `>1.2`, `<= 3`, `1..2` (from, to), `=5`, `5` as a test of a number that is shown with so many digits; `?`: there is no

@@ -1,4 +1,3 @@
-"use strict";
 // Mean curves of groups, their legend, and who lies far from the mean. Legs that are refused take no part.
 Gaitcal.DASHES = [[], [7, 4], [2, 3], [10, 3, 2, 3], [4, 2], [12, 5]];
 
@@ -119,13 +118,12 @@ Gaitcal.meanPanel = (people, choices, variable) => {
   };
   const drawing = () => {
     const colours = Gaitcal.pageColours();
-    const band = ({ mean, sd }, colour, alpha) => ({ x: percents, ...Gaitcal.around(mean, sd), colour, alpha });
     const known = (values) => values.map((value) => value ?? NaN);
-    const norms = normal ? [band({ mean: known(normal.mean), sd: known(normal.sd) }, colours.norm, 0.25)] : [];
-    const bands = [...norms, ...groups.map((group) => band(group, colours[`group${group.k}`], 0.14))];
+    const norms = normal ? [Gaitcal.normBand(percents, known(normal.mean), known(normal.sd), colours)] : [];
+    const around = ({ mean, sd, k }) => ({ x: percents, ...Gaitcal.around(mean, sd), colour: colours[`group${k}`], alpha: 0.14 });
+    const bands = [...norms, ...groups.map(around)];
     const line = (y, colour, width, dash) => ({ x: percents, y, colour, width, dash });
     const lines = [
-      ...norms.flatMap(({ low, high }) => [low, high].map((y) => line(y, colours.norm, 1, [1, 2.5]))),
       ...groups.map(({ mean, k }) => line(mean, colours[`group${k}`], 2.2, Gaitcal.DASHES[k])),
       ...singles.map(({ curve, n }) => line(curve, colours.ink, 1.4, Gaitcal.DASHES[n])),
     ];

@@ -1,4 +1,3 @@
-"use strict";
 // The people of a cohort: columns of their table, and their mean curves.
 
 // A name as it is shown where nobody gave one.
@@ -60,11 +59,6 @@ Gaitcal.People = class {
   link(i) {
     const page = this.word("page", i);
     return page && `./${page.split("/").map(encodeURIComponent).join("/")}`;
-  }
-
-  // Whether there are walks of which no stride counts.
-  strideless(i) {
-    return this.reasons.of[i].includes(this.reasons.strideless);
   }
 
   // Whether the curves of a leg are drawn; where the leg has no verdict, that of the person counts.

@@ -1,4 +1,3 @@
-"use strict";
 // The table of people: sorted by a press on a column's name, filtered below it, some rows at a time.
 Gaitcal.peopleTable = (people, choices) => {
   const part = (selector) => document.querySelector(`#people ${selector}`);

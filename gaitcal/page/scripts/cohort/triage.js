@@ -1,4 +1,3 @@
-"use strict";
 // Triage: how many are refused, doubtful, trustworthy or without a result, and why, the commonest cause first.
 Gaitcal.CAUSES_AT_ONCE = 8;
 Gaitcal.VERDICT_WORDS = {
@@ -22,7 +21,7 @@ Gaitcal.triage = (host, people, choices) => {
   const card = (word) => {
     const own = people.all.filter((i) => people.word("verdict", i) === word);
     const count = word === "failed" ? people.failures.length : own.length;
-    const strideless = own.filter((i) => people.strideless(i)).length;
+    const strideless = own.filter((i) => people.reasons.of[i].includes(people.reasons.strideless)).length;
     const words = [
       Gaitcal.judgement(word),
       html("span.value", String(count)),
