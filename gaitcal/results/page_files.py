@@ -12,7 +12,6 @@ from gaitcal.io.lock import MANIFEST, read_object
 from gaitcal.io.snapshot import read_whole, sha256_of
 from gaitcal.page.scene import Scene
 from gaitcal.page.scene_file import load_scene, save_scene
-from gaitcal.page.server import FORMER, redirect_html
 from gaitcal.page.sheet.sheet import SHEET, doubted, followed_by, only, read_sheet, renamed, write_sheet
 from gaitcal.page.view import BodyText, Shown, body_texts, joined_page, told_text, with_trials
 from gaitcal.results.saved import MODEL
@@ -52,12 +51,6 @@ def rewrite_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
     """Write the page with another sheet; the scene is there already."""
     (body,) = body_texts([scene])
     write_joined_page(folder, body, write_told(folder, sheet))
-
-
-def write_former_pages(folder: Path) -> None:
-    """Write `report.html` and `view.html`, which lead to the page."""
-    for name in FORMER:
-        (folder / name).write_text(redirect_html(PAGE), encoding="utf-8")
 
 
 def read_page(folder: Path) -> Shown:
