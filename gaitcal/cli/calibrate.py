@@ -16,11 +16,9 @@ from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.atomic import require_room
 from gaitcal.io.lock import ResultKind
 from gaitcal.io.snapshot import sha256_of
-from gaitcal.session.draft import STUDY, Draft, draft_text, settings_text, study_of
-from gaitcal.session.draft_lines import draft_notes
+from gaitcal.session.draft import STUDY, Draft, draft_notes, draft_text, files_of, settings_text, study_of
 from gaitcal.session.drafting import rejected_forces, without_faulty_trials
 from gaitcal.session.person_facts import NOTHING_SAID, Options
-from gaitcal.session.source import files_of
 from gaitcal.study.joint_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files

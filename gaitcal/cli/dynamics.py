@@ -27,7 +27,7 @@ from gaitcal.results.trials import write_trials
 from gaitcal.session.result import TrialResult
 from gaitcal.session.trial_result import analyse
 from gaitcal.study.study_file import Side, Trial
-from gaitcal.study.study_trial import StudyTrial, read_trial
+from gaitcal.study.study_trial import StudyTrial, cleaned_trial, read_trial
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def _read(path: Path, options: Options, saved: SavedResult) -> StudyTrial:
             "filter_hz": _filter_of(options.filter_hz),
         }
     )
-    return read_trial(trial, saved.rename, saved.marker_set)
+    return cleaned_trial(read_trial(trial, saved.rename, saved.marker_set), saved.marker_set.segment_of)
 
 
 def _check(trial: StudyTrial, saved: SavedResult) -> tuple[Finding, ...]:

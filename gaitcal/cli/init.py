@@ -14,12 +14,21 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.atomic import atomic_text, real_path
-from gaitcal.session.draft import NEEDED, STUDY, Draft, draft_text, missing_options, missing_words, study_of
-from gaitcal.session.draft_lines import doubtful_lines, marker_set_line
+from gaitcal.session.draft import (
+    NEEDED,
+    STUDY,
+    Draft,
+    doubtful_lines,
+    draft_text,
+    marker_set_line,
+    missing_options,
+    missing_words,
+    own_study,
+    study_of,
+)
 from gaitcal.session.drafting import draft_of, draft_study
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
-from gaitcal.session.source import own_study
 from gaitcal.study.study import nominal_of
 
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)

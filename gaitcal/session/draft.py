@@ -1,14 +1,9 @@
-"""A drafted study: what each file of a folder is taken for, the trials, the person, and what is missing.
+"""A drafted study: what each file of a folder is taken for, the trials, the person, what is missing, and its text.
 
-Nothing is dropped without a word: every file of the folder is a row of `Draft.seen`, with what it is used as or why it
-is not.
-
-One row for every file of a folder: what it is, what it shows, what it is used as, and why or why not.
-
-The text of a drafted study: every line with the reason for it, and how sure that is.
-
-`sure` is told by a file, by the user, or by figures far from every limit; `likely` by figures near one; what nobody
-tells stands as a comment that names the field, so that reading the study ends with its name.
+Every file of the folder is a row of `Draft.seen`, with what it is used as or why it is not. In the text every line has
+its reason: `sure` where a file or the user says so, or figures are far from every limit;
+`likely` by figures near one. What nobody says stands as a comment that names the field, so that reading the study ends
+with its name.
 """
 
 from __future__ import annotations
@@ -22,11 +17,10 @@ from typing import TypeGuard
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, alike
-from gaitcal.io.toml import toml_table, toml_value
+from gaitcal.io.toml import read_toml, toml_table, toml_value
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
-from gaitcal.session.folder import FileKind, Folder, FolderFile
-from gaitcal.session.force_files import ForceChoice
+from gaitcal.session.folder import FileKind, Folder, FolderFile, ForceChoice, declares_study
 from gaitcal.session.marker_sets import SetChoice, explained, respelt
 from gaitcal.session.movement import Movement
 from gaitcal.session.person_facts import Known
@@ -371,3 +365,71 @@ def _without_file(study: Study, path: Path) -> Study:
     """The study without the study file among its inputs, as there is none."""
     files = tuple(f for f in study.files if f != path)
     return replace(study, files=files, inputs={name: h for name, h in study.inputs.items() if name != STUDY})
+
+
+LIKELY = "likely, to be looked at: "
+
+
+def marker_set_line(draft: Draft) -> str:
+    """The marker set, how many labels it knows, and those it does not; empty without a set."""
+    choice = draft.choice
+    if choice is None:
+        return ""
+    found = choice.explained
+    known = f"knows {found.known} of {found.known + len(found.left_over)} labels"
+    return f"{'' if choice.certain else LIKELY}marker set: {choice.entry}, {known}{left_over_words(choice)}"
+
+
+def doubtful_lines(draft: Draft) -> tuple[str, ...]:
+    """What is likely only, and which files are not used."""
+    out = []
+    for trial in draft.trials:
+        role = f"{trial.role} {trial.joint}".strip()
+        if not trial.certain:
+            out.append(f"{LIKELY}{trial.name} as {role}: {trial.reason}")
+        if trial.forces is not None and not trial.forces.certain:
+            out.append(f"{LIKELY}{trial.forces.file.name} as forces of {trial.name}: {trial.forces.reason}")
+    for field, known in draft.person.items():
+        if field != "name" and not known.certain:
+            out.append(f"{LIKELY}{field} = {known.value}: {known.reason}")
+    return (*out, *(f"not used: {row.name}: {row.reason or row.kind}" for row in draft.left_out))
+
+
+def draft_notes(draft: Draft) -> tuple[str, ...]:
+    """How the study was drafted, as notes of a result."""
+    told = (line for line in (marker_set_line(draft), *doubtful_lines(draft)) if line)
+    return tuple(f"Drafted from the folder: {line}" for line in told)
+
+
+def own_study(folder: Folder) -> Path | None:
+    """The study file that lies in a folder; None where none does. InputError for several."""
+    own = [f.path for f in folder.files if f.kind is FileKind.STUDY or f.name == STUDY]
+    if len(own) > 1:
+        names = ", ".join(p.name for p in own)
+        raise InputError(
+            f"holds {len(own)} study files: {names}; name one of them instead of the folder",
+            source=folder.path,
+            code=Code.FOLDER,
+        )
+    return own[0] if own else None
+
+
+def study_files(folder: Path) -> tuple[Path, ...]:
+    """The study files in a folder, found without reading its recordings."""
+    return tuple(p for p in sorted(folder.iterdir()) if p.suffix.lower() == ".toml" and p.is_file() and _is_study(p))
+
+
+def _is_study(path: Path) -> bool:
+    if path.name[0] in ".~":
+        return False
+    try:
+        return path.name == STUDY or declares_study(read_toml(path))
+    except InputError:
+        return False
+
+
+def files_of(draft: Draft) -> tuple[Path, ...]:
+    """The files that a drafted study reads."""
+    own = [Path(draft.choice.entry)] if draft.choice and draft.choice.entry.endswith(".toml") else []
+    forces = [trial.forces.file.path for trial in draft.trials if trial.forces]
+    return (*(trial.file.path for trial in draft.trials), *forces, *own)

@@ -30,17 +30,18 @@ from gaitcal.session.folder import (
     FileKind,
     Folder,
     FolderFile,
+    ForceChoice,
     marker_sets_above,
     name_contradicts,
+    names_alike,
+    pair_forces,
     read_folder,
     trial_names,
 )
-from gaitcal.session.force_files import ForceChoice, names_alike, pair_forces
 from gaitcal.session.marker_sets import SetChoice, candidates, choose_set, explained, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
-from gaitcal.session.people import Session, session_of
+from gaitcal.session.people import Session, same_recording, session_of
 from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed
-from gaitcal.session.placing import same_recording
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 

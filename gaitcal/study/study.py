@@ -20,7 +20,6 @@ from gaitcal.model.ankle_zero import AnkleZero
 from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
-from gaitcal.model.outliers import without_strays
 from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -28,17 +27,23 @@ from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
-from gaitcal.study.study_trial import Role, StudyTrial, model_with_trunk, read_trial
+from gaitcal.study.study_trial import Role, StudyTrial, cleaned_trial, model_with_trunk, read_trial
 from gaitcal.study.truth import Truth, other_landmarks, read_truth, truth_files
 
 
 @remembered
+def cleaned(study: Study) -> Study:
+    """The study without markers metres away from the body in its trials."""
+    return replace(study, trials=tuple(cleaned_trial(t, study.marker_set.segment_of) for t in study.trials))
+
+
+@remembered
 def completed_static(study: Study) -> Rebuilding:
-    """The first static trial, without markers metres away, and with what the study's other trials give back to it."""
-    segment_of = study.marker_set.segment_of
-    static, _ = without_strays(study.static.recording, segment_of)
-    others = [(t.name, without_strays(t.recording, segment_of)[0]) for t in (*study.further_statics, *study.moving)]
-    return rebuild_lost(static, study.marker_set.with_weights(study.weights), others, study.static.name)
+    """The first static trial, cleaned, and with what the study's other trials give back to it."""
+    study = cleaned(study)
+    others = [(t.name, t.recording) for t in (*study.further_statics, *study.moving)]
+    marker_set = study.marker_set.with_weights(study.weights)
+    return rebuild_lost(study.static.recording, marker_set, others, study.static.name)
 
 
 def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
@@ -288,7 +293,7 @@ def nominal_of(study: Study) -> SubjectModel:
         ankle_zero=AnkleZero(study.settings.ankle_rule),
         weights=study.weights,
     )
-    walks = [trial.recording for trial in study.trials if trial.role is Role.GAIT]
+    walks = [trial.recording for trial in cleaned(study).trials if trial.role is Role.GAIT]
     try:
         return model_with_trunk(model_of, completed.static, study.marker_set, walks)
     except InputError as fault:

@@ -25,6 +25,7 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.outliers import Stray, without_strays
 from gaitcal.model.segment_frames import unit
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import IN_A_PLANE, spread_off_line
@@ -63,6 +64,16 @@ class StudyTrial:
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
     """`file` and, where forces have one of their own, `forces`."""
+    strays: tuple[Stray, ...] | None = None
+    """Markers that were left out where they were metres away from the body; None: not looked for yet."""
+
+
+def cleaned_trial(trial: StudyTrial, segment_of: Mapping[str, str]) -> StudyTrial:
+    """The trial without markers metres away from the body; `segment_of`: label -> segment."""
+    if trial.strays is not None:
+        return trial
+    recording, strays = without_strays(trial.recording, segment_of)
+    return replace(trial, recording=recording, strays=strays)
 
 
 def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -> StudyTrial:

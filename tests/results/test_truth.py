@@ -27,9 +27,8 @@ from gaitcal.results.summary import summary
 from gaitcal.results.truth import write_truth
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration
-from gaitcal.session.truth_comparison import with_truth
+from gaitcal.session.truth_comparison import settings_sentence, sums, two_marker_segments, with_truth
 from gaitcal.session.truth_errors import TruthErrors
-from gaitcal.session.truth_words import settings_sentence, sums, two_marker_segments
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
