@@ -12,7 +12,7 @@ import os
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 from typing import TypeGuard
 
 from gaitcal.codes import Code
@@ -21,8 +21,7 @@ from gaitcal.io.toml import read_toml, toml_table, toml_value
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
 from gaitcal.session.folder import FileKind, Folder, FolderFile, ForceChoice, declares_study
-from gaitcal.session.marker_sets import SetChoice, explained, respelt
-from gaitcal.session.movement import Movement
+from gaitcal.session.marker_sets import SetChoice
 from gaitcal.session.person_facts import Known
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
@@ -50,7 +49,7 @@ class Seen:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DraftTrial:
+class Drafted:
     """One trial of the drafted study."""
 
     name: str
@@ -70,7 +69,7 @@ class Draft:
     choice: SetChoice | None
     """None: no marker set explains the labels."""
     person: Mapping[str, Known]
-    trials: tuple[DraftTrial, ...]
+    trials: tuple[Drafted, ...]
     seen: tuple[Seen, ...]
     fault: str = ""
     """Why no study follows from the folder; empty where one does."""
@@ -111,22 +110,6 @@ FIRST_LABELS = 8
 """Shown of a recording that no marker set explains."""
 
 
-@dataclass(frozen=True)
-class Roles:
-    """What became of the recordings and tables of a folder; recordings by their number."""
-
-    roles: Mapping[int, tuple[str, str]]
-    """Role and joint."""
-    out: Mapping[int, str]
-    """Why a recording is not used."""
-    moves: Mapping[int, Movement]
-    forces: Mapping[int, ForceChoice]
-    unpaired: Mapping[str, str]
-    """Table -> why it is nobody's."""
-    of_set: frozenset[int]
-    """Recordings with the labels of the marker set."""
-
-
 def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "", reason: str = "") -> Seen:
     """A file as it was read, and what became of it."""
     frames = None if file.recording is None else len(file.recording.time)
@@ -141,51 +124,6 @@ def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "
         used=used,
         reason=reason or file.reason,
     )
-
-
-def rows_of(folder: Folder, files: tuple[FolderFile, ...], choice: SetChoice, became: Roles) -> tuple[Seen, ...]:
-    """One row a file, in the order of the folder; `files` are its recordings."""
-    number = {file.name: i for i, file in enumerate(files)}
-    owner = {forces.file.name: files[i].name for i, forces in became.forces.items()}
-    return tuple(
-        _recording(file, number[file.name], choice, became)
-        if file.name in number
-        else _other(file, choice, owner, became.unpaired)
-        for file in folder.files
-    )
-
-
-def _recording(file: FolderFile, i: int, choice: SetChoice, became: Roles) -> Seen:
-    labels = file.recording.labels if file.recording is not None else ()
-    found = explained(choice.marker_set, respelt(labels, choice.rename))
-    counts = f"{found.known} of {len(labels)} known"
-    if i not in became.of_set:
-        more = " ..." if len(labels) > FIRST_LABELS else ""
-        reason = f"not of marker set {choice.entry}: has {' '.join(labels[:FIRST_LABELS])}{more}"
-        return row_of(file, labels=counts, reason=reason)
-    moves = became.moves.get(i)
-    shows, evidence = ("", "") if moves is None else (moves.shows.value, moves.evidence)
-    used = " ".join(filter(None, became.roles.get(i, ())))
-    return row_of(file, labels=counts, shows=shows, used=used, reason=became.out.get(i, "") or evidence)
-
-
-def _other(file: FolderFile, choice: SetChoice, owner: Mapping[str, str], unpaired: Mapping[str, str]) -> Seen:
-    """A row of a file that is no recording."""
-    if file.forces is not None:
-        used = f"forces of {owner[file.name]}" if file.name in owner else ""
-        return row_of(file, used=used, reason="" if used else unpaired.get(file.name, "no walk needs it"))
-    if file.kind is FileKind.EXTERNAL_LOADS:
-        table = PureWindowsPath(file.names).name  # takes / and \ alike
-        used = f"says that {table} holds forces" if any(PureWindowsPath(name).name == table for name in owner) else ""
-        return row_of(file, used=used, reason="" if used else f"names {table}, which is not used")
-    if file.kind is FileKind.MARKER_SET:
-        chosen = str(file.path) == choice.entry
-        return row_of(file, used="marker set" * chosen, reason="" if chosen else "another set knows more labels")
-    if file.kind is FileKind.CORNERS:
-        return row_of(file, used="corners of the plates in the table of forces beside it")
-    if file.kind is FileKind.STUDY:
-        return row_of(file, reason="a study file; it is not looked into")
-    return row_of(file)
 
 
 STUDY = "study.toml"
@@ -269,7 +207,7 @@ def left_over_words(choice: SetChoice) -> str:
     return f"; left over: {', '.join(left[:8])}{more}" + (f" ({hints}: rename them if they are)" if hints else "")
 
 
-def _trial(trial: DraftTrial, folder: Path | None) -> list[str]:
+def _trial(trial: Drafted, folder: Path | None) -> list[str]:
     lines = ["[[trial]]", f"name = {toml_value(trial.name)}  # after the file"]
     lines += _line("role", trial.role, trial.reason, trial.certain)
     if trial.joint:

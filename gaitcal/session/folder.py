@@ -138,70 +138,51 @@ def _recordings_in(folder: Path) -> int:
 
 
 def _read(path: Path, name: str) -> FolderFile:
+    """A file by its ending and content; one that cannot be read keeps the reason, without its path."""
     try:
-        return replace(_understood(path), name=name)
+        with np.errstate(all="ignore"):
+            return replace(_understood(path), name=name)
     except InputError as fault:
-        return FolderFile(path=path, name=name, kind=FileKind.UNREADABLE, reason=_plain(fault, path))
+        reason = str(fault).removeprefix(f"{path}: ")
+        return FolderFile(path=path, name=name, kind=FileKind.UNREADABLE, reason=reason)
 
 
 def _understood(path: Path) -> FolderFile:
-    """A file by its ending and content, named without its folder."""
+    file = FolderFile(path=path, name=path.name, kind=FileKind.OTHER)
     ending = path.suffix.lower()
     if ending in MARKER_ENDINGS:
-        return _recording(path)
+        return replace(file, kind=FileKind.RECORDING, recording=read_recording(path))
     if ending in TABLE_ENDINGS:
-        return FolderFile(path=path, name=path.name, kind=FileKind.FORCES, forces=_forces(path))
+        return replace(file, kind=FileKind.FORCES, forces=read_forces(path))
     if ending == ".csv":
-        return _csv(path)
+        return _csv(file)
     if ending == ".toml":
-        return _toml(path)
+        return _toml(file)
     if ending == ".xml":
-        return _xml(path)
-    return FolderFile(
-        path=path, name=path.name, kind=FileKind.OTHER, reason=f"a file ending in '{ending}' holds no recording"
-    )
+        return _xml(file)
+    return replace(file, reason=f"a file ending in '{ending}' holds no recording")
 
 
-def _other(path: Path, reason: str) -> FolderFile:
-    return FolderFile(path=path, name=path.name, kind=FileKind.OTHER, reason=reason)
-
-
-def _plain(fault: InputError, path: Path) -> str:
-    """The fault without the path, which stands before it anyway."""
-    return str(fault).removeprefix(f"{path}: ")
-
-
-def _recording(path: Path) -> FolderFile:
-    with np.errstate(all="ignore"):
-        recording = read_recording(path)
-    return FolderFile(path=path, name=path.name, kind=FileKind.RECORDING, recording=recording)
-
-
-def _forces(path: Path) -> Forces:
-    with np.errstate(all="ignore"):
-        return read_forces(path)
-
-
-def _csv(path: Path) -> FolderFile:
+def _csv(file: FolderFile) -> FolderFile:
     try:
-        header = read_header(path)
+        header = read_header(file.path)
     except InputError:
-        text = path.read_bytes()[:4000].decode("utf-8", "replace")
+        text = file.path.read_bytes()[:4000].decode("utf-8", "replace")
         if any(line.strip().lower() == ",".join(CORNER_HEADER) for line in text.splitlines()):
-            return FolderFile(path=path, name=path.name, kind=FileKind.CORNERS)
+            return replace(file, kind=FileKind.CORNERS)
         raise
     if is_force_header(header):
-        return FolderFile(path=path, name=path.name, kind=FileKind.FORCES, forces=_forces(path))
-    return _recording(path)
+        return replace(file, kind=FileKind.FORCES, forces=read_forces(file.path))
+    return replace(file, kind=FileKind.RECORDING, recording=read_recording(file.path))
 
 
-def _toml(path: Path) -> FolderFile:
-    content = read_toml(path)
+def _toml(file: FolderFile) -> FolderFile:
+    content = read_toml(file.path)
     if declares_study(content):
-        return FolderFile(path=path, name=path.name, kind=FileKind.STUDY)
+        return replace(file, kind=FileKind.STUDY)
     if "landmarks" in content:
-        return FolderFile(path=path, name=path.name, kind=FileKind.MARKER_SET, marker_set=load_marker_set(path))
-    return _other(path, "neither a study nor a marker set")
+        return replace(file, kind=FileKind.MARKER_SET, marker_set=load_marker_set(file.path))
+    return replace(file, reason="neither a study nor a marker set")
 
 
 def declares_study(content: Mapping[str, object]) -> bool:
@@ -209,7 +190,8 @@ def declares_study(content: Mapping[str, object]) -> bool:
     return "trial" in content or "subject" in content
 
 
-def _xml(path: Path) -> FolderFile:
+def _xml(file: FolderFile) -> FolderFile:
+    path = file.path
     try:
         text = path.read_bytes()
         if len(text) > LARGEST_XML or b"<!ENTITY" in text:
@@ -219,19 +201,17 @@ def _xml(path: Path) -> FolderFile:
         raise InputError(f"is no readable XML: {error}", source=path, code=Code.FILE_FORMAT) from None
     table = (root.findtext(".//datafile") or "").strip()
     if not table:
-        return FolderFile(
-            path=path, name=path.name, kind=FileKind.OTHER, reason="an XML that names no table of external forces"
-        )
+        return replace(file, reason="an XML that names no table of external forces")
     forces = None
     if ".xml" in FORCE_READERS and _readable(path.parent / table) is None:
         forces = _readable(path)  # the table has columns that only the XML explains
-    return FolderFile(path=path, name=path.name, kind=FileKind.EXTERNAL_LOADS, names=table, forces=forces)
+    return replace(file, kind=FileKind.EXTERNAL_LOADS, names=table, forces=forces)
 
 
 def _readable(path: Path) -> Forces | None:
     """The forces of a table or of an XML that names one; None where they cannot be read."""
     try:
-        return _forces(path)
+        return read_forces(path)
     except InputError:
         return None
 

@@ -193,7 +193,7 @@ SHIFTS_M = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Session:
+class Sitting:
     """The recordings of one person with the markers in the same places."""
 
     statics: tuple[int, ...]
@@ -211,16 +211,8 @@ class Session:
         """The marker set as the best static trial shows it worn."""
         return self.postures[self.statics[0]].worn
 
-    def posture(self, i: int) -> Standing:
-        """How the person stands in a static trial."""
-        return self.postures[i]
 
-    def worn_standing(self, i: int) -> tuple[str, ...]:
-        """Markers of a static trial that no moving recording has."""
-        return self.only_standing.get(i, ())
-
-
-def session_of(recordings: Mapping[int, Recording], stems: Mapping[int, str], marker_set: MarkerSet) -> Session | None:
+def sitting_of(recordings: Mapping[int, Recording], stems: Mapping[int, str], marker_set: MarkerSet) -> Sitting | None:
     """The largest session in recordings with the set's labels; None where nobody stands still.
 
     `stems`: file names without ending.
@@ -256,7 +248,7 @@ def session_of(recordings: Mapping[int, Recording], stems: Mapping[int, str], ma
             )
             words = otherwise[best, j]
             others[j] = f"another person, or markers put on anew, against {stems[best]}: {words}{more}"
-    return Session(
+    return Sitting(
         statics=(best, *(i for i in ranked if i != best and i in groups[best])),
         members=tuple(groups[best]),
         postures=postures,

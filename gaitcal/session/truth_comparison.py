@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +21,6 @@ from gaitcal.session.tables import parameter_rows
 from gaitcal.session.truth_errors import INTERVAL, CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
 from gaitcal.study.truth import TrueCurves, Truth, other_rule
 
-_Gap: TypeAlias = Callable[[Array, Array], float]
-_FRONT, _TRANS, _SAG = 0, 1, 2
-"""Axes that the angles of a joint axis turn about."""
 _FEATURES: tuple[tuple[str, str, str, str, tuple[str, ...]], ...] = (
     ("hip", "pelvis", "centre", "centre in the pelvis", ("ant", "sup", "lat")),
     ("knee", "thigh", "axis_place", "axis in the thigh: its place", ("ant", "sup")),
@@ -44,11 +42,14 @@ def with_truth(calibration: Calibration) -> Calibration:
     known, study = calibration.study.truth, calibration.study
     if known is None:
         return calibration
-    if (other := other_rule(known.told, study.settings, study.marker_set.name)) is not None:
-        note = f"the truth that the study names is not compared: truth.{other.rule}: {other.words}"
-        return replace(calibration, notes=(*calibration.notes, note))
-    if (words := study.other_truth()) is not None:
-        note = f"the truth that the study names is not compared: truth.landmarks: {words}"
+    if (rule := other_rule(known.told, study.settings, study.marker_set.name)) is not None:
+        why = f"truth.{rule.rule}: {rule.words}"
+    elif (words := study.other_truth()) is not None:
+        why = f"truth.landmarks: {words}"
+    else:
+        why = ""
+    if why:
+        note = f"the truth that the study names is not compared: {why}"
         return replace(calibration, notes=(*calibration.notes, note))
     truth = _errors(calibration, known)
     notes = tuple(f"{name}: not held against the truth, as {why}" for name, why in truth.not_compared.items())
@@ -106,7 +107,7 @@ def _features(parameters: Mapping[str, ParameterTruth]) -> tuple[FeatureTruth, .
             nominal, fitted, true = (
                 np.array([getattr(row, which) for row in rows]) for which in ("nominal", "fitted", "truth")
             )
-            gap = _distance if rows[0].unit == "mm" else _angle(directions)
+            gap = _distance if rows[0].unit == "mm" else partial(_angle, directions)
             out.append(
                 FeatureTruth(
                     joint=f"{joint}_{side}",
@@ -125,43 +126,33 @@ def _distance(one: Array, other: Array) -> float:
     return float(np.linalg.norm(one - other))
 
 
-def _angle(directions: tuple[str, ...]) -> _Gap:
-    """Degrees between two joint axes, each told by its two angles: z of Rx(front) Ry(trans), x of Ry(trans) Rz(sag)."""
-    turns, axis = ((_FRONT, _TRANS), 2) if directions == ("front", "trans") else ((_TRANS, _SAG), 0)
-
-    def direction(angles: Array) -> Array:
-        first, second = (axis_rotation(turn, np.deg2rad(a)) for turn, a in zip(turns, angles, strict=True))
-        out: Array = (first @ second)[:, axis]
-        return out
-
-    def gap(one: Array, other: Array) -> float:
-        a, b = direction(one), direction(other)
-        return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
-
-    return gap
+def _angle(directions: tuple[str, ...], one: Array, other: Array) -> float:
+    """Degrees between two joint axes, each given by two angles: z of Rx(front) Ry(trans), x of Ry(trans) Rz(sag)."""
+    turns, axis = ((0, 1), 2) if directions == ("front", "trans") else ((1, 2), 0)
+    a, b = (
+        (axis_rotation(turns[0], np.deg2rad(first)) @ axis_rotation(turns[1], np.deg2rad(second)))[:, axis]
+        for first, second in (one, other)
+    )
+    return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
 def _trial(trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None) -> TrialTruth:
+    motion, before, time = trial.body, trial.nominal, trial.body.time
     coordinates, forces = {}, {}
-    motion, time = trial.body, trial.body.time
-    if motions is not None:
-        true = motions.at(time)
-        for name in (n for n in FILE_COORDINATES if n in true and n in motion.coordinates):
-            scale, column = 1.0 if is_translation(name) else 180.0 / np.pi, motion.coordinates.index(name)
-            before = trial.nominal
-            old = (
-                before.q[:, before.coordinates.index(name)]
-                if name in before.coordinates
-                else np.full(len(time), np.nan)
-            )
-            coordinates[name] = CurveTruth(
-                name=name,
-                truth=scale * true[name],
-                fitted=scale * motion.q[:, column],
-                nominal=scale * old,
-                error_bar=None if trial.coordinate_errors is None else scale * trial.coordinate_errors[:, column],
-                counts=np.ones(len(time), dtype=bool),
-            )
+    true = {} if motions is None else motions.at(time)
+    for name in (n for n in FILE_COORDINATES if n in true and n in motion.coordinates):
+        scale, k = 1.0 if is_translation(name) else 180.0 / np.pi, motion.coordinates.index(name)
+        old = np.full(len(time), np.nan)
+        if name in before.coordinates:
+            old = before.q[:, before.coordinates.index(name)]
+        coordinates[name] = CurveTruth(
+            name=name,
+            truth=scale * true[name],
+            fitted=scale * motion.q[:, k],
+            nominal=scale * old,
+            error_bar=None if trial.coordinate_errors is None else scale * trial.coordinate_errors[:, k],
+            counts=np.ones(len(time), dtype=bool),
+        )
     if moments is not None and (loads := trial.loads) is not None:
         true = moments.at(time)
         for name in (n for n in (*FILE_COORDINATES, *REACTIONS) if n in true):
@@ -327,32 +318,25 @@ def _of_parameters(words: str, group: Sequence[ParameterTruth]) -> TruthSum:
         unit=group[0].unit,
         count=len(group),
         undetermined=sum(p.status == UNDETERMINED for p in group),
-        nominal=_rms(np.array([p.nominal_error for p in group])),
-        fitted=_rms(np.array([p.error for p in group])),
+        nominal=_rms([p.nominal_error for p in group]),
+        fitted=_rms([p.error for p in group]),
         within=sum(abs(value) <= INTERVAL for value in z),
         bars=len(z),
     )
 
 
 def _of_curves(words: str, unit: str, curves: Sequence[CurveTruth]) -> TruthSum:
-    nominal, fitted = (
-        _rms(_curve_errors(values, curves)) for values in ((c.nominal for c in curves), (c.fitted for c in curves))
-    )
-    within = [c.within for c in curves]
+    within = np.concatenate([c.within for c in curves])
     return TruthSum(
         words=words,
         unit=unit,
         count=len(curves),
-        nominal=nominal,
-        fitted=fitted,
-        within=int(sum(w.sum() for w in within)),
-        bars=sum(map(len, within)),
+        nominal=_rms(np.concatenate([(c.nominal - c.truth)[c.compared] for c in curves])),
+        fitted=_rms(np.concatenate([(c.fitted - c.truth)[c.compared] for c in curves])),
+        within=int(within.sum()),
+        bars=len(within),
     )
 
 
-def _curve_errors(values: Iterable[Array], curves: Sequence[CurveTruth]) -> Array:
-    return np.concatenate([(v - c.truth)[c.compared] for v, c in zip(values, curves, strict=True)])
-
-
-def _rms(errors: Array) -> float:
-    return float(np.sqrt(np.mean(errors**2)))
+def _rms(errors: Sequence[float] | Array) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))

@@ -1,7 +1,4 @@
-"""A study: one person's recordings, read and checked, ready to be calibrated.
-
-The static trial of a study with the markers that it lost and other trials show.
-"""
+"""A study: one person's recordings, read and checked, ready to be calibrated."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ from pathlib import Path
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.external_loads import loads_tables
-from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.snapshot import Snapshot, sha256_of
 from gaitcal.model.ankle_zero import AnkleZero
@@ -51,36 +47,25 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
 
     A file that names another person than the first one is not asked.
     """
-    told = _told([recording.facts for recording in recordings])
-    given_mm = table.marker_diameter_mm
+    facts = [r.facts for r in recordings if r.facts.name == recordings[0].facts.name]
+    knees, ankles = dict[str, float](), dict[str, float]()
+    for one in reversed(facts):
+        knees |= one.knee_width
+        ankles |= one.ankle_width
+    asis = next((f.asis_distance for f in facts if f.asis_distance), None)
+    diameter = next((f.marker_diameter for f in facts if f.marker_diameter), None)
     return Subject(
         table.name,
         table.mass_kg,
         table.height_m,
         table.sex,
         age=table.age_years,
-        knee_width=told.knee_width | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
-        ankle_width=told.ankle_width | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
-        asis_distance=told.asis_distance if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
-        marker_diameter=told.marker_diameter if given_mm is None else 1e-3 * given_mm,
+        knee_width=knees | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
+        ankle_width=ankles | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
+        asis_distance=asis if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
+        marker_diameter=diameter if table.marker_diameter_mm is None else 1e-3 * table.marker_diameter_mm,
         session=table.session,
     )
-
-
-def _told(facts: Sequence[Facts]) -> Facts:
-    """Widths, distance between the ASIS and marker diameter: each from the first file that tells it and names the
-    person of the first file.
-    """
-    out = Facts()
-    for told in reversed([f for f in facts if f.name == facts[0].name]):
-        out = replace(
-            out,
-            knee_width=out.knee_width | told.knee_width,
-            ankle_width=out.ankle_width | told.ankle_width,
-            asis_distance=told.asis_distance or out.asis_distance,
-            marker_diameter=told.marker_diameter or out.marker_diameter,
-        )
-    return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,10 +124,9 @@ class Study:
     def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[StudyTrial, ...], path: Path) -> Study:
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
         files = input_files(file, path)
-        _check_weights(file, marker_set, path)
+        _require_labels(file, marker_set, trials, path)
         require_joint_prior(file.calibration, path)
         marker_set, trials = _worn(marker_set, trials)
-        _check_renamed(file, trials, path)
         study = cls(
             subject=subject_of(
                 file.subject, [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
@@ -254,29 +238,21 @@ def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
     return out
 
 
-def _check_weights(study: StudyFile, marker_set: MarkerSet, path: Path) -> None:
+def _require_labels(file: StudyFile, marker_set: MarkerSet, trials: Sequence[StudyTrial], path: Path) -> None:
+    """InputError for weights of labels that the set does not know, and for labels to be renamed that no trial has."""
+
+    def fault(message: str, field: str) -> InputError:
+        return InputError(message, source=path, field=f"markers.{field}", code=Code.UNKNOWN_LABEL)
+
     known = set(marker_set.labels)
-    for label in study.markers.weights:
+    for label in file.markers.weights:
         if label not in known:
-            raise InputError(
-                f"found a weight for '{label}', which the marker set does not know{nearest(label, known)}",
-                source=path,
-                field="markers.weights",
-                code=Code.UNKNOWN_LABEL,
-            )
-
-
-def _check_renamed(study: StudyFile, trials: tuple[StudyTrial, ...], path: Path) -> None:
-    """A label to be renamed may be worn in some trials only, but not in none."""
-    worn = {label for trial in trials for label in trial.file_labels}
-    for old, new in study.markers.rename.items():
-        if old not in worn:
-            raise InputError(
-                f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, worn)}",
-                source=path,
-                field="markers.rename",
-                code=Code.UNKNOWN_LABEL,
-            )
+            message = f"found a weight for '{label}', which the marker set does not know{nearest(label, known)}"
+            raise fault(message, "weights")
+    present = {label for trial in trials for label in trial.file_labels}
+    for old, new in file.markers.rename.items():
+        if old not in present:
+            raise fault(f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, present)}", "rename")
 
 
 @remembered
