@@ -27,6 +27,7 @@ from gaitcal.session.draft import (
     marker_set_line,
     missing_options,
     missing_words,
+    own_study,
     study_of,
 )
 from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
