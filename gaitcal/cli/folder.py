@@ -152,7 +152,7 @@ def _asked(folder: Folder, options: Options, console: Console) -> Draft:
 
 
 def _answered(options: Options, field: str, answer: str) -> Options:
-    name = NEEDED[field].removeprefix("--")
+    name = NEEDED[field].split()[0].removeprefix("--")
     value: object = answer.lower() if field == "sex" else float(answer.replace(",", "."))
     out = replace(options, **{name: value})  # type: ignore[arg-type]
     return options_of(out.mass, out.height, out.sex, out.age)

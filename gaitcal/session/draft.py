@@ -13,7 +13,6 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeGuard
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, alike
@@ -25,10 +24,10 @@ from gaitcal.session.marker_sets import SetChoice
 from gaitcal.session.person_facts import Known
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from gaitcal.study.study_file import StudyFile, load_study_file
+from gaitcal.study.study_file import load_study_file
 from gaitcal.study.study_trial import read_trial
 
-NEEDED = {"mass_kg": "--mass", "height_m": "--height", "sex": "--sex"}
+NEEDED = {"mass_kg": "--mass KG", "height_m": "--height M", "sex": "--sex female|male"}
 """Fields of the person without which nothing can be calibrated, and the options that give them."""
 
 
@@ -130,8 +129,7 @@ STUDY = "study.toml"
 WIDEST = 70
 """Characters of a line up to which its comment stands beside it; else above."""
 MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex": '"female" or "male"'}
-"""What is to be written where nobody tells; no value that could be taken over without a thought."""
-OPTION_VALUES = {"mass_kg": "KG", "height_m": "M", "sex": "female|male"}
+"""What is to be written where nobody says it; no value that could be taken over without a thought."""
 
 
 def draft_text(draft: Draft, folder: Path | None) -> str:
@@ -231,13 +229,11 @@ def _trial(trial: Drafted, folder: Path | None) -> list[str]:
 def _line(field: str, value: object, reason: str, certain: bool) -> list[str]:
     """`field = value  # sure: reason`, the comment above where the line would be long."""
     comment = f"# {'sure' if certain else 'likely'}: {_one_line(reason)}"
-    shown = f"{{ {', '.join(f'{k} = {v:g}' for k, v in value.items())} }}" if _is_sided(value) else toml_value(value)
-    text = f"{field} = {shown}"
+    if isinstance(value, Mapping) and set(value) <= set(SIDES):
+        text = f"{field} = {{ {', '.join(f'{side} = {v:g}' for side, v in value.items())} }}"
+    else:
+        text = f"{field} = {toml_value(value)}"
     return [f"{text}  {comment}"] if len(text) <= WIDEST else [comment, text]
-
-
-def _is_sided(value: object) -> TypeGuard[Mapping[str, float]]:
-    return isinstance(value, Mapping) and set(value) <= set(SIDES)
 
 
 def _one_line(text: str) -> str:
@@ -267,7 +263,7 @@ def _nobody(draft: Draft) -> str:
 
 def missing_options(draft: Draft) -> str:
     """The options that tell it."""
-    return " ".join(f"{NEEDED[field]} {OPTION_VALUES[field]}" for field in draft.missing)
+    return " ".join(NEEDED[field] for field in draft.missing)
 
 
 def study_of(draft: Draft) -> Study:
@@ -285,24 +281,15 @@ def study_of(draft: Draft) -> Study:
         raise InputError(
             f"{missing_words(draft)}: give {missing_options(draft)}", source=draft.folder.path, code=Code.WHO_IT_IS
         )
-    file = _study_file(draft_text(draft, None))
+    with tempfile.TemporaryDirectory() as folder:
+        written = Path(folder) / STUDY
+        written.write_text(draft_text(draft, None), encoding="utf-8")
+        file = load_study_file(written)
     marker_set = load_marker_set(file.markers.set)
     trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
     study = Study.assemble(file, marker_set, trials, path)
-    return _without_file(study, path)
-
-
-def _study_file(text: str) -> StudyFile:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / STUDY
-        path.write_text(text, encoding="utf-8")
-        return load_study_file(path)
-
-
-def _without_file(study: Study, path: Path) -> Study:
-    """The study without the study file among its inputs, as there is none."""
-    files = tuple(f for f in study.files if f != path)
-    return replace(study, files=files, inputs={name: h for name, h in study.inputs.items() if name != STUDY})
+    inputs = {name: sha256 for name, sha256 in study.inputs.items() if name != STUDY}  # there is no such file
+    return replace(study, files=tuple(f for f in study.files if f != path), inputs=inputs)
 
 
 LIKELY = "likely, to be looked at: "

@@ -315,10 +315,20 @@ def pair_forces(
         if unsure and (rivals or len(recordings) > 1):
             why[table.name] = "nothing tells whose forces these are: no foot is loaded, and no name is alike"
             continue
-        by = loads.get(table.path.name.lower())
-        rival = _named(match, {number: stem for number, (stem, _) in recordings.items()}, table.path.stem)
+        alike = {number: names_alike(stem, table.path.stem) for number, (stem, _) in recordings.items()}
+        best = max(alike, key=lambda number: (alike[number], number == match.recording))
+        rival = alike[best] >= SAME_NAME and alike[best] > alike[match.recording]
+        parts = ["covers the time; no foot is loaded in it"]
+        if match.away is not None:
+            parts = [f"covers the time, and under load acts {100 * match.away:.0f} cm from the feet"]
+        if rival:
+            parts.append(f"though its name says {recordings[best][0]}")
+        elif match.alike >= SAME_NAME:
+            parts.append("the names are alike")
+        if (by := loads.get(table.path.name.lower())) is not None:
+            parts.append(f"{by.name} names it")
         out[match.recording] = ForceChoice(
-            file=table, reason=_words(match, by, rival), certain=match.away is not None and not rival, time=match.time
+            file=table, reason="; ".join(parts), certain=match.away is not None and not rival, time=match.time
         )
         used.add(match.table)
     for t, table in enumerate(tables):
@@ -375,25 +385,3 @@ def names_alike(stem: str, table: str) -> float:
     """0 to 1, how alike two names are but for words that only say `forces`."""
     a, b = (re.sub(r"[^a-z0-9]", "", WORDS.sub("", name).lower()) for name in (stem, table))
     return 1.0 if a == b else difflib.SequenceMatcher(None, a, b).ratio()
-
-
-def _named(match: _Match, stems: Mapping[int, str], table: str) -> str:
-    """Another recording whose name fits the table better than that of the one it is paired with; empty where none."""
-    alike = {number: names_alike(stem, table) for number, stem in stems.items()}
-    best = max(alike, key=lambda number: (alike[number], number == match.recording))
-    return stems[best] if alike[best] >= SAME_NAME and alike[best] > alike[match.recording] else ""
-
-
-def _words(match: _Match, named: FolderFile | None, rival: str) -> str:
-    parts = []
-    if match.away is not None:
-        parts.append(f"covers the time, and under load acts {100 * match.away:.0f} cm from the feet")
-    else:
-        parts.append("covers the time; no foot is loaded in it")
-    if rival:
-        parts.append(f"though its name says {rival}")
-    elif match.alike >= SAME_NAME:
-        parts.append("the names are alike")
-    if named is not None:
-        parts.append(f"{named.name} names it")
-    return "; ".join(parts)

@@ -93,7 +93,7 @@ class Study:
     truth: Truth | None = None
     """What is known to be true of a made-up person, where the study file names it (`[truth]`)."""
     joint_prior: JointPrior | None = None
-    """What a cohort says of the joint parameters (`cohort_prior.py`), if one is asked."""
+    """What a cohort says of the joint parameters (`priors.json`), if one is asked."""
 
     @classmethod
     @with_one_blas_thread
@@ -112,7 +112,7 @@ class Study:
         marker_set = load_marker_set(file.markers.set)
         trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
         study = cls.assemble(file, marker_set, trials, path)
-        for name, f in _file_words(study.files, path.parent).items():
+        for name, f in study._named_files.items():
             if study.inputs[name] != before[f]:
                 raise InputError(
                     f"'{name}' changed while the study was read; run again", source=path, code=Code.CHANGED_FILE
@@ -174,29 +174,31 @@ class Study:
         return tuple(trial.name for trial in self.trials if trial.role is Role.GAIT)
 
     @property
+    def _named_files(self) -> dict[str, Path]:
+        return _file_words(self.files, Path(self.source).parent)
+
+    @property
     def as_read(self) -> Snapshot:
         """The inputs as they were when they were read."""
-        folder = Path(self.source).parent
-        files = _file_words(self.files, folder)
-        return Snapshot(folder, {str(f.resolve()): self.inputs[name] for name, f in files.items()})
+        hashes = {str(f.resolve()): self.inputs[name] for name, f in self._named_files.items()}
+        return Snapshot(Path(self.source).parent, hashes)
 
     def with_input(self, path: Path, sha256: str) -> Study:
         """The same with one more file among its inputs, if it is not there already."""
         if path in self.files:
             return self
-        files = (*self.files, path)
-        names = [name for name, f in _file_words(files, Path(self.source).parent).items() if f == path]
-        return replace(self, files=files, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
+        more = replace(self, files=(*self.files, path))
+        names = [name for name, f in more._named_files.items() if f == path]
+        return replace(more, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
 
     def input_names(self, trial: StudyTrial) -> dict[str, str]:
         """The files of a trial (`file`, `forces`), as `inputs` names them."""
-        words = {f: name for name, f in _file_words(self.files, Path(self.source).parent).items()}
+        words = {f: name for name, f in self._named_files.items()}
         return {kind: words[f] for kind, f in trial.files.items() if f in words}
 
     def changed_inputs(self) -> tuple[str, ...]:
         """Inputs that are no longer what was read, as `inputs` names them."""
-        files = _file_words(self.files, Path(self.source).parent)
-        return tuple(name for name, f in files.items() if self.inputs.get(name) != sha256_of(f))
+        return tuple(name for name, f in self._named_files.items() if self.inputs.get(name) != sha256_of(f))
 
 
 def _worn(marker_set: MarkerSet, trials: tuple[StudyTrial, ...]) -> tuple[MarkerSet, tuple[StudyTrial, ...]]:
