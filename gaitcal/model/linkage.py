@@ -23,6 +23,8 @@ from enum import Enum
 from typing import TypeAlias
 
 SIDES = ("r", "l")
+SIDE_WORDS = {"r": "right", "l": "left"}
+OTHER_SIDE = {"r": "l", "l": "r"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,6 +240,11 @@ def coordinates_of(root: str, segments: tuple[str, ...]) -> tuple[str, ...]:
 
 COORDINATES: tuple[str, ...] = coordinates_of("pelvis", SEGMENTS)
 """The coordinates in the order of every (nf, nq) array; m for the three translations, rad otherwise."""
+
+PELVIS_ANGLES: tuple[str, ...] = COORDINATES[3:6]
+"""Tilt, list and rotation of the pelvis: about z, x and y, each moved by those before it."""
+LUMBAR: tuple[str, ...] = coordinates_before(["head_trunk"])
+"""Extension, bending and rotation of the lumbar joint, likewise."""
 
 COORDINATE_INDEX: dict[str, int] = {name: i for i, name in enumerate(COORDINATES)}
 

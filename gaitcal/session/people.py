@@ -18,8 +18,7 @@ from itertools import combinations
 
 from gaitcal.errors import other_side
 from gaitcal.io.recording import Recording
-from gaitcal.model.landmark_names import REQUIRED
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.marker_set import REQUIRED, MarkerSet
 from gaitcal.session.movement import Standing, standing
 from gaitcal.session.placing import (
     ALL_APART_M,

@@ -41,7 +41,7 @@ from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
-from gaitcal.model.outliers import without_strays
+from gaitcal.model.outliers import without_outliers
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.bandwidth import DenseMotion, Smoothed, with_bandwidth
@@ -272,7 +272,7 @@ class PreparedTrial:
 
 def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationSettings) -> PreparedTrial:
     """Turn a trial so that x is forward, find its bandwidth and set up its problems."""
-    on_body, _ = without_strays(trial.recording, dict(zip(model.markers.labels, model.markers.segments, strict=True)))
+    on_body, _ = without_outliers(trial.recording, dict(zip(model.markers.labels, model.markers.segments, strict=True)))
     recording = turn_to_progression(on_body, forward_direction(model, on_body))
     rule = node_rule(settings)
     body = trial_problem(trial.name, model, recording, rule, carrier=carrier_of(trial.joint), isolated=trial.joint)

@@ -17,12 +17,12 @@ from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.snapshot import Snapshot, sha256_of
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
-from gaitcal.model.outliers import without_strays
+from gaitcal.model.outliers import without_outliers
 from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors
@@ -36,8 +36,8 @@ from gaitcal.study.truth import Truth, other_landmarks, read_truth, truth_files
 def completed_static(study: Study) -> Rebuilding:
     """The first static trial, without markers metres away, and with what the study's other trials give back to it."""
     segment_of = study.marker_set.segment_of
-    static, _ = without_strays(study.static.recording, segment_of)
-    others = [(t.name, without_strays(t.recording, segment_of)[0]) for t in (*study.further_statics, *study.moving)]
+    static, _ = without_outliers(study.static.recording, segment_of)
+    others = [(t.name, without_outliers(t.recording, segment_of)[0]) for t in (*study.further_statics, *study.moving)]
     return rebuild_lost(static, study.marker_set.with_weights(study.weights), others, study.static.name)
 
 

@@ -25,9 +25,9 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.segment_frames import unit
+from gaitcal.model.segment_frames import off_line, unit
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.model.trunk import IN_A_PLANE, spread_off_line
+from gaitcal.model.trunk import IN_A_PLANE
 from gaitcal.study.study_file import Trial
 
 OTHER_UNIT = 100.0
@@ -238,7 +238,7 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
     known = np.flatnonzero(seen_mask(measured).all(axis=1))
-    if len(pelvis) < IN_A_PLANE or spread_off_line(local) < SINGULAR or not len(known):
+    if len(pelvis) < IN_A_PLANE or off_line(local) < SINGULAR or not len(known):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
     centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
     turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))
