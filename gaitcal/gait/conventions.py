@@ -91,8 +91,7 @@ class Convention:
 
     def angle(self, name: str, values: Array, side: str) -> Array:
         """Angles of a stride of one side (`r`, `l`) with the sign of this convention; their unit stays."""
-        sign, _ = self._of_pelvis(name, side)
-        return sign * values
+        return self._of_pelvis(name, side)[0] * values
 
     def positive_moment(self, name: str) -> str:
         """What a positive moment means: `internal, abduction`."""

@@ -236,8 +236,7 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
 EQUAL = 0.15
 """Share by which the distances between the three markers may differ from their mean: real devices are within 0.01, a
 triangle of other markers is not equilateral."""
-SIZE_M = (0.05, 0.25)
-"""m, allowed distance between the three; the usual device has 0.134."""
+SIZE_M = (0.05, 0.25)  # m, allowed distance between the three; the usual device has 0.134
 
 
 def corner(

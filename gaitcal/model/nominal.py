@@ -72,8 +72,7 @@ CENTRE_OF: dict[str, str] = {
     for joint in JOINTS
     for kind, side in (split_side(joint.name),)
     if (centre := JOINT_TABLE[kind].centre)
-}
-"""Joint -> landmark that is its centre."""
+}  # Joint -> landmark that is its centre
 _OF_POINT = SEGMENT_OF | {CENTRE_OF[joint.name]: joint.parent for joint in JOINTS if joint.name in CENTRE_OF}
 """Landmark or joint centre -> the segment that keeps it."""
 
@@ -123,7 +122,10 @@ def nominal_model(
     joint, zero = nominal_joint_parameters(frames, centres, body.arms, standing.dorsiflexion)
     inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres))
     parameters = Parameters(joint, inertial, zero)
-    frozen = (*body.frozen_segments, *_bare(marker_set, posture))
+    # segments of the legs that may do without markers and of which none was seen
+    optional = [s for leg in LEGS.values() for s in leg if segment_kind(s).markers and s not in LEG_SEGMENTS]
+    bare = [s for s in optional if not set(marker_set.tracking.get(s, ())) & set(posture.markers)]
+    frozen = (*body.frozen_segments, *bare)
     carried = [label for label in _carried(marker_set, body.raised) if label not in (weights or {})]
     raised = {label: marker_set.weight(label) * RAISED for label in carried}
     markers, notes = _placement(posture, marker_set.with_weights(raised), frames, frozen)
@@ -137,7 +139,11 @@ def nominal_model(
         markers=markers,
         frozen=coordinates_before(frozen),
         posture=_posture(frames, standing.dorsiflexion),
-        landmarks=_landmarks({**posture.landmarks, **centres}, frames, frozen),
+        landmarks={
+            name: (_OF_POINT[name], frames[_OF_POINT[name]].local(point))
+            for name, point in sorted({**posture.landmarks, **centres}.items())
+            if name in _OF_POINT and _OF_POINT[name] not in frozen
+        },
         notes=(
             *(f"static trial: {note}" for note in static.notes),
             f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s{scatter}",
@@ -150,12 +156,6 @@ def nominal_model(
             f"inertia: {table_words(subject)}",
         ),
     )
-
-
-def _bare(marker_set: MarkerSet, posture: StaticPosture) -> tuple[str, ...]:
-    """Segments of the legs that may do without markers and of which none was seen."""
-    optional = [s for leg in LEGS.values() for s in leg if segment_kind(s).markers and s not in LEG_SEGMENTS]
-    return tuple(s for s in optional if not set(marker_set.tracking.get(s, ())) & set(posture.markers))
 
 
 def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float]) -> dict[str, float]:
@@ -199,12 +199,8 @@ def _placement(
 ) -> tuple[MarkerPlacement, tuple[str, ...]]:
     """Local positions of all markers that were seen, in segments that move."""
     weight = marker_set.weight
-    labels: list[str] = []
-    segments: list[str] = []
-    dropped: list[str] = []
-    for segment in SEGMENTS:
-        if segment in frozen:
-            continue
+    labels, segments, dropped = list[str](), list[str](), list[str]()
+    for segment in (s for s in SEGMENTS if s not in frozen):
         tracking = marker_set.tracking.get(segment, ())
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
@@ -228,18 +224,6 @@ def _placement(
     return MarkerPlacement(tuple(labels), tuple(segments), local, np.array([weight(m) for m in labels])), notes
 
 
-def _landmarks(
-    points: Mapping[str, Array], frames: Mapping[str, Frame], frozen: tuple[str, ...]
-) -> dict[str, tuple[str, Array]]:
-    """Points of the laboratory (3,) m that the model keeps, each in its segment, but for segments that are frozen."""
-    out = {}
-    for name, point in points.items():
-        segment = _OF_POINT.get(name)
-        if segment is not None and segment not in frozen:
-            out[name] = (segment, frames[segment].local(point))
-    return dict(sorted(out.items()))
-
-
 def nominal_joint_parameters(
     frames: dict[str, Frame], centres: dict[str, Array], arms: ArmJoints, dorsiflexion: Mapping[str, float]
 ) -> tuple[Array, Array]:
@@ -252,51 +236,41 @@ def nominal_joint_parameters(
     arms : turn of the shoulders, axes of the elbows.
     dorsiflexion : side -> rad, ankle angle of the static posture.
     """
-    joint, zero = np.zeros(len(JP_INDEX)), np.zeros(len(ZERO_ANGLES))
-    for i, p in enumerate(JOINT_PARAMETERS):
-        if p.kind is Kind.POSITION and p.joint in CENTRE_OF:
-            joint[i] = frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis]
-
-    def hinge(prefix: str, segment: str, axis: Array) -> None:
-        a = frames[segment].rotation.T @ axis
-        joint[JP_INDEX[f"{prefix}.front"]] = np.arctan2(-a[1], a[2])
-        joint[JP_INDEX[f"{prefix}.trans"]] = np.arcsin(np.clip(a[0], -1.0, 1.0))
-
-    for side in SIDES:
-        hinge(f"knee_{side}.shank", f"shank_{side}", frames[f"thigh_{side}"].rotation[:, 2])
-        joint[JP_INDEX[f"shoulder_{side}.upperarm.trans"]] = arms.shoulder_turn[side]
-        hinge(f"elbow_{side}.forearm", f"forearm_hand_{side}", arms.elbow_axis[side])
-        shank, foot = frames[f"shank_{side}"], frames[f"foot_{side}"]
-        _ankle(joint, zero, side, shank, foot, centres[f"ajc_{side}"], dorsiflexion[side])
-    joint[np.abs(joint) < _ROUNDING] = 0.0
-    return joint, zero
-
-
-def _ankle(joint: Array, zero: Array, side: str, shank: Frame, foot: Frame, centre: Array, dorsiflexion: float) -> None:
-    """Fill in both joints of one ankle, whose talocrural `centre` is (3,) m in the laboratory."""
-    s = sign(side)
-    a = axis_rotation(0, s * TALOCRURAL_FRONT)
-    b = axis_rotation(1, s * SUBTALAR_TRANS) @ axis_rotation(2, SUBTALAR_SAG)
-    static = shank.rotation.T @ foot.rotation
-    m = a.T @ static @ b
-    talus_trans = -float(np.arcsin(np.clip(m[2, 0], -1.0, 1.0)))
-    alpha, beta = np.arctan2(m[1, 0], m[0, 0]), np.arctan2(m[2, 1], m[2, 2])
-    talus = shank.rotation @ a @ axis_rotation(2, float(alpha))
-    subtalar = foot.local(centre - SUBTALAR_BELOW * talus[:, 1])
     values = {
-        f"talocrural_{side}.shank.front": s * TALOCRURAL_FRONT,
-        f"subtalar_{side}.talus.trans": talus_trans,
-        f"subtalar_{side}.talus.sup": -SUBTALAR_BELOW,
-        f"subtalar_{side}.foot.trans": s * SUBTALAR_TRANS,
-        f"subtalar_{side}.foot.sag": SUBTALAR_SAG,
-        f"subtalar_{side}.foot.ant": subtalar[0],
-        f"subtalar_{side}.foot.sup": subtalar[1],
-        f"subtalar_{side}.foot.lat": subtalar[2],
+        p.name: float(frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis])
+        for p in JOINT_PARAMETERS
+        if p.kind is Kind.POSITION and p.joint in CENTRE_OF
     }
-    for name, value in values.items():
-        joint[JP_INDEX[name]] = value
-    zero[ZERO_ANGLES.index(f"talocrural_{side}.zero")] = alpha - dorsiflexion
-    zero[ZERO_ANGLES.index(f"subtalar_{side}.zero")] = beta
+    zero: dict[str, float] = {}
+    for side in SIDES:
+        values[f"shoulder_{side}.upperarm.trans"] = arms.shoulder_turn[side]
+        knee_axis = frames[f"thigh_{side}"].rotation[:, 2]
+        for hinge, segment, axis in (
+            (f"knee_{side}.shank", f"shank_{side}", knee_axis),
+            (f"elbow_{side}.forearm", f"forearm_hand_{side}", arms.elbow_axis[side]),
+        ):
+            a = frames[segment].rotation.T @ axis
+            values[f"{hinge}.front"] = np.arctan2(-a[1], a[2])
+            values[f"{hinge}.trans"] = np.arcsin(np.clip(a[0], -1.0, 1.0))
+        s, shank, foot = sign(side), frames[f"shank_{side}"], frames[f"foot_{side}"]
+        first = axis_rotation(0, s * TALOCRURAL_FRONT)
+        second = axis_rotation(1, s * SUBTALAR_TRANS) @ axis_rotation(2, SUBTALAR_SAG)
+        m = first.T @ (shank.rotation.T @ foot.rotation) @ second
+        alpha, beta = np.arctan2(m[1, 0], m[0, 0]), np.arctan2(m[2, 1], m[2, 2])
+        talus = shank.rotation @ first @ axis_rotation(2, float(alpha))
+        subtalar = foot.local(centres[f"ajc_{side}"] - SUBTALAR_BELOW * talus[:, 1])
+        values |= {
+            f"talocrural_{side}.shank.front": s * TALOCRURAL_FRONT,
+            f"subtalar_{side}.talus.trans": -float(np.arcsin(np.clip(m[2, 0], -1.0, 1.0))),
+            f"subtalar_{side}.talus.sup": -SUBTALAR_BELOW,
+            f"subtalar_{side}.foot.trans": s * SUBTALAR_TRANS,
+            f"subtalar_{side}.foot.sag": SUBTALAR_SAG,
+            **{f"subtalar_{side}.foot.{d}": x for d, x in zip(("ant", "sup", "lat"), subtalar, strict=True)},
+        }
+        zero |= {f"talocrural_{side}.zero": alpha - dorsiflexion[side], f"subtalar_{side}.zero": beta}
+    joint = np.array([values.get(name, 0.0) for name in JP_INDEX])
+    joint[np.abs(joint) < _ROUNDING] = 0.0
+    return joint, np.array([zero[name] for name in ZERO_ANGLES])
 
 
 PUBLISHED = Subject("published nominal subject", 69.4, 1.70, "male")
@@ -322,18 +296,18 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
                 placed[f"L.{label}"] = (f"{segment}_l", local * [1.0, 1.0, -1.0])
     marker_set = load_marker_set("published")
     taken_off = {label for group in marker_set.static_only.values() for label in group}
-    kept = {label: place for label, place in placed.items() if static_only or label not in taken_off}
-    ordered = sorted(kept, key=lambda label: SEGMENTS.index(kept[label][0]))
+    kept = [label for label in placed if static_only or label not in taken_off]
+    labels = tuple(sorted(kept, key=lambda label: SEGMENTS.index(placed[label][0])))
     markers = MarkerPlacement(
-        tuple(ordered),
-        tuple(kept[label][0] for label in ordered),
-        np.array([kept[label][1] for label in ordered]),
-        np.array([marker_set.weight(label) for label in ordered]),
+        labels,
+        tuple(placed[label][0] for label in labels),
+        np.array([placed[label][1] for label in labels]),
+        np.array([marker_set.weight(label) for label in labels]),
     )
     parameters = published_subject()
     landmarks = {
-        name: (placed[labels[0]][0], np.mean([placed[label][1] for label in labels], axis=0))
-        for name, labels in marker_set.landmarks.items()
+        name: (placed[group[0]][0], np.mean([placed[label][1] for label in group], axis=0))
+        for name, group in marker_set.landmarks.items()
     }
     for joint in JOINTS:
         if joint.name in CENTRE_OF:

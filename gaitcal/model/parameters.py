@@ -48,8 +48,7 @@ IP_NAMES: tuple[str, ...] = tuple(f"{s}.{q}" for s in MASSIVE_SEGMENTS for q in 
 
 IP_INDEX: dict[str, int] = {name: i for i, name in enumerate(IP_NAMES)}
 IP_UNITS: tuple[str, ...] = UNITS * len(MASSIVE_SEGMENTS)
-IP_TO_SI: Array = np.array(_TO_SI * len(MASSIVE_SEGMENTS))
-"""(ni,) factors from kg, mm, kg mm^2 to SI."""
+IP_TO_SI: Array = np.array(_TO_SI * len(MASSIVE_SEGMENTS))  # (ni,) factors from kg, mm, kg mm^2 to SI
 
 
 @dataclass(frozen=True)
@@ -144,28 +143,22 @@ _SYMMETRIC = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
 
 
 def _to_pseudo(p: Array) -> Array:
-    """(4, 4) pseudo-inertia of dynamic parameters (10,): sum x x^T = tr(I) / 2 - I."""
+    """(16,) pseudo-inertia of dynamic parameters (10,): sum x x^T = tr(I) / 2 - I."""
     inertia = p[_SYMMETRIC]
-    out = np.zeros((4, 4))
-    out[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    out[:3, 3] = out[3, :3] = p[1:4]
-    out[3, 3] = p[0]
-    return out
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return np.block([[second, p[1:4, None]], [p[1:4], p[0]]]).ravel()
 
 
 def _from_pseudo(j: Array) -> Array:
-    """(10,) dynamic parameters of a pseudo-inertia (4, 4): I = tr(S) - S, S the sum of x x^T."""
-    second = j[:3, :3]
-    inertia = np.trace(second) * np.eye(3) - second
-    out = np.empty(10)
-    out[0], out[1:4] = j[3, 3], j[:3, 3]
-    out[_SYMMETRIC] = inertia
+    """(10,) dynamic parameters of a pseudo-inertia (16,): I = tr(S) - S, S the sum of x x^T."""
+    second, out = j.reshape(4, 4)[:3, :3], np.empty(10)
+    out[0], out[1:4] = j[15], j[3:12:4]
+    out[_SYMMETRIC] = np.trace(second) * np.eye(3) - second
     return out
 
 
-_TO_PSEUDO = np.stack([_to_pseudo(unit).ravel() for unit in np.eye(10)], axis=1)
-_FROM_PSEUDO = np.stack([_from_pseudo(unit.reshape(4, 4)) for unit in np.eye(16)], axis=1)
-"""The same as matrices, of the 16 entries of a pseudo-inertia."""
+_TO_PSEUDO = np.stack([_to_pseudo(unit) for unit in np.eye(10)], axis=1)
+_FROM_PSEUDO = np.stack([_from_pseudo(unit) for unit in np.eye(16)], axis=1)
 
 
 def is_physical(inertial: Array) -> BoolArray:
@@ -230,8 +223,7 @@ JOINT_PARAMETERS: tuple[JointParameter, ...] = tuple(_catalogue())
 
 JP_NAMES: tuple[str, ...] = tuple(p.name for p in JOINT_PARAMETERS)
 JP_INDEX: dict[str, int] = {name: i for i, name in enumerate(JP_NAMES)}
-JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])
-"""(np,) factors from mm and deg to m and rad."""
+JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])  # (np,) factors from mm and deg to m and rad
 
 
 def isolated_parameters(isolated: str) -> tuple[str, ...]:

@@ -22,10 +22,8 @@ from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet
 
-ROD_M = (0.05, 0.15)
-"""m, allowed length of a rod of a knee alignment device; the usual one has 0.095."""
-JOINT_WIDTH_M = (0.03, 0.2)
-"""m, allowed distance between the lateral and the medial marker of a knee or an ankle."""
+ROD_M = (0.05, 0.15)  # m, allowed length of a rod of a knee alignment device; the usual one has 0.095
+JOINT_WIDTH_M = (0.03, 0.2)  # m, allowed distance between the lateral and the medial marker of a knee or an ankle
 
 
 def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:

@@ -19,8 +19,7 @@ from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
 from gaitcal.runtime import with_one_blas_thread
 
-GRAVITY = 9.81
-"""m/s^2, downwards along -y."""
+GRAVITY = 9.81  # m/s^2, downwards along -y
 
 _REVOLUTE = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 _PRISMATIC = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
@@ -141,12 +140,9 @@ class MarkerPlacement:
     """Tracking markers, fixed in their segments."""
 
     labels: tuple[str, ...]
-    segments: tuple[str, ...]
-    """Name of the segment of each marker."""
-    local: Array
-    """(nm, 3) m, in the segment frame."""
-    weight: Array
-    """(nm,) >= 0; a marker with weight 0 is reported but does not pull."""
+    segments: tuple[str, ...]  # Name of the segment of each marker
+    local: Array  # (nm, 3) m, in the segment frame
+    weight: Array  # (nm,) >= 0; a marker with weight 0 is reported but does not pull
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -191,14 +191,10 @@ class Smoothed:
     """A dense motion smoothed with some cut-off, the coordinates taken to be uncoupled."""
 
     cutoff_hz: float
-    nodes: Array
-    """(nn, nq) m, rad, of the dense basis."""
-    lost: float
-    """m^2."""
-    noise: float
-    """m^2."""
-    rms: float
-    """m, of the markers' distances, weighted."""
+    nodes: Array  # (nn, nq) m, rad, of the dense basis
+    lost: float  # m^2
+    noise: float  # m^2
+    rms: float  # m, of the markers' distances, weighted
 
 
 def busiest(problem: TrialProblem, activity: Array | None = None) -> IntArray:

@@ -194,8 +194,7 @@ class NodeRule:
     """How many spline nodes a trial gets."""
 
     per_second: float = NODES_PER_SECOND
-    fixed: int | None = None
-    """A fixed number of nodes a coordinate (20 in the published protocol), whatever the length."""
+    fixed: int | None = None  # A fixed number of nodes a coordinate (20 in the published protocol), whatever the length
 
     def nodes(self, time: Array) -> int:
         """Number of nodes for frames at `time` (s)."""
