@@ -13,9 +13,7 @@ from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement
 from gaitcal.findings import Finding
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.io.atomic import require_room
-from gaitcal.io.lock import ResultKind
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.session.draft import STUDY, Draft, draft_text, settings_text, study_of
 from gaitcal.session.draft_lines import draft_notes
 from gaitcal.session.drafting import rejected_forces, without_faulty_trials

@@ -19,8 +19,7 @@ from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.study import check_further
 from gaitcal.faults.verdict import judge
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.atomic import require_room
-from gaitcal.io.lock import ResultKind
+from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.results.page_files import PAGE
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials

@@ -17,8 +17,8 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
-from gaitcal.io.atomic import InterruptedWork, Stopped, amended
-from gaitcal.io.lock import put_back
+from gaitcal.io.atomic import InterruptedWork, Stopped
+from gaitcal.io.result_folder import amended, put_back
 from gaitcal.page.sections.monte_carlo import with_monte_carlo
 from gaitcal.page.sheet.sheet import SHEET
 from gaitcal.published.case import MODEL, case_from, read_case

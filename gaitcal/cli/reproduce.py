@@ -11,8 +11,7 @@ from rich.text import Text
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.atomic import atomic_directory, require_room
-from gaitcal.io.lock import ResultKind
+from gaitcal.io.result_folder import ResultKind, atomic_directory, require_room
 from gaitcal.published.claims import Claim, Kind, Verdict
 from gaitcal.published.reproduce import Reproduction, ReproductionSettings, reproduce, write_tables
 from gaitcal.published.sensitivities import SensitivityDraws

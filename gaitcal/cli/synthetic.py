@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gaitcal.cli.console import Console, print_calibration, tell_kept
-from gaitcal.io.atomic import require_room
-from gaitcal.io.lock import ResultKind
+from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import PAGE
 from gaitcal.session.calibrate import calibrate

@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.cli.console import Console
-from gaitcal.io.atomic import atomic_text, file_in_place
+from gaitcal.io.atomic import atomic_text
+from gaitcal.io.result_folder import file_in_place
 from gaitcal.page.bones.bone_files import bones_of_folder
 from gaitcal.page.server import serve
 from gaitcal.page.view import Shown, page_html, sentences

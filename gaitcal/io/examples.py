@@ -32,11 +32,9 @@ from pydantic import Field, field_validator
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError, nearest
-from gaitcal.io.atomic import InterruptedWork, Stopped, also_at, atomic_directory
-from gaitcal.io.lock import MANIFEST, ResultKind, read_object
-from gaitcal.io.snapshot import sha256_of
-from gaitcal.io.toml import models_path, package_version
-from gaitcal.io.validation import Table, read_validated
+from gaitcal.io.atomic import InterruptedWork, Stopped
+from gaitcal.io.result_folder import MANIFEST, ResultKind, also_at, atomic_directory, read_object, sha256_of
+from gaitcal.io.toml import Table, models_path, package_version, read_validated
 
 REGISTRY = "examples.toml"
 

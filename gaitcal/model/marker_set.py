@@ -31,8 +31,7 @@ from pydantic import BeforeValidator, Field
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.recording import Recording
-from gaitcal.io.toml import models_path, toml_table, toml_value
-from gaitcal.io.validation import Table, read_validated, require_known, shown
+from gaitcal.io.toml import Table, models_path, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.landmark_names import LANDMARKS, REQUIRED, instead_of, missing_landmarks
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_coverage import Coverage, coverage_of

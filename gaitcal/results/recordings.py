@@ -27,7 +27,8 @@ from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.io.snapshot import Snapshot, read_whole, sha256_of
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.results.cycles_export import find_original, trial_files
 from gaitcal.results.saved import MODEL, SPLINES, SavedTrial, load_trial, moving_trials

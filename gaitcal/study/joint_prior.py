@@ -27,9 +27,8 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.io.snapshot import sha256_of
-from gaitcal.io.toml import package_version
-from gaitcal.io.validation import Table, shown, validated
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.toml import Table, package_version, shown, validated
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.people_design import Person, design
 from gaitcal.study.settings import CalibrationSettings

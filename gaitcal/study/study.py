@@ -15,7 +15,8 @@ from gaitcal.errors import InputError, nearest
 from gaitcal.io.external_loads import loads_tables
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
-from gaitcal.io.snapshot import Snapshot, sha256_of
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.snapshot import Snapshot
 from gaitcal.model.ankle_zero import AnkleZero
 from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set

@@ -8,8 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from gaitcal.io.toml import require_file
-from gaitcal.io.validation import Table
+from gaitcal.io.toml import Table, require_file
 
 
 class TruthTable(Table):

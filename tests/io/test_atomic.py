@@ -18,10 +18,20 @@ from typer.testing import CliRunner
 
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.io import lock
-from gaitcal.io.atomic import amended, atomic_directory, atomic_file, atomic_text, file_in_place, require_room
-from gaitcal.io.lock import KEPT, MANIFEST, OLD, ResultKind
-from gaitcal.io.snapshot import listed, sha256_of
+from gaitcal.io import result_folder
+from gaitcal.io.atomic import atomic_file, atomic_text
+from gaitcal.io.result_folder import (
+    KEPT,
+    MANIFEST,
+    OLD,
+    ResultKind,
+    amended,
+    atomic_directory,
+    file_in_place,
+    listed,
+    require_room,
+    sha256_of,
+)
 from gaitcal.results.cycles import read_cycles
 
 
@@ -113,7 +123,7 @@ def test_a_result_that_is_being_replaced_while_it_is_read_is_the_new_one(
     """The writer is between its two renames when the reader looks, and has ended when the reader has the lock."""
     target = tmp_path / "out"
     write_result(target, "new")
-    held = lock.locked
+    held = result_folder.locked
 
     @contextmanager
     def late(folder: Path) -> Iterator[None]:
@@ -124,8 +134,8 @@ def test_a_result_that_is_being_replaced_while_it_is_read_is_the_new_one(
     target.rename(tmp_path / "new")
     write_result(target, "one")
     target.rename(tmp_path / f"{OLD}out")
-    monkeypatch.setattr(lock, "locked", late)
-    lock.put_back(target)
+    monkeypatch.setattr(result_folder, "locked", late)
+    result_folder.put_back(target)
     assert (result(target), names(tmp_path), caplog.text) == ("new", ["out"], "")
 
 

@@ -33,7 +33,7 @@ from gaitcal.io.examples import (
     fetch_example,
     is_complete,
 )
-from gaitcal.io.validation import validated
+from gaitcal.io.toml import validated
 from gaitcal.session.folder import read_folder
 from gaitcal.study.study_file import StudyFile
 from tests.io.file_server import Served, serving

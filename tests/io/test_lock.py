@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io import lock
-from gaitcal.io.lock import MANIFEST, locked
+from gaitcal.io import result_folder
+from gaitcal.io.result_folder import MANIFEST, locked
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from gaitcal.io.lock import locked
+from gaitcal.io.result_folder import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(float(sys.argv[2]))
@@ -26,7 +26,7 @@ with locked(Path(sys.argv[1])):
 COUNT = """
 import sys, time
 from pathlib import Path
-from gaitcal.io.lock import locked
+from gaitcal.io.result_folder import locked
 path = Path(sys.argv[1])
 for _ in range(40):
     with locked(path.parent):
@@ -63,7 +63,7 @@ def test_no_change_of_several_processes_is_lost(tmp_path: Path) -> None:
 def test_it_is_told_while_waiting_and_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(lock, "TELL_S", 0.1)
+    monkeypatch.setattr(result_folder, "NOTICE_S", 0.1)
     process = holder(tmp_path / "out", 60)
     try:
         told = "out: is being written by another process"
