@@ -23,7 +23,7 @@ from gaitcal.cohort.people import CohortPerson, is_folder
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.csv import plates_file
-from gaitcal.io.external_loads import tables_there
+from gaitcal.io.opensim_files import tables_there
 from gaitcal.io.result_folder import read_object, sha256_of
 from gaitcal.io.toml import MAX_BYTES, package_version, read_validated
 from gaitcal.model.linkage import SIDES

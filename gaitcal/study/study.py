@@ -12,8 +12,8 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.io.external_loads import loads_tables
 from gaitcal.io.labels import Facts
+from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.snapshot import Snapshot

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from gaitcal.export.osim import safe_name
-from gaitcal.io.trc_mot import read_table
+from gaitcal.io.opensim_files import read_table
 from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATES, is_translation
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel

@@ -10,8 +10,8 @@ import pytest
 
 from gaitcal.export.motion_files import write_external_loads, write_mot
 from gaitcal.export.osim import write_osim
+from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.io.trc_mot import write_trc
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.mechanics import IK_TOLERANCE, PRINTED, State, our_forces, our_markers, perturbed

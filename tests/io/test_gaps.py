@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.io.recording import marker_gaps
+from gaitcal.io.intervals import marker_gaps
 from tests.io.recordings import body
 
 

@@ -12,8 +12,8 @@ from gaitcal.errors import InputError
 from gaitcal.io.axes import UP_TO_Y, Turn, turn_recording
 from gaitcal.io.csv import write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.formats import read_forces, read_recording
+from gaitcal.io.opensim_files import read_table, write_forces_mot, write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.io.trc_mot import read_table, write_forces_mot, write_trc
 from tests.io.recordings import loaded_body
 
 SCHEMES = {

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from gaitcal.errors import InputError
 from gaitcal.io.axes import Turn
 from gaitcal.io.formats import read_recording
-from gaitcal.io.trc_mot import parse_trc, write_trc
+from gaitcal.io.opensim_files import parse_trc, write_trc
 from tests.io.recordings import body
 
 HEADER = (

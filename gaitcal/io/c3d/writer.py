@@ -16,6 +16,7 @@ from gaitcal.io.atomic import atomic_file
 from gaitcal.io.axes import Turn
 from gaitcal.io.force_plate import plate_frame
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels
+from gaitcal.io.text_file import naming_file
 
 Y_TO_Z_UP = Turn((0, 2, 1), (1, -1, 1))
 """Our axes to the laboratory's: the inverse of UP_TO_Y[2, 1]."""
@@ -30,6 +31,7 @@ LOOSE = 1e-3
 """Departure, in samples, up to which times count as uniform."""
 
 
+@naming_file
 def write_c3d(path: Path, recording: Recording) -> None:
     """Markers and plates as a C3D file that `read_recording` returns again.
 
@@ -38,7 +40,7 @@ def write_c3d(path: Path, recording: Recording) -> None:
     """
     import ezc3d
 
-    require_plain_labels(recording, path)
+    require_plain_labels(recording)
     if len(recording.labels) > MOST_LABELS:
         raise InputError(
             f"{len(recording.labels)} markers found; at most {MOST_LABELS} are allowed",
