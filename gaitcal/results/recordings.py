@@ -22,8 +22,7 @@ from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.event_clock import SAME_EVENT
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d.reader import PER_METRE
-from gaitcal.io.c3d.supplement import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d
-from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.c3d.writer import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d, write_c3d
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask

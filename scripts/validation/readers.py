@@ -27,8 +27,7 @@ import numpy as np
 from gaitcal.errors import GaitcalError, InputError
 from gaitcal.export.motion_files import write_external_loads
 from gaitcal.faults.study import check_file
-from gaitcal.io.c3d.supplement import AddedPoint, PointKind, c3d_original, supplement_c3d
-from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d, write_c3d
 from gaitcal.io.csv import with_corners, write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.force_plate import plate_from_moment
 from gaitcal.io.formats import read_forces, read_recording
