@@ -50,19 +50,13 @@ def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:
     known = np.asarray(np.isfinite(out).all(axis=1))
     # Enough padding for the transient to die out, so that the ends do not ring; reflected about the end value.
     padding = round(3.0 * rate / cutoff_hz)
-    for known_run in runs(known):
-        pad = min(padding, known_run.stop - known_run.start - 1)
+    for stretch in runs(known):
+        x, pad = out[stretch], min(padding, stretch.stop - stretch.start - 1)
         if pad > 0:
-            out[known_run] = _both_ways(out[known_run], warped, pad)
+            padded = np.concatenate([2.0 * x[0] - x[pad:0:-1], x, 2.0 * x[-1] - x[-2 : -pad - 2 : -1]])
+            back = _pass(_pass(padded, warped)[::-1], warped)[::-1]
+            out[stretch] = back[pad : pad + len(x)]
     return out
-
-
-def _both_ways(values: Array, warped: float, pad: int) -> Array:
-    """(n, k) values (n, k) passed forwards and backwards, with `pad` more samples at each end."""
-    before, after = 2.0 * values[0] - values[pad:0:-1], 2.0 * values[-1] - values[-2 : -pad - 2 : -1]
-    there = _pass(np.concatenate([before, values, after]), warped)
-    back = _pass(there[::-1], warped)[::-1]
-    return back[pad : pad + len(values)]
 
 
 def _pass(values: Array, warped: float) -> Array:
@@ -92,9 +86,12 @@ def filter_plate(plate: ForcePlate, cutoff_hz: float) -> ForcePlate:
     """
     if len(plate.time) < 2:
         return plate
-    rate = float(1.0 / np.median(np.diff(plate.time)))
-    wrench = low_pass(plate.wrench(), rate, cutoff_hz)
-    centre = _surface(plate)
+    wrench = low_pass(plate.wrench(), float(1.0 / np.median(np.diff(plate.time))), cutoff_hz)
+    # A point of the surface, not from the corners: a plate read from a table has none, and is to give the same numbers.
+    loaded = plate.force[:, 1] > LOADED_N
+    points = plate.point[loaded if loaded.any() else slice(None)]
+    points = points[np.isfinite(points).all(axis=1)]
+    centre = np.asarray(np.median(points, axis=0)) if len(points) else np.zeros(3)
     force = np.ascontiguousarray(wrench[:, :3])
     moment = wrench[:, 3:] - np.cross(centre, force)
     return plate_from_moment(plate.name, plate.time, force, moment, centre, UP, plate.corners)
@@ -112,14 +109,3 @@ def resample_wrench(plate: ForcePlate, time: Array) -> Array:
     for column in range(6):
         out[inside, column] = np.interp(time[inside], plate.time, wrench[:, column])
     return out
-
-
-def _surface(plate: ForcePlate) -> Array:
-    """(3,) m, a point of the plate's surface: the middle of its points under load.
-
-    Not from its corners: a plate read from a table has none, and is to give the same numbers.
-    """
-    loaded = plate.force[:, 1] > LOADED_N
-    points = plate.point[loaded if loaded.any() else slice(None)]
-    points = points[np.isfinite(points).all(axis=1)]
-    return np.asarray(np.median(points, axis=0)) if len(points) else np.zeros(3)

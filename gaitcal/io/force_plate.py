@@ -95,36 +95,6 @@ def plate_frame(corners: Array) -> PlateFrame:
     return PlateFrame(np.column_stack([x, cross(z, x), z]), corners.mean(axis=0), corners)
 
 
-def sensor_origin(origin: Array) -> Array:
-    """ORIGIN as the guide means it: from the sensor origin up to the surface, so z is not positive."""
-    return -origin if origin[2] > 0 else origin
-
-
-def about_surface(force: Array, moment: Array, origin: Array) -> Array:
-    """(ns, 3) moment about the middle of the surface, from that about the sensor origin."""
-    return moment - cross(origin, force)
-
-
-def wrench_type_1(channels: Array) -> tuple[Array, Array]:
-    """Force and moment about the middle of the surface from Fx Fy Fz Px Py Tz; (6, ns) N, m, N·m."""
-    force = channels[:3].T.copy()
-    loaded = np.abs(force[:, 2]) > LOADED_N  # the centre of an unloaded plate is noise divided by noise
-    point = np.zeros_like(force)
-    point[loaded, :2] = channels[3:5].T[loaded]
-    moment = cross(point, force)
-    moment[:, 2] += channels[5]
-    return force, moment
-
-
-def wrench_type_3(channels: Array, origin: Array) -> tuple[Array, Array]:
-    """Force and moment about the middle of the surface from a Kistler plate's eight channels; (8, ns) N."""
-    x12, x34, y14, y23, z1, z2, z3, z4 = channels
-    a, b = np.abs(origin[:2])
-    force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
-    moment = np.column_stack([b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), b * (x34 - x12) + a * (y14 - y23)])
-    return force, about_surface(force, moment, np.array([0.0, 0.0, -abs(origin[2])]))
-
-
 def empty_samples(vertical: Array, rate: float) -> BoolArray:
     """(ns,) bool: where nothing stands on the plate, by a steady small reading of `vertical` (ns,) N."""
     quiet = np.abs(vertical) < UNLOADED_N
