@@ -157,9 +157,9 @@ def body_vertical(markers: Array) -> Vertical | None:
 
 def turn_plate(plate: ForcePlate, turn: Turn) -> ForcePlate:
     """A plate in new axes: force, point, moment and corners together."""
+    force, point, moment = (turn.apply(vectors) for vectors in (plate.force, plate.point, plate.moment))
     corners = None if plate.corners is None else turn.apply(plate.corners)
-    turned = {name: turn.apply(getattr(plate, name)) for name in ("force", "point", "moment")}
-    return replace(plate, **turned, corners=corners)
+    return replace(plate, force=force, point=point, moment=moment, corners=corners)
 
 
 def turn_recording(recording: Recording, turn: Turn) -> Recording:
