@@ -14,7 +14,7 @@ from gaitcal.page.view import Shown, page_html, sentences
 from gaitcal.results.page_files import result_page
 
 
-def run(results: tuple[Path, ...], html: Path | None, console: Console, geometry: Path | None = None) -> None:
+def view_results(results: tuple[Path, ...], html: Path | None, console: Console, geometry: Path | None = None) -> None:
     """Show a result in the browser, or two side by side, or write the page.
 
     `geometry`: bones of this folder, else the installed ones.

@@ -51,7 +51,7 @@ from gaitcal.results.cycles import CYCLES, DIGITS
 from gaitcal.results.saved import saved_events
 from gaitcal.results.summary import VECTOR_FOLDER, read_vectors
 from gaitcal.results.table_file import VERDICT, Json, read_csv, write_csv
-from gaitcal.results.verdict import SUMMARY
+from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 from gaitcal.session.tables import told_components, vector_column
 
 MOMENT, POWER, FORCE = "_moment", "_power", "ground_reaction_vertical"
@@ -107,18 +107,17 @@ def write_cycles_export(
 
 def made_with_another_model(folder: Path, digest: str | None) -> tuple[str, ...]:
     """Further trials in `folder` that were made with another model than that of this SHA-256."""
-    made = read_object(folder / MANIFEST).get("model_sha256")
-    return tuple(str(trial) for trial, of in made.items() if of != digest) if isinstance(made, dict) else ()
+    made = table_of(read_object(folder / MANIFEST), "model_sha256")
+    return tuple(trial for trial, of in made.items() if of != digest)
 
 
 def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
     table, comments = read_csv(folder / CYCLES)
-    trials = read_object(folder / SUMMARY).get("trials")
+    trials = table_of(read_object(folder / SUMMARY), "trials")
     strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
     vectors = {}
     for name in dict.fromkeys(table["trial"]):
-        about = trials.get(name) if isinstance(trials, dict) else None
-        events = saved_events(about.get("events") if isinstance(about, dict) else None)
+        events = saved_events(table_of(trials, name))
         right, left = (
             FootEvents(
                 np.array(times_of(events, side, FootMoment.STRIKE)), np.array(times_of(events, side, FootMoment.OFF))
@@ -345,7 +344,6 @@ def _of_study(folder: Path) -> Iterator[Path]:
         content = read_toml(folder / STUDY)
     except InputError:
         return
-    trials = content.get("trial")
-    for trial in trials if isinstance(trials, list) else ():
-        named = (trial.get(key) for key in ("file", "forces")) if isinstance(trial, Mapping) else ()
+    for trial in entries_of(content, "trial"):
+        named = (trial.get(key) for key in ("file", "forces"))
         yield from (folder / name for name in named if isinstance(name, str))

@@ -30,6 +30,7 @@ from gaitcal.results.cycles_export import STUDY
 from gaitcal.results.saved import UNCERTAINTY, load_uncertainty
 from gaitcal.results.sessions import load_session, named_apart
 from gaitcal.results.stride_files import spatiotemporal_table
+from gaitcal.results.verdict import table_of
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.joint_parameters import joint_stage
 from gaitcal.session.result import Uncertainty
@@ -146,9 +147,7 @@ def study_of_result(folder: Path, file: Path) -> Study:
             code=Code.NOT_COMPARABLE,
         )
     study, manifest = Study.load(file), read_object(folder / MANIFEST)
-    hashes, used = manifest.get("inputs_sha256"), manifest.get("trials")
-    known = set(hashes.values()) if isinstance(hashes, dict) else set()
-    names = set(used) if isinstance(used, dict) else set()
+    known, names = set(table_of(manifest, "inputs_sha256").values()), set(table_of(manifest, "trials"))
     chosen = replace(study, trials=tuple(t for t in study.trials if t.name in names))
     read = {digest for name, digest in study.inputs.items() if not name.endswith(".toml")}
     if {t.name for t in chosen.trials} != names or not read & known:
