@@ -128,10 +128,7 @@ def disk_errors(target: Path, only: frozenset[int] | None = None) -> Iterator[No
 def atomic_file(target: Path | str) -> Iterator[Path]:
     """Yield a path of the same file name in a hidden folder; the file written there becomes `target` on success.
 
-    Raises
-    ------
-    InputError
-        `target` is a folder, cannot be written, or the disk is full.
+    InputError where `target` is a folder, cannot be written, or the disk is full.
     """
     target = real_path(target)
     with ExitStack() as stack:

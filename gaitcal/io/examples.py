@@ -161,10 +161,7 @@ class Connection:
 def download(file: RemoteFile, target: Path, connection: Connection, progress: Callable[[int], None]) -> None:
     """Fetch `file` to `target`; `progress` gets the bytes so far.
 
-    Raises
-    ------
-    InputError
-        No network, no such file, another size or SHA-256 than in the registry; `target` is then gone.
+    InputError for no network, no such file, another size or SHA-256 than in the registry; `target` is then gone.
     """
     address = connection.address(file)
     for pause in (*connection.pauses_s, None):
@@ -264,13 +261,8 @@ def is_complete(example: Example, folder: Path) -> bool:
 def fetch_example(example: Example, folder: Path, connection: Connection, progress: Callable[[Step], None]) -> None:
     """Fetch what is not there, and put all of it into `folder`. A study file that is there stays as its user left it.
 
-    Raises
-    ------
-    InputError
-        The folder holds something else; a file cannot be had, or is not the registered one. What was fetched before
-        is kept.
-    InterruptedWork
-        Ctrl-C or a signal; the same.
+    InputError where the folder holds something else; where a file cannot be had, or is not the registered one, and
+    InterruptedWork after Ctrl-C or a signal: what was fetched before is kept.
     """
     if is_complete(example, folder):
         return

@@ -121,10 +121,7 @@ def self_hash(manifest: Mapping[str, object]) -> str:
 def listed(folder: Path) -> dict[str, str]:
     """File -> SHA-256, as the manifest of a folder lists them; empty where there is none.
 
-    Raises
-    ------
-    InputError
-        The manifest is not as it was written.
+    InputError where the manifest is not as it was written.
     """
     manifest = read_object(folder / MANIFEST)
     unreadable = not manifest and (folder / MANIFEST).exists()
@@ -143,20 +140,14 @@ def _write_manifest(folder: Path, manifest: dict[str, object]) -> None:
 def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -> tuple[str, ...]:
     """Make sure that `target` may become a result of this kind; returns the folders in it that are to be kept.
 
-    Raises
-    ------
-    InputError
-        It is a file, holds one of the inputs, another kind of result, or a file that gaitcal did not write there.
+    InputError where it is a file, holds one of the inputs, another kind of result, or a file that gaitcal did not write
+    there.
     """
 
     def refuse(message: str) -> InputError:
         return InputError(message, source=target, code=Code.FOLDER_TAKEN)
 
-    def foreign(name: str) -> InputError:
-        return refuse(
-            f"holds '{name}', which gaitcal did not write there; move it away, or name a new or an empty folder"
-        )
-
+    foreign = "holds '{}', which gaitcal did not write there; move it away, or name a new or an empty folder"
     if not target.exists():
         return ()
     if not target.is_dir():
@@ -172,14 +163,14 @@ def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -
     manifest = read_object(target / MANIFEST)
     old_kind = next((k for k in ResultKind if "gaitcal" in manifest and k.value == manifest.get("kind")), None)
     if old_kind is None:
-        raise foreign((*files, *kept)[0])
+        raise refuse(foreign.format((*files, *kept)[0]))
     if old_kind is not kind:
         message = f"holds another kind of result ({old_kind.value}, this would be {kind.value})"
         raise refuse(f"{message}; name a new or an empty folder")
     names = manifest.get(FILES)
     ours = {MANIFEST, *(names if isinstance(names, list) else ())}
     if strangers := [name for name in files if name not in ours]:
-        raise foreign(strangers[0])
+        raise refuse(foreign.format(strangers[0]))
     return kept
 
 
@@ -190,17 +181,12 @@ def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -
 def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> Iterator[None]:
     """Hold the lock of the result that `folder` is or is a part of; within it, taking it again does nothing.
 
+    InputError where another process holds it for longer, OSError where no file can be made beside or in the folder.
+
     Parameters
     ----------
     purpose : another lock on the same folder, such as that of a Monte Carlo study which goes on for hours.
     wait_s : how long to wait for another process; `WAIT_S` unless given.
-
-    Raises
-    ------
-    InputError
-        Another process holds it for longer.
-    OSError
-        No file can be made beside or in the folder.
     """
     folder = Path(os.path.realpath(folder))
     is_part = folder.name in PARTS and "gaitcal" in read_object(folder.parent / MANIFEST)
@@ -260,10 +246,7 @@ def recover(target: Path) -> list[Path]:
 def put_back(folder: Path) -> None:
     """As `recover`, for who wants to read the result `folder`; where nobody may write, it stays as it is.
 
-    Raises
-    ------
-    InputError
-        Another process writes it, for longer than `WAIT_S`.
+    InputError where another process writes it, for longer than `WAIT_S`.
     """
     target = Path(os.path.realpath(folder))
     if any(old.exists() and not place.exists() for place, old in _places(target)):
@@ -291,16 +274,13 @@ def atomic_directory(
     To the `manifest.json` that the body writes are added the kind and the list of files with their SHA-256. Folders
     that later commands put into the earlier result (`KEPT`) go on into the new one. The lock of the target is held.
 
+    InputError where `target` is a file, or a folder that holds one of the `inputs`, another kind of result, or files
+    that gaitcal did not write there; where it cannot be written; the disk is full; another process writes it.
+
     Parameters
     ----------
     carried : SHA-256 of files that the body carries over from the earlier result, as that one listed them, so that
         what was damaged there stays damaged here; may be filled by the body.
-
-    Raises
-    ------
-    InputError
-        `target` is a file, or a folder that holds one of the `inputs`, another kind of result, or files that gaitcal
-        did not write there; it cannot be written; the disk is full; another process writes it.
     """
     target, inputs = real_path(target), tuple(inputs)
     with ExitStack() as stack:
@@ -338,11 +318,6 @@ def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = 
     """Raise before long work what `atomic_directory` would raise after it; leaves nothing behind.
 
     Returns the names of the folders of an earlier result that the new one will keep.
-
-    Raises
-    ------
-    InputError
-        As of `atomic_directory`.
     """
     target = real_path(target)
     with disk_errors(target), ExitStack() as stack:
@@ -394,11 +369,7 @@ def amended(folder: Path | str) -> Iterator[Path]:
     They are moved when all are written, one rename each, and no signal is felt meanwhile. A manifest of `folder` that
     lists one of them gets its new SHA-256, unless a manifest is among them, and is moved last: killed between two
     renames (some milliseconds), what does not belong together is damaged, and the same command makes it anew.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written, the disk is full, or another process writes it.
+    InputError where the folder cannot be written, the disk is full, or another process writes it.
     """
     folder = real_path(folder)
     with ExitStack() as stack:

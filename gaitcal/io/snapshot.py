@@ -55,10 +55,7 @@ class Snapshot:
 def require_person(folder: Path) -> None:
     """What every reader of the result of one person begins with: a hidden earlier one is put back.
 
-    Raises
-    ------
-    InputError
-        It is a cohort; the message names the result of one of its people.
+    InputError where it is a cohort, which names the result of one of its people.
     """
     put_back(folder)
     if read_object(folder / MANIFEST).get("kind") != ResultKind.COHORT.value:
@@ -75,14 +72,8 @@ def read_whole(
 ) -> tuple[Content, Snapshot]:
     """Call `read`, which reads these files of a result, such that all of them are of one state of the folder.
 
-    Parameters
-    ----------
-    editable : those of `names` that people may edit; the snapshot lists them, and they are not refused.
-
-    Raises
-    ------
-    InputError
-        It is a cohort, a file is damaged or missing, or the folder goes on changing; and what `read` raises.
+    `editable` are those of `names` that people may edit; the snapshot lists them, and they are not refused. InputError
+    where it is a cohort, a file is damaged or missing, or the folder goes on changing; and what `read` raises.
     """
     require_person(folder)
     wanted, may_differ = (MANIFEST, *names), set(editable)

@@ -39,10 +39,7 @@ _DOTTED = re.compile(rf"(?:[\w\"'-]{{1,200}}[ \t]*\.[ \t]*){{{MAX_DOTS},}}")
 def require_file(path: Path, *, source: object = None, field: str | None = None) -> Path:
     """Return `path` if a regular file lies there.
 
-    Raises
-    ------
-    InputError
-        Names the path and what lies beside it: the nearest name, or the first few names of the folder.
+    Else an InputError names it and what lies beside it: the nearest name, or the first few names of the folder.
     """
     # os.path answers False where pathlib raises: over-long names, embedded null characters.
     if os.path.isfile(path):  # noqa: PTH113
@@ -73,10 +70,8 @@ def _beside(path: Path) -> str:
 def read_toml(path: Path, parse_float: Callable[[str], Any] = float, most_bytes: int = MAX_BYTES) -> dict[str, Any]:
     """Read the TOML file at `path` (UTF-8, a byte order mark is allowed), numbers with a point by `parse_float`.
 
-    Raises
-    ------
-    InputError
-        Missing or unreadable, over `most_bytes`, nested absurdly, not UTF-8, or not TOML (with the line).
+    InputError where it is missing or unreadable, over `most_bytes`, nested absurdly, not UTF-8, or not TOML (with the
+    line).
     """
     require_file(path)
 
@@ -292,12 +287,7 @@ def models_path() -> Path:
     """The folder `models/`: linkage, marker sets, anthropometric tables, the nominal subject.
 
     A wheel carries it as `gaitcal/models`; a source checkout, also one installed in editable mode, has it beside the
-    package.
-
-    Raises
-    ------
-    GaitcalError
-        The installation is incomplete: neither place holds the folder.
+    package. GaitcalError where neither place holds it: the installation is incomplete.
     """
     package = Path(str(files("gaitcal")))
     for folder in (package / "models", package.parent / "models"):

@@ -36,8 +36,7 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.axes import turn_to_progression
-from gaitcal.io.filters import resample_wrench
-from gaitcal.io.force_plate import LOADED_N
+from gaitcal.io.force_plate import LOADED_N, resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
