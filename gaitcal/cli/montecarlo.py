@@ -18,8 +18,8 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
-from gaitcal.io.atomic import InterruptedWork, Stopped, amended, atomic_directory, require_room
-from gaitcal.io.lock import ResultKind, put_back
+from gaitcal.io.atomic import InterruptedWork, Stopped
+from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, put_back, require_room
 from gaitcal.page.sections.monte_carlo import with_monte_carlo
 from gaitcal.page.sheet.sheet import SHEET
 from gaitcal.published.case import MODEL, case_from, read_case

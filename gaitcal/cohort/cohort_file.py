@@ -14,8 +14,7 @@ from pydantic import Field, field_validator
 from gaitcal.codes import Code
 from gaitcal.cohort.people import SHEET, Cohort, CohortPerson, Told, in_order, people_in, with_told
 from gaitcal.errors import InputError, alike
-from gaitcal.io.toml import require_file
-from gaitcal.io.validation import Table, read_validated, shown, validated
+from gaitcal.io.toml import Table, read_validated, require_file, shown, validated
 from gaitcal.session.person_facts import Options
 from gaitcal.study.joint_prior import require_joint_prior
 from gaitcal.study.settings import CalibrationSettings

@@ -12,7 +12,7 @@ from gaitcal.cohort.outcome import kept
 from gaitcal.cohort.people import Cohort
 from gaitcal.cohort.result_evidence import Found, NotUsedError, evidence_of, one_each
 from gaitcal.errors import InputError
-from gaitcal.io.atomic import amended
+from gaitcal.io.result_folder import amended
 
 PRIORS, PRIORS_CSV = "priors.json", "priors.csv"
 

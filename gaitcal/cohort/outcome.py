@@ -23,11 +23,9 @@ from gaitcal.cohort.people import CohortPerson, is_folder
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.csv import plates_file
-from gaitcal.io.external_loads import tables_there
-from gaitcal.io.lock import read_object
-from gaitcal.io.snapshot import sha256_of
-from gaitcal.io.toml import MAX_BYTES, package_version
-from gaitcal.io.validation import read_validated
+from gaitcal.io.opensim_files import tables_there
+from gaitcal.io.result_folder import read_object, sha256_of
+from gaitcal.io.toml import MAX_BYTES, package_version, read_validated
 from gaitcal.model.linkage import SIDES
 from gaitcal.session.draft import study_files
 from gaitcal.session.folder import MARKER_ENDINGS, TABLE_ENDINGS

@@ -17,8 +17,9 @@ from pathlib import Path
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.csv import is_force_header, read_header
-from gaitcal.io.lock import MANIFEST, PEOPLE, read_object
-from gaitcal.io.validation import shown
+from gaitcal.io.result_folder import MANIFEST, read_object
+from gaitcal.io.snapshot import PEOPLE
+from gaitcal.io.toml import shown
 from gaitcal.session.draft import STUDY
 from gaitcal.session.folder import MARKER_ENDINGS
 from gaitcal.session.person_facts import NOTHING_SAID, Options

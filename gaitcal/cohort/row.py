@@ -25,7 +25,7 @@ from gaitcal.cohort.outcome import Cell
 from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.spatiotemporal import LEAST_VALID
-from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.stride_files import ENSEMBLE
 from gaitcal.results.table_file import read_csv

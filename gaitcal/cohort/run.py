@@ -17,8 +17,8 @@ from gaitcal.cohort.people import Cohort
 from gaitcal.cohort.tables import Written, mark, write_tables
 from gaitcal.cohort.task import Task, end_person, lost_person
 from gaitcal.errors import InputError
-from gaitcal.io.atomic import disk_errors, real_path
-from gaitcal.io.lock import MANIFEST, UNFINISHED, ResultKind, locked, read_object
+from gaitcal.io.atomic import UNFINISHED, disk_errors, real_path
+from gaitcal.io.result_folder import MANIFEST, ResultKind, locked, read_object
 from gaitcal.io.toml import package_version
 from gaitcal.published.workers import LocalProcesses
 

@@ -23,9 +23,7 @@ from gaitcal.cohort.outcome import Cell, Outcome, Outcomes, state_file
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.task import COMPRESSION, STRIDES
-from gaitcal.io.atomic import amended
-from gaitcal.io.lock import MANIFEST, ResultKind
-from gaitcal.io.snapshot import FILES, HASHES, SELF, self_hash, sha256_of
+from gaitcal.io.result_folder import FILES, HASHES, MANIFEST, SELF, ResultKind, amended, self_hash, sha256_of
 from gaitcal.io.toml import package_version
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"

@@ -19,8 +19,7 @@ from gaitcal.cohort.row import reasons_of, row_of
 from gaitcal.errors import GaitcalError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.io.atomic import atomic_file
-from gaitcal.io.lock import MANIFEST, read_object
-from gaitcal.io.snapshot import SELF
+from gaitcal.io.result_folder import MANIFEST, SELF, read_object
 from gaitcal.io.toml import package_version
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import ENSEMBLE

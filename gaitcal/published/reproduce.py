@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from gaitcal.io.lock import MANIFEST
+from gaitcal.io.result_folder import MANIFEST
 from gaitcal.io.toml import package_version
 from gaitcal.published.case import nominal_case
 from gaitcal.published.claims import Claim, table_claims

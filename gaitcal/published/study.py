@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from gaitcal.errors import GaitcalError
 from gaitcal.io.atomic import atomic_file, disk_errors
-from gaitcal.io.lock import locked
+from gaitcal.io.result_folder import locked
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.draw import MonteCarloContext, draw
 from gaitcal.published.settings import MonteCarloSettings, Plan

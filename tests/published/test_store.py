@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io import lock
+from gaitcal.io import result_folder
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.settings import MonteCarloSettings, Plan, Varied
 from gaitcal.published.store import Store
@@ -69,7 +69,7 @@ def test_damaged_settings_cost_no_draw(
 
 
 def test_one_study_at_a_time(case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "WAIT_S", 0.1)
+    monkeypatch.setattr(result_folder, "WAIT_S", 0.1)
     told: list[str] = []
 
     def other() -> None:
