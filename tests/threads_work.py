@@ -21,8 +21,9 @@ from threadpoolctl import threadpool_limits
 import gaitcal as gc
 from gaitcal.published.case import nominal_case
 from gaitcal.published.draw import COLUMNS, MonteCarloContext, draw
+from gaitcal.published.inertial_recovery import noisy_draw
 from gaitcal.published.refit import unfinished_draws
-from gaitcal.published.settings import MonteCarloSettings, Plan, Varied, noisy_draw
+from gaitcal.published.settings import MonteCarloSettings, Plan, Varied
 from gaitcal.published.workers import LocalProcesses, ThisProcess
 from gaitcal.synthetic.ground import residual_free_wrench
 from gaitcal.synthetic.motion import gait_motion

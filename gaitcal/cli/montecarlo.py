@@ -22,7 +22,7 @@ from gaitcal.io.lock import put_back
 from gaitcal.page.sections.monte_carlo import with_monte_carlo
 from gaitcal.page.sheet.sheet import SHEET
 from gaitcal.published.case import MODEL, case_from, read_case
-from gaitcal.published.claims import PUBLISHED, beside, conclusions
+from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
 from gaitcal.published.draw import MonteCarloContext
 from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.published.settings import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied

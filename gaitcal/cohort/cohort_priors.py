@@ -12,8 +12,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import prior_deviations, prior_of, prior_root
 from gaitcal.codes import Code
-from gaitcal.cohort.learning import FEWEST, PartPrior, Population, folds_of, heights_of, learn_part
-from gaitcal.cohort.person_evidence import PARTS, PersonEvidence
+from gaitcal.cohort.learning import FEWEST, PartPrior, PersonEvidence, Population, folds_of, heights_of, learn_part
+from gaitcal.cohort.person_evidence import PARTS
 from gaitcal.errors import InputError
 from gaitcal.io.toml import package_version
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX

@@ -37,9 +37,8 @@ from typing import Protocol
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.cohort.person_evidence import PersonEvidence
 from gaitcal.study.joint_prior import UNLEARNT
-from gaitcal.study.people_design import design, mirror, sided_directions
+from gaitcal.study.people_design import Person, design, mirror, sided_directions
 
 MOST_STEPS, RISE = 50, 5e-3
 """Of the iteration, and rise of the log likelihood of each person at which it ends."""
@@ -232,6 +231,33 @@ def log_density(information: Array, right: Array, mean: Array, covariance: Array
     explained = left @ np.linalg.solve(inner, covariance @ left)
     size = np.linalg.slogdet(inner)[1]
     return float(right @ mean - 0.5 * mean @ information @ mean + 0.5 * (explained - size))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartEvidence:
+    """Of the n joint parameters of a part, in units of anatomy's prior: of y."""
+
+    information: Array
+    """(n, n) S."""
+    right: Array
+    """(n,) S m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PersonEvidence:
+    """One person, from one session."""
+
+    name: str
+    person: Person
+    recordings: frozenset[str]
+    """SHA-256 of all of them, of every session."""
+    parts: dict[str, PartEvidence]
+    """By the names of `PARTS`."""
+
+    @property
+    def seen(self) -> float:
+        """How much the recordings tell: how far the prior is narrowed, in units of its volume's logarithm."""
+        return float(sum(np.linalg.slogdet(np.eye(len(p.right)) + p.information)[1] for p in self.parts.values()))
 
 
 COMMON = (0.5, 0.2, 0.05)

@@ -12,49 +12,20 @@ units of anatomy's prior, y = G^-1 (d - a), in which x = F^-1 G y - F^-1 (m0 - a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_of, prior_root
+from gaitcal.cohort.learning import PartEvidence
 from gaitcal.compare.parameter_differences import told_parameters
 from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.people_design import Person
 
 PARTS = {"legs": LEG_PARAMETERS, "trunk and arms": UPPER_PARAMETERS}
 """Joint parameters that are fitted together, and so learnt together."""
 RANK = 1e-9
 """Part of the largest eigenvalue of C below which a direction would be known exactly."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PartEvidence:
-    """Of the n joint parameters of a part, in units of anatomy's prior: of y."""
-
-    information: Array
-    """(n, n) S."""
-    right: Array
-    """(n,) S m."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PersonEvidence:
-    """One person, from one session."""
-
-    name: str
-    person: Person
-    recordings: frozenset[str]
-    """SHA-256 of all of them, of every session."""
-    parts: dict[str, PartEvidence]
-    """By the names of `PARTS`."""
-
-    @property
-    def seen(self) -> float:
-        """How much the recordings tell: how far the prior is narrowed, in units of its volume's logarithm."""
-        return float(sum(np.linalg.slogdet(np.eye(len(p.right)) + p.information)[1] for p in self.parts.values()))
 
 
 def parts_of(

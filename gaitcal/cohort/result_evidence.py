@@ -8,7 +8,8 @@ from pathlib import Path
 
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cohort.cohort_priors import Rules
-from gaitcal.cohort.person_evidence import PartEvidence, PersonEvidence, parts_of
+from gaitcal.cohort.learning import PartEvidence, PersonEvidence
+from gaitcal.cohort.person_evidence import parts_of
 from gaitcal.io.lock import MANIFEST, read_object
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.results.cycles_export import trial_files

@@ -20,8 +20,8 @@ from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
 from gaitcal.published.case import MonteCarloCase, nominal_case
-from gaitcal.published.claims import PUBLISHED, Claim, Verdict
-from gaitcal.published.disturbance_claims import FRAMES
+from gaitcal.published.claims import Claim, Verdict
+from gaitcal.published.disturbance_claims import FRAMES, PUBLISHED
 from gaitcal.published.draw import torque_column
 from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.published.published import SIDE

@@ -32,8 +32,8 @@ from gaitcal.arrays import Array
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.track import track_nodes
 from gaitcal.published.case import MonteCarloCase, nominal_case
-from gaitcal.published.claims import PUBLISHED, Claim, Verdict, tested
-from gaitcal.published.disturbance_claims import FRAMES, Disturbances, printed_markers, printed_torques
+from gaitcal.published.claims import Claim, Verdict, tested
+from gaitcal.published.disturbance_claims import FRAMES, PUBLISHED, Disturbances, printed_markers, printed_torques
 from gaitcal.published.draw import COLUMNS, DisturbedModel, MonteCarloContext, disturb, disturbed_model, draw, errors_of
 from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
 from gaitcal.published.published import SIDE

@@ -19,7 +19,7 @@ from gaitcal.io.toml import package_version
 from gaitcal.published.case import nominal_case
 from gaitcal.published.claims import Claim, table_claims
 from gaitcal.published.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
-from gaitcal.published.inertial_recovery import RANDOM_SEEDS, InertialRecovery
+from gaitcal.published.inertial_recovery import RANDOM_SEEDS, InertialRecovery, SeedResult, noiseless, noisy_draws
 from gaitcal.published.people import people_rows
 from gaitcal.published.refit import iteration_frame
 from gaitcal.published.sensitivities import (
@@ -29,7 +29,7 @@ from gaitcal.published.sensitivities import (
     sensitivity_claims,
     sensitivity_rows,
 )
-from gaitcal.published.settings import MonteCarloSettings, Plan, SeedResult, Varied, noiseless, noisy_draws
+from gaitcal.published.settings import MonteCarloSettings, Plan, Varied
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.tables import (
     TableRow,

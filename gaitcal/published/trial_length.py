@@ -21,10 +21,10 @@ from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
 from gaitcal.published.claims import Claim, Verdict
+from gaitcal.published.inertial_recovery import generators
 from gaitcal.published.joint_place import LIMIT, Place, joint_place, low_place
 from gaitcal.published.joint_recovery import FoundFromZero, find_joints, synthetic_problem
 from gaitcal.published.published import PROBLEMS, table_one
-from gaitcal.published.settings import generators
 from gaitcal.published.tables import JOINT_FIGURES, Cell, TableRow
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import ISOLATED_FRAMES, RATE

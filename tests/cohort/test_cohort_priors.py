@@ -12,7 +12,7 @@ import pytest
 
 from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.cohort.cohort_priors import Rules, learn_cohort, priors_rows, priors_text, priors_words
-from gaitcal.cohort.person_evidence import PersonEvidence
+from gaitcal.cohort.learning import PersonEvidence
 from gaitcal.cohort.result_evidence import Found, one_each
 from gaitcal.errors import InputError
 from gaitcal.io.toml import package_version

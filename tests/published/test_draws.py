@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gaitcal.published.inertial_recovery import SeedResult, generators, noisy_draws
 from gaitcal.published.joint_recovery import synthetic_problem
 from gaitcal.published.published import PROBLEMS
 from gaitcal.published.reproduce import draw_frame
-from gaitcal.published.settings import SeedResult, generators, noisy_draws
 from tests.published.conftest import FEW_SEEDS
 
 

@@ -8,9 +8,15 @@ import pytest
 from gaitcal.calibration.inertial_calibration import RootEquations, fit_published
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.parameters import IP_INDEX, IP_NAMES, MASSIVE_SEGMENTS, dynamic_jacobian, symmetric_set
-from gaitcal.published.inertial_recovery import SEED_RANGE, gait_equations, random_seed, recover_inertia, true_wrench
+from gaitcal.published.inertial_recovery import (
+    SEED_RANGE,
+    SeedResult,
+    gait_equations,
+    random_seed,
+    recover_inertia,
+    true_wrench,
+)
 from gaitcal.published.joint_recovery import true_model, true_motion
-from gaitcal.published.settings import SeedResult
 
 RESIDUAL = 1e-9
 """N, N·m: asked for; the paper reached 8e-10 and 2e-10 from the correct seed."""

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.model.coordinates import LEG_COORDINATES
-from gaitcal.published.claims import PUBLISHED, beside, conclusions
+from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
 from gaitcal.published.draw import COLUMNS
 from gaitcal.published.leg_torques import LEG_TORQUES, TORQUES
 from gaitcal.published.settings import MonteCarloSettings, ReactionFrame, Varied

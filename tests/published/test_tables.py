@@ -15,6 +15,7 @@ from gaitcal.cli.console import Console
 from gaitcal.errors import InputError
 from gaitcal.published import reproduce
 from gaitcal.published.claims import Kind, Verdict
+from gaitcal.published.inertial_recovery import SeedResult
 from gaitcal.published.published import table_four, table_two
 from gaitcal.published.reproduce import (
     CLAIM_COLUMNS,
@@ -26,7 +27,6 @@ from gaitcal.published.reproduce import (
 )
 from gaitcal.published.reproduce import reproduce as run
 from gaitcal.published.sensitivities import SensitivityDraws
-from gaitcal.published.settings import SeedResult
 from gaitcal.published.tables import (
     Cell,
     discussion_rows,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gaitcal.published.claims import Claim, Verdict
+from gaitcal.published.inertial_recovery import SeedResult
 from gaitcal.published.joint_recovery import synthetic_problem, true_motion
 from gaitcal.published.published import PROBLEMS, table_one
-from gaitcal.published.settings import SeedResult
 from gaitcal.published.trial_length import (
     CAMERAS_HZ,
     PARAMETER_ROWS,

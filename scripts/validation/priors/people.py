@@ -18,7 +18,8 @@ import numpy as np
 from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.cohort.person_evidence import PersonEvidence, parts_of
+from gaitcal.cohort.learning import PersonEvidence
+from gaitcal.cohort.person_evidence import parts_of
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
 from gaitcal.model.joint_centres import HipCentre
