@@ -23,9 +23,8 @@ from gaitcal.page.sections.monte_carlo import with_monte_carlo
 from gaitcal.page.sheet.sheet import SHEET
 from gaitcal.published.case import MODEL, case_from, read_case
 from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
-from gaitcal.published.draw import MonteCarloContext
-from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.published.settings import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
+from gaitcal.published.draw import TORQUE_WORDS, TORQUES, MonteCarloContext
+from gaitcal.published.protocol import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
 from gaitcal.published.statistics import (
     FEWEST,
     expect,
@@ -36,8 +35,7 @@ from gaitcal.published.statistics import (
     unconverged,
     variance_contributions,
 )
-from gaitcal.published.store import Store
-from gaitcal.published.study import DrawProgress, MonteCarloStudy, alone, monte_carlo
+from gaitcal.published.study import DrawProgress, MonteCarloStudy, Store, alone, monte_carlo
 from gaitcal.published.workers import Cluster, LocalProcesses, Workers
 from gaitcal.results.page_files import PAGE, read_page, rewrite_page
 from gaitcal.results.verdict import require_not_refused

@@ -14,8 +14,7 @@ from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_directory, require_room
 from gaitcal.io.lock import ResultKind
 from gaitcal.published.claims import Claim, Kind, Verdict
-from gaitcal.published.reproduce import Reproduction, ReproductionSettings, reproduce, write_tables
-from gaitcal.published.sensitivities import SensitivityDraws
+from gaitcal.published.reproduce import Reproduction, ReproductionSettings, SensitivityDraws, reproduce, write_tables
 from gaitcal.published.tables import RUN, TableRow
 
 DATA = "GAITCAL_DATA"

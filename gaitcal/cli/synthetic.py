@@ -12,7 +12,7 @@ from gaitcal.results.page_files import PAGE
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from gaitcal.synthetic.subject import synthesize
-from gaitcal.synthetic.truth_files import CURVES, PARAMETERS
+from gaitcal.synthetic.truth import CURVES, PARAMETERS
 
 SEED = 2009
 """Of the demonstration's noise and of its subject's true parameters: the first from 2007 on (the year of the method)

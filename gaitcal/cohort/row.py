@@ -4,32 +4,137 @@ Fits join the walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (resi
 Peaks are of the mean over valid strides (`gait/ensemble.py`), where at least `LEAST_VALID` of its percents are valid;
 moments and powers by body mass. Their standard error is that of the mean at that percent; of a range, whose ends are
 far apart in the stride, it is taken as if their errors were independent: se = sqrt(se_max^2 + se_min^2).
+
+The columns of the table of people: name, unit, what they mean. `columns.csv` says the same beside the tables.
+
+Mean curves of a person over the stride as the page of a cohort takes them: small whole numbers, as text.
+
+Of each variable and leg the mean over its valid straight strides (`gait/ensemble.py`) at every second percent, moments
+and powers by body mass, as 16-bit integers in steps of a size that is the same for everybody: people can be packed one
+by one. Three bytes are four letters of base64, and a person's bytes are divisible by three, so that people's texts one
+behind the other are the text of all.
 """
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.cohort.columns import ANGLES, MEASURED, NAMES, UNITS
-from gaitcal.cohort.outcome import Cell
 from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement
+from gaitcal.gait.cycles import Kind, kind_of
+from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.gait.symmetry import LEAST_VALID
 from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.stride_files import ENSEMBLE
 from gaitcal.results.table_file import read_csv
 from gaitcal.results.verdict import SUMMARY
+
+Cell: TypeAlias = str | int | float | None
+"""Of the table of people."""
+ANGLES: Final = tuple(r.name for r in COORDINATE_TABLE.values() if r.group != "arm" and r.name not in LOCKED)
+MOMENTS: Final = tuple(
+    f"{name}_moment"
+    for name in ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle")
+)
+POWERS: Final = ("hip_power", "knee_power", "ankle_power")
+UNITS: Final = {**dict.fromkeys(ANGLES, "deg"), **dict.fromkeys(MOMENTS, "N m/kg"), **dict.fromkeys(POWERS, "W/kg")}
+"""Variable of `cycles.csv` -> unit of its peaks."""
+PEAKS: Final = ("max", "min", "range")
+MEASURED: Final = (
+    *("speed", "cadence", "stride_length", "step_length", "step_width", "stride_time", "stance_percent"),
+    *("double_support_percent", "single_support_percent"),
+)
+_FIT: Final = {
+    "nominal": "of the model as palpated",
+    "calibrated": "of the calibrated model",
+    "rigid_floor": "that moving skin leaves to rigid segments without joints",
+    "joint_floor": "that it leaves to segments with joints",
+}
+_WALKS: Final = "over all walks, frames counting alike (isolated trials where there is no walk)"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column."""
+
+    name: str
+    kind: type
+    """`str`, `int` or `float`."""
+    unit: str
+    meaning: str
+
+
+def _columns() -> tuple[Column, ...]:
+    out = [
+        Column("person", str, "", "name"),
+        Column("session", str, "", "empty where there is one only"),
+        Column("group", str, "", "as people.csv or cohort.toml says"),
+        Column("folder", str, "", "result folder, from where this table lies"),
+        Column("page", str, "", "the result's page, from where this table lies"),
+        Column("verdict", str, "", "trustworthy, doubtful or refused"),
+        Column("verdict_r", str, "", "of the right leg: refused in every walk, or the worst of the other walks"),
+        Column("verdict_l", str, "", "of the left leg"),
+        Column("first_cause", str, "", "the worst reason of the verdict"),
+        Column("first_action", str, "", "what to do about it"),
+        Column("reasons", int, "", "number of reasons of the verdict"),
+        Column("status", str, "", "converged or not converged"),
+        Column("sex", str, "", "female or male"),
+        Column("mass_kg", float, "kg", "body mass"),
+        Column("height_m", float, "m", "body height"),
+        Column("age_years", float, "years", "as told"),
+        Column("walks", int, "", "walks that were used"),
+        *(
+            Column(f"walks_refused_{side}", int, "", f"walks in which the {word} leg is refused")
+            for side, word in _LEGS
+        ),
+    ]
+    for where, words in (("marker_rms", "all markers"), ("legs_rms", "markers of pelvis and legs")):
+        for name, what in _FIT.items():
+            out.append(Column(f"{where}_{name}_mm", float, "mm", f"RMS distance of {words} {what}, {_WALKS}"))
+    for stage in ("nominal", "calibrated"):
+        words = f"pelvis residual of the {stage} model, RMS over valid frames of all walks"
+        out.append(Column(f"residual_force_{stage}_N", float, "N", words))
+        out.append(Column(f"residual_moment_{stage}_Nm", float, "N m", words))
+    words = "largest pelvis residual that errors explain, RMS over valid frames of all walks"
+    out.append(Column("residual_force_limit_N", float, "N", words))
+    out.append(Column("residual_moment_limit_Nm", float, "N m", words))
+    for name in MEASURED:
+        for side, word in _LEGS:
+            where = f"{name} of the {word} leg's valid straight strides"
+            out.append(Column(f"{name}_{side}", float, MEASURES[name], f"mean {where}"))
+            out.append(Column(f"{name}_sd_{side}", float, MEASURES[name], f"standard deviation, {where}"))
+    out += [Column(f"strides_{side}", int, "", f"valid straight strides of the {word} leg") for side, word in _LEGS]
+    for variable, unit in UNITS.items():
+        for peak in PEAKS:
+            for side, word in _LEGS:
+                words = f"{peak} of the mean curve of {variable} over strides of the {word} foot"
+                out.append(Column(f"{variable}_{peak}_{side}", float, unit, words))
+                out.append(Column(f"{variable}_{peak}_se_{side}", float, unit, f"standard error: {words}"))
+    return (
+        *out,
+        Column("gaitcal", str, "", "version"),
+        Column("settings_sha256", str, "", "of the settings in manifest.json"),
+        Column("inputs_sha256", str, "", "of the SHA-256 of all inputs in manifest.json"),
+    )
+
+
+_LEGS: Final = tuple(zip(SIDES, ("right", "left"), strict=True))
+COLUMNS: Final = _columns()
+NAMES: Final = tuple(column.name for column in COLUMNS)
 
 
 def peaks(ensemble: Path, mass: float) -> dict[str, float]:
@@ -169,3 +274,55 @@ def _spatiotemporal(means: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[st
             yield f"{name}_{side}", found.get("mean")
             yield f"{name}_sd_{side}", found.get("sd")
         yield f"strides_{side}", (means.get("stride_time", {}).get(side) or {}).get("strides", 0)
+
+
+EVERY: Final = 2
+"""% of the stride between two points."""
+POINTS: Final = 100 // EVERY + 1
+GAP: Final = -32768
+STEPS: Final = {Kind.ANGLE: 0.01, Kind.MOMENT: 0.0005, Kind.POWER: 0.002}
+"""What one of the whole numbers is: deg, N m/kg, W/kg."""
+VARIABLES: Final = (
+    *("hip_flexion", "hip_flexion_moment", "hip_power", "hip_adduction", "hip_adduction_moment", "hip_rotation"),
+    *("knee_angle", "knee_angle_moment", "knee_power", "knee_adduction_moment"),
+    *("ankle_angle", "ankle_angle_moment", "ankle_power"),
+)
+"""Of `cycles.csv`, in the order of the packed curves; right before left."""
+SHAPE: Final = (len(VARIABLES), len(SIDES), POINTS)
+
+
+def mean_curves(ensemble: Path, mass: float) -> str:
+    """Base64 of the curves of `ensemble.csv`, little-endian integers of `SHAPE`; empty where there is none.
+
+    Parameters
+    ----------
+    mass : kg.
+    """
+    try:
+        table, _ = read_csv(ensemble)
+    except (OSError, pd.errors.EmptyDataError):
+        return ""
+    packed = np.full(SHAPE, GAP, dtype="<i2")
+    table = table[table["variable"].isin(VARIABLES) & table["side"].isin(SIDES)]
+    values = pd.to_numeric(table["mean"], errors="coerce").to_numpy(np.float64)
+    percent = pd.to_numeric(table["percent"], errors="coerce").to_numpy(np.float64)
+    for (variable, side), rows in table.groupby(["variable", "side"], sort=False).indices.items():
+        kind = kind_of(variable)
+        mean = values[rows] / (1.0 if kind is Kind.ANGLE else mass)
+        packed[VARIABLES.index(variable), SIDES.index(side)] = _whole(percent[rows], mean, STEPS[kind])
+    if (packed == GAP).all():
+        return ""
+    return base64.b64encode(packed.tobytes()).decode("ascii")
+
+
+def no_curves() -> str:
+    """The curves of somebody who has none."""
+    return base64.b64encode(np.full(SHAPE, GAP, dtype="<i2").tobytes()).decode("ascii")
+
+
+def _whole(percent: Array, mean: Array, step: float) -> Array:
+    out = np.full(POINTS, GAP, dtype="<i2")
+    here = np.isfinite(mean) & (percent % EVERY == 0)
+    limit = -GAP - 1
+    out[(percent[here] / EVERY).astype(int)] = np.clip(np.rint(mean[here] / step), -limit, limit)
+    return out

@@ -31,8 +31,7 @@ from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration
 from gaitcal.study.study import Study
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 
 SPLINES, MODEL, STUDY = "splines.npz", "model.toml", "study.toml"
 

@@ -14,9 +14,8 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.published.claims import Claim, Verdict, tested
-from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.published.published import SIDE
-from gaitcal.published.settings import PUBLISHED_DRAWS, MonteCarloSettings, ReactionFrame, Varied
+from gaitcal.published.draw import TORQUE_WORDS, TORQUES
+from gaitcal.published.protocol import PUBLISHED_DRAWS, SIDE, MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.published.statistics import FEWEST, expect, levels_of, unconverged
 
 IP_LIMIT = 0.25

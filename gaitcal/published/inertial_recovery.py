@@ -43,9 +43,9 @@ from gaitcal.published.joint_recovery import (
     true_model,
     true_motion,
 )
-from gaitcal.published.published import PROBLEMS
+from gaitcal.published.protocol import PROBLEMS
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.motion import residual_free_wrench
 
 SEED_RANGE = 0.5
 RANDOM_SEEDS = 10

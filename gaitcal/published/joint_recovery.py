@@ -41,9 +41,16 @@ from gaitcal.motion.motion import motion_of
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.published.published import SIDE
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import NODES, RATE, TrueMotion, gait_motion, isolated_motion
+from gaitcal.published.protocol import SIDE
+from gaitcal.synthetic.motion import (
+    NODES,
+    RATE,
+    TrueMotion,
+    gait_motion,
+    isolated_motion,
+    marker_noise,
+    synthetic_markers,
+)
 
 LEG = leg_parameters(SIDE)
 DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)

@@ -17,7 +17,7 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import is_physical, symmetric_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.published.inertial_recovery import pelvis_width
-from gaitcal.published.published import SIDE
+from gaitcal.published.protocol import SIDE
 from gaitcal.published.tables import RESIDUALS, SCALES, Cell, TableRow
 from gaitcal.runtime import Progress, silent
 from gaitcal.session.calibrate import calibrate

@@ -1,6 +1,8 @@
 """The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims, real people.
 
 The files of a reproduction: tables, claims and draws as CSV, a README, the manifest.
+
+What the paper does not say and our figures depend on, shown beside the printed rows; nothing is chosen by it.
 """
 
 from __future__ import annotations
@@ -16,20 +18,15 @@ import pandas as pd
 
 from gaitcal.io.lock import MANIFEST
 from gaitcal.io.toml import package_version
+from gaitcal.published import draw_sensitivity, noise_sensitivity
 from gaitcal.published.case import nominal_case
-from gaitcal.published.claims import Claim, table_claims
+from gaitcal.published.claims import Claim, Kind, table_claims
 from gaitcal.published.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
+from gaitcal.published.draw_sensitivity import PressureCentres, StoppedRefits, iteration_frame
 from gaitcal.published.inertial_recovery import RANDOM_SEEDS, InertialRecovery, SeedResult, noiseless, noisy_draws
+from gaitcal.published.noise_sensitivity import Absorbed, LengthDraws
 from gaitcal.published.people import people_rows
-from gaitcal.published.refit import iteration_frame
-from gaitcal.published.sensitivities import (
-    Sensitivities,
-    SensitivityDraws,
-    sensitivities,
-    sensitivity_claims,
-    sensitivity_rows,
-)
-from gaitcal.published.settings import MonteCarloSettings, Plan, Varied
+from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.tables import (
     TableRow,
@@ -43,6 +40,67 @@ from gaitcal.published.tables import (
 )
 from gaitcal.published.workers import LocalProcesses, StopWatch
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensitivityDraws:
+    """How many draws each of them has."""
+
+    noise: int = noise_sensitivity.DRAWS
+    """Of phase 1, for each length of the isolated trials."""
+    absorbed: int = noise_sensitivity.DRAWS
+    stopped: int = draw_sensitivity.DRAWS
+    """Of the Monte Carlo study, each set and level, their re-fits stopped on the way."""
+    centres: int = draw_sensitivity.DRAWS
+    """Of the Monte Carlo study, for each division of the ground reactions."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensitivities:
+    """All of them."""
+
+    lengths: list[LengthDraws]
+    absorbed: dict[str, Absorbed]
+    stopped: StoppedRefits
+    centres: PressureCentres
+
+
+def sensitivities(
+    seed: int, draws: SensitivityDraws | None = None, jobs: int = -1, progress: Progress = silent
+) -> Sensitivities:
+    """Compute all; the results do not depend on the number of processes (-1: one for every core)."""
+    draws = draws or SensitivityDraws()
+    progress("sensitivity to the length of isolated trials")
+    lengths = noise_sensitivity.trial_lengths(seed, draws.noise, jobs)
+    progress("noise that a motion can absorb")
+    absorbed = noise_sensitivity.absorbed_noise(seed, draws.absorbed, jobs)
+    progress("sensitivity to the end of re-fits")
+    stopped = draw_sensitivity.stopped_refits(seed, draws.stopped, jobs)
+    progress("sensitivity to the centre of pressure")
+    centres = draw_sensitivity.pressure_centres(seed, draws.centres, jobs)
+    return Sensitivities(lengths=lengths, absorbed=absorbed, stopped=stopped, centres=centres)
+
+
+def sensitivity_rows(found: Sensitivities) -> list[TableRow]:
+    """Of `tables.csv`."""
+    return [
+        *noise_sensitivity.trial_length_rows(found.lengths),
+        *noise_sensitivity.absorbed_rows(found.absorbed),
+        *draw_sensitivity.refit_rows(found.stopped),
+        *draw_sensitivity.pressure_centre_rows(found.centres),
+    ]
+
+
+def sensitivity_claims(found: Sensitivities | None) -> list[Claim]:
+    """Of `claims.csv`; without a run they are there as not run."""
+    claims = [
+        *noise_sensitivity.trial_length_claims(None if found is None else found.lengths),
+        *noise_sensitivity.absorbed_claims(None if found is None else found.absorbed),
+        *draw_sensitivity.refit_claims(None if found is None else found.stopped),
+        *draw_sensitivity.pressure_centre_claims(None if found is None else found.centres),
+    ]
+    return [replace(claim, kind=Kind.SENSITIVITY) for claim in claims]
+
 
 NOISE_SEEDS = 20
 

@@ -39,9 +39,17 @@ from gaitcal.model.chain import Chain, forward, jacobian
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.parameters import dynamic_jacobian, leg_parameters
 from gaitcal.motion.spline import basis_matrix
-from gaitcal.published.draw import MEASURES, MonteCarloContext, disturb, marker_column, torque_column
-from gaitcal.published.leg_torques import LEG_TORQUES, OF_FOOT, TORQUES
-from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.draw import (
+    LEG_TORQUES,
+    MEASURES,
+    OF_FOOT,
+    TORQUES,
+    MonteCarloContext,
+    disturb,
+    marker_column,
+    torque_column,
+)
+from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
 
 PERCENTILES = (10, 25, 50, 75, 90)

@@ -15,7 +15,7 @@ import numpy as np
 from gaitcal.calibration.inertial_calibration import TorqueScale
 from gaitcal.published.inertial_recovery import NOISELESS_DECAY, InertialRecovery, SeedResult
 from gaitcal.published.joint_recovery import FoundFromZero
-from gaitcal.published.published import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
+from gaitcal.published.protocol import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
 
 EXPERIMENT = "needs the unpublished experimental trial; cannot be reproduced"
 JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[FoundFromZero], float | None]], ...] = (

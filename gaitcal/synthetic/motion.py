@@ -2,24 +2,112 @@
 
 They are quintic splines, sampled: the true motion lies in a spline space exactly, so that a noiseless reproduction can
 be exact.
+
+A person in the posture of another: the motion in which the markers of one come nearest to those of the other.
+
+The same angles about other axes make another body: bow-legged, or standing on the edge of a foot. A person whose axes
+lie elsewhere in the same body looks, standing and walking, as the nominal one does.
+
+Synthetic measurements: markers of a linkage with known parameters in a known motion, and their noise.
+
+Noise, per marker coordinate and trial: A sin(omega t + phi), A ~ U(0, 10 mm), omega ~ U(0, 25 rad/s),
+phi ~ U(0, 2 pi) (Reinbolt et al. 2007, after Cheze et al. 1995). Randomness enters by the `numpy.random.Generator`
+that the caller gives, and nowhere else.
+
+What the ground does to each foot of a walking person whose total ground reaction is known.
+
+The total wrench is what the motion asks for (root inverse dynamics), so that the true pelvis residual is zero. It is
+divided between the feet in four steps, each exact:
+
+1. The vertical load goes from foot to foot by a quintic ramp, in which the swinging foot has none.
+2. Each foot's centre of pressure rolls from heel to toe (`feet.py`). The load on both has its centre where the motion
+   wants it: the rest, some millimetres, is met by the ramp along the line between the feet, and by moving both centres
+   across it.
+3. The forces of both feet meet in one point above the middle of the body, as those of walking people do (Maus et al.
+   2010, Nature Communications 1:70), so that the front foot brakes while the rear one drives.
+4. The free moment is divided like the load: forces that meet above the centre add none to it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
+from gaitcal.io.recording import Recording
+from gaitcal.model.chain import Chain
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.spline import SplineBasis, spline_basis, to_bspline
+from gaitcal.model.subject_model import MarkerPlacement
+from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
+from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis, to_bspline
+from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.synthetic.gait_curves import GAIT_CYCLE
-from gaitcal.synthetic.likeness import is_nominal, looking_like_nominal, posture_like_nominal
-from gaitcal.synthetic.walk import Meant, nominal_curves, walking_nodes
+from gaitcal.synthetic.walk import GAIT_CYCLE, Meant, feet_of, nominal_curves, right_share, rolled, walking_nodes
+
+NOISE_AMPLITUDE = 0.010
+"""m."""
+NOISE_OMEGA = 25.0
+"""rad/s."""
+
+
+@with_one_blas_thread
+def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array) -> Array:
+    """(nf, nm, 3) m, markers of the linkage at coordinates (nf, nq), in the order of `markers.labels`."""
+    chain = Chain()
+    segment = np.array([chain.segments.index(s) for s in markers.segments], dtype=np.intp)
+    order = np.argsort(segment, kind="stable")
+    in_order = PlacedMarkers(segment[order], markers.local[order])
+    placed = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), in_order, q)
+    out = np.empty((len(q), len(segment), 3))
+    out[:, order] = placed.transpose(2, 0, 1)
+    return out
+
+
+def marker_noise(time: Array, markers: int, rng: np.random.Generator, amplitude: float = NOISE_AMPLITUDE) -> Array:
+    """(nf, nm, 3) m of continuous noise: one sinusoid per marker coordinate."""
+    a = rng.uniform(0.0, amplitude, (markers, 3))
+    omega = rng.uniform(0.0, NOISE_OMEGA, (markers, 3))
+    phi = rng.uniform(0.0, 2 * np.pi, (markers, 3))
+    out: Array = a * np.sin(omega * time[:, None, None] + phi)
+    return out
+
+
+ON_THE_FLOOR = 4.0
+"""Weight of the feet's markers: legs of unequal length stand on one floor all the same."""
+
+
+def is_nominal(parameters: Parameters) -> bool:
+    """Whether all joint parameters are those of the nominal person."""
+    return bool(np.array_equal(parameters.joint, published_model().parameters.joint))
+
+
+def looking_like_nominal(parameters: Parameters, basis: SplineBasis, q: Array) -> Array:
+    """(nn, nq) nodes of the motion in which a person's markers are nearest to the nominal person's at q (nf, nq)."""
+    nominal = published_model(static_only=True)
+    seen = synthetic_markers(nominal.parameters, nominal.markers, q)
+    recording = Recording(source="nominal", time=basis.time, labels=nominal.markers.labels, markers=seen)
+    weight = np.where([s.startswith("foot") for s in nominal.markers.segments], ON_THE_FLOOR, 1.0)
+    person = replace(nominal, parameters=parameters, markers=replace(nominal.markers, weight=weight))
+    problem = trial_problem("nominal", person, recording, NodeRule(fixed=basis.nodes))
+    nodes: Array = tracked_motion(problem, parameters).nodes
+    return nodes
+
+
+def posture_like_nominal(parameters: Parameters, q: Array) -> Array:
+    """(nq,) the posture in which a person's markers are nearest to the nominal person's at q (nq,)."""
+    if is_nominal(parameters):
+        return q
+    basis = spline_basis(np.arange(12) / 200.0, 6)
+    still = np.tile(q, (len(basis.time), 1))
+    mean: Array = basis.evaluate(looking_like_nominal(parameters, basis, still)).mean(axis=0)
+    return mean
+
 
 RATE = 200.0
 """Frames per second of all published trials."""
@@ -151,3 +239,74 @@ def _window(time: Array, start: float, end: float) -> Array:
 def _in_spline_space(time: Array, q: Array) -> TrueMotion:
     basis = spline_basis(time, NODES)
     return TrueMotion(basis, basis.fit(q))
+
+
+MEETING_HEIGHT = 0.7
+"""Of body height: where the lines of both forces meet."""
+
+
+@dataclass(frozen=True)
+class GroundOnFeet:
+    """Ground reactions on the right and the left foot."""
+
+    wrench: Array
+    """(nf, 2, 6) N, N·m about the laboratory origin."""
+    centre: Array
+    """(nf, 2, 3) m, centre of pressure on the floor, y = 0; in swing where the foot struck last or will strike."""
+    load_share: Array
+    """(nf, 2) of the vertical force; they sum to 1."""
+
+
+@with_one_blas_thread
+def residual_free_wrench(parameters: Parameters, motion: TrueMotion) -> Array:
+    """(nf, 2, 6) wrenches on right and left foot about the laboratory origin that leave no pelvis residual in gait."""
+    return ground_on_feet(parameters, motion).wrench
+
+
+@with_one_blas_thread
+def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
+    """The ground reactions of a gait of a person with these parameters.
+
+    Raises
+    ------
+    ValueError
+        The motion is no gait.
+    """
+    if motion.phase is None:
+        raise ValueError("only a gait has ground reactions: this motion has no phase")
+    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    total = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((len(q), 2, 6))))
+    force, moment = total[:, :3], total[:, 3:] + np.cross(q[:, :3], total[:, :3])
+    middle = _centre(force, moment)
+    free = moment[:, 1] - np.cross(middle, force)[:, 1]
+    share, centre = _loads(middle, feet_of(parameters, q).along(rolled(motion.phase))[0], right_share(motion.phase))
+    return GroundOnFeet(_wrenches(force, free, middle, share, centre), centre, share)
+
+
+def _centre(force: Array, moment: Array) -> Array:
+    """(nf, 3) m, where on the floor a wrench about the laboratory origin has no tipping moment."""
+    up = force[:, 1]
+    return np.stack([moment[:, 2] / up, np.zeros(len(up)), -moment[:, 0] / up], axis=1)
+
+
+def _loads(middle: Array, rolling: Array, right: Array) -> tuple[Array, Array]:
+    """(nf, 2) shares of the load and (nf, 2, 3) m centres of pressure, whose weighted mean is `middle` (nf, 3)."""
+    share = np.stack([right, 1.0 - right], axis=1)
+    missed = middle - np.einsum("fk,fki->fi", share, rolling)
+    apart = rolling[:, 0] - rolling[:, 1]
+    both = 16.0 * (right * (1.0 - right)) ** 2  # 1 where the feet share alike, and 0, also in its rate, at the ends
+    moved = both * np.einsum("fi,fi->f", missed, apart) / np.einsum("fi,fi->f", apart, apart)
+    centre: Array = rolling + (missed - moved[:, None] * apart)[:, None]
+    return share + np.stack([moved, -moved], axis=1), centre
+
+
+def _wrenches(force: Array, free: Array, middle: Array, share: Array, centre: Array) -> Array:
+    height = MEETING_HEIGHT * published_model().subject.height
+    meeting = middle + height * force / force[:, 1:2]
+    out = np.zeros((len(force), len(FEET), 6))
+    for foot in range(len(FEET)):
+        line = (meeting - centre[:, foot]) / height
+        out[:, foot, :3] = (share[:, foot] * force[:, 1])[:, None] * line
+        out[:, foot, 3:] = np.cross(centre[:, foot], out[:, foot, :3])
+        out[:, foot, 4] += share[:, foot] * free
+    return out

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.cohort.learn_priors import PARTS
 from gaitcal.cohort.learning import PartEvidence, PersonEvidence
-from gaitcal.cohort.person_evidence import PARTS
 from gaitcal.study.people_design import Person
 
 Array = NDArray[np.float64]

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.joint_prior import prior_of, prior_root
-from gaitcal.cohort.cohort_priors import Rules, learn_cohort, priors_rows, priors_text, priors_words
+from gaitcal.cohort.learn_priors import Found, Rules, learn_cohort, one_each, priors_rows, priors_text, priors_words
 from gaitcal.cohort.learning import PersonEvidence
-from gaitcal.cohort.result_evidence import Found, one_each
 from gaitcal.errors import InputError
 from gaitcal.io.toml import package_version
 from gaitcal.model.parameters import JP_NAMES

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.cohort.cohort_file import read_cohort
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import fingerprint, inputs_of
-from gaitcal.cohort.people import CohortPerson
+from gaitcal.cohort.people import CohortPerson, read_cohort
 from gaitcal.errors import InputError
 
 STUDY = """

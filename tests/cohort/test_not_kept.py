@@ -9,14 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.cohort import task as tasks
-from gaitcal.cohort.cohort_file import read_cohort
-from gaitcal.cohort.outcome import Outcome, keep, state_file
+from gaitcal.cohort import outcome as tasks
+from gaitcal.cohort.outcome import Outcome, Task, keep, state_file
 from gaitcal.cohort.page import PAGE
-from gaitcal.cohort.people import people_in
-from gaitcal.cohort.run import run_cohort
-from gaitcal.cohort.tables import FAILURES, PEOPLE_CSV
-from gaitcal.cohort.task import Task
+from gaitcal.cohort.people import people_in, read_cohort
+from gaitcal.cohort.run import FAILURES, PEOPLE_CSV, run_cohort
 from gaitcal.io.atomic import disk_errors
 from tests.cohort.stubs import Here, rows, run, write_result
 

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitcal.cohort.columns import NAMES, UNITS
-from gaitcal.cohort.mean_curves import EVERY, GAP, POINTS, SHAPE, STEPS, VARIABLES, mean_curves, no_curves
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.page import MEASURES, NO_STRIDE
+from gaitcal.cohort.row import EVERY, GAP, NAMES, POINTS, SHAPE, STEPS, UNITS, VARIABLES, mean_curves, no_curves
 from gaitcal.gait.cycles import Kind
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.results.table_file import write_csv

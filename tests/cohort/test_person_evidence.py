@@ -7,7 +7,7 @@ import pytest
 
 from gaitcal.calibration.error_sources import ErrorSources, nominal_influence
 from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
-from gaitcal.cohort.person_evidence import PARTS, parts_of
+from gaitcal.cohort.learn_priors import PARTS, parts_of
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import ParameterPriorTable

@@ -9,13 +9,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from gaitcal.cohort.columns import COLUMNS, NAMES
-from gaitcal.cohort.outcome import Outcome, state_file
+from gaitcal.cohort.outcome import Outcome, Task, state_file
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import people_in
-from gaitcal.cohort.run import MOST_MIB, processes, run_cohort
-from gaitcal.cohort.tables import CYCLES, FAILURES, PEOPLE_CSV, PEOPLE_PARQUET
-from gaitcal.cohort.task import Task
+from gaitcal.cohort.row import COLUMNS, NAMES
+from gaitcal.cohort.run import CYCLES, FAILURES, MOST_MIB, PEOPLE_CSV, PEOPLE_PARQUET, processes, run_cohort
 from gaitcal.errors import InputError
 from gaitcal.gait.ensemble import ensemble
 from tests.cohort.stubs import MASS, Here, of_a_process, rows, run, strides
@@ -89,7 +87,7 @@ def test_only_what_changed_is_run_again(lab: Path, tmp_path: Path, ran: list[str
 
 
 def test_a_group_is_no_reason_to_calibrate(lab: Path, tmp_path: Path, ran: list[str]) -> None:
-    from gaitcal.cohort.cohort_file import read_cohort
+    from gaitcal.cohort.people import read_cohort
 
     out = tmp_path / "out"
     run(lab, out)

@@ -10,11 +10,11 @@ import pytest
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import gait_parameters
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.published.absorbed_noise import Absorbed, absorbed, absorbed_claims, absorbed_squares, any_motion_share
 from gaitcal.published.claims import Verdict
 from gaitcal.published.joint_recovery import solve_from_zero, synthetic_problem, true_model, true_motion
-from gaitcal.published.published import PROBLEMS, table_one
-from gaitcal.synthetic.measurements import marker_noise
+from gaitcal.published.noise_sensitivity import Absorbed, absorbed, absorbed_claims, absorbed_squares, any_motion_share
+from gaitcal.published.protocol import PROBLEMS, table_one
+from gaitcal.synthetic.motion import marker_noise
 from tests.derivatives import Array
 
 LEG = ("pelvis", "thigh_l", "shank_l", "talus_l", "foot_l")

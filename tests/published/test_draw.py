@@ -10,9 +10,8 @@ import pytest
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.draw import COLUMNS, MonteCarloContext, disturb, draw, marker_column, torque_column
-from gaitcal.published.leg_torques import LEG_TORQUES
-from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, ReactionFrame, RefitSettings, Varied
+from gaitcal.published.draw import COLUMNS, LEG_TORQUES, MonteCarloContext, disturb, draw, marker_column, torque_column
+from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, ReactionFrame, RefitSettings, Varied
 from tests.motion.test_marker_equations import dense
 from tests.published.test_leg_torques import whole_body
 

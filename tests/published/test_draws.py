@@ -7,7 +7,7 @@ import pytest
 
 from gaitcal.published.inertial_recovery import SeedResult, generators, noisy_draws
 from gaitcal.published.joint_recovery import synthetic_problem
-from gaitcal.published.published import PROBLEMS
+from gaitcal.published.protocol import PROBLEMS
 from gaitcal.published.reproduce import draw_frame
 from tests.published.conftest import FEW_SEEDS
 

@@ -17,7 +17,7 @@ from gaitcal.model.parameters import (
 )
 from gaitcal.published.inertial_recovery import inertial_rms, symmetric_errors
 from gaitcal.published.joint_recovery import joint_errors, joint_rms, rms
-from gaitcal.published.published import PROBLEMS, table_four, table_one, table_three, table_two
+from gaitcal.published.protocol import PROBLEMS, table_four, table_one, table_three, table_two
 
 ROUNDING = 0.01
 """The paper prints two decimals, the ankle's 3.377 deg as 3.37."""

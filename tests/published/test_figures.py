@@ -9,9 +9,8 @@ import pytest
 
 from gaitcal.figures.monte_carlo import boxplot_figure, contribution_figure, write_monte_carlo_figures
 from gaitcal.model.parameters import leg_parameters
-from gaitcal.published.draw import MonteCarloContext
-from gaitcal.published.leg_torques import TORQUES
-from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.draw import TORQUES, MonteCarloContext
+from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.published.statistics import levels_of, statistics, variance_contributions
 from tests.published.test_statistics import made_up
 

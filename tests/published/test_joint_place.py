@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.published.claims import Verdict
-from gaitcal.published.joint_place import Place, joint_p, joint_place, low_p, low_place, not_rejected
+from gaitcal.published.noise_sensitivity import Place, joint_p, joint_place, low_p, low_place, not_rejected
 
 DRAWS, FIGURES, REPEATS = 24, 12, 6000
 

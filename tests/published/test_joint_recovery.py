@@ -12,7 +12,7 @@ from gaitcal.model.parameters import JP_INDEX, leg_parameters
 from gaitcal.published import joint_recovery
 from gaitcal.published.inertial_recovery import SeedResult
 from gaitcal.published.joint_recovery import LEG, free_parameters, synthetic_problem, true_model, true_motion
-from gaitcal.published.published import PROBLEMS
+from gaitcal.published.protocol import PROBLEMS
 
 MARKER_MM = 1e-9
 """What is asked for; the paper reached 1e-8 to 2e-6."""

@@ -7,8 +7,7 @@ import numpy as np
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import IP_NAMES, Parameters
-from gaitcal.published.draw import MonteCarloContext
-from gaitcal.published.leg_torques import LEG_TORQUES, FootPose, LegTorques, carry
+from gaitcal.published.draw import LEG_TORQUES, FootPose, LegTorques, MonteCarloContext, carry
 from tests.derivatives import Array, perturbed_parameters
 
 TORQUE = 1e-9

@@ -10,8 +10,8 @@ from scipy import stats
 
 from gaitcal.published.case import nominal_case
 from gaitcal.published.claims import Verdict
-from gaitcal.published.leg_torques import TORQUES
-from gaitcal.published.pressure_centre import (
+from gaitcal.published.draw import TORQUES
+from gaitcal.published.draw_sensitivity import (
     OWN,
     SHARED,
     VERTICAL,
@@ -21,7 +21,7 @@ from gaitcal.published.pressure_centre import (
     pressure_centres,
     with_shared_centre,
 )
-from gaitcal.published.settings import ReactionFrame
+from gaitcal.published.protocol import ReactionFrame
 
 
 def test_the_sum_stays_and_the_centres_meet() -> None:

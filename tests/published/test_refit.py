@@ -9,7 +9,7 @@ from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.published.draw import MonteCarloContext, disturb, refit
-from gaitcal.published.settings import RefitSettings, Varied
+from gaitcal.published.protocol import RefitSettings, Varied
 from tests.derivatives import perturbed_parameters, random_trial
 
 NODES = 3e-7

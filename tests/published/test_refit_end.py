@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.published.claims import Verdict
-from gaitcal.published.refit import (
+from gaitcal.published.draw_sensitivity import (
     CONVERGED,
     Iteration,
     StoppedRefits,
@@ -16,7 +16,7 @@ from gaitcal.published.refit import (
     refit_rows,
     stopped_refits,
 )
-from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.protocol import ReactionFrame, Varied
 from tests.published.test_disturbance_claims import AS_PUBLISHED, disturbed_table
 
 KEYS = [(iteration, count) for iteration in Iteration for count in iteration.counts]

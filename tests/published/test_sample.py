@@ -10,7 +10,7 @@ import pytest
 from gaitcal.model.parameters import JP_NAMES, gait_parameters, leg_parameters
 from gaitcal.published.case import nominal_case
 from gaitcal.published.draw import Disturbance, MonteCarloContext, disturb
-from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, Varied
+from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Varied
 
 
 @cache

@@ -8,9 +8,8 @@ import pytest
 
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
-from gaitcal.published.draw import COLUMNS
-from gaitcal.published.leg_torques import LEG_TORQUES, TORQUES
-from gaitcal.published.settings import MonteCarloSettings, ReactionFrame, Varied
+from gaitcal.published.draw import COLUMNS, LEG_TORQUES, TORQUES
+from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.published.statistics import (
     FEWEST,
     TOLERANCE_PERCENT,

@@ -12,9 +12,8 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.io import lock
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.settings import MonteCarloSettings, Plan, Varied
-from gaitcal.published.store import Store
-from gaitcal.published.study import MonteCarloStudy, alone, monte_carlo
+from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
+from gaitcal.published.study import MonteCarloStudy, Store, alone, monte_carlo
 from gaitcal.published.workers import ThisProcess
 
 PLAN = Plan(sets=(Varied.IP,), levels=(100,), draws=4)

@@ -13,9 +13,8 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
-from gaitcal.published.store import Chunk, Store, cut, missing_chunks
-from gaitcal.published.study import MonteCarloStudy, monte_carlo
+from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
+from gaitcal.published.study import Chunk, MonteCarloStudy, Store, cut, missing_chunks, monte_carlo
 from gaitcal.published.workers import LocalProcesses, ThisProcess
 
 Task = TypeVar("Task")

@@ -16,17 +16,17 @@ from gaitcal.errors import InputError
 from gaitcal.published import reproduce
 from gaitcal.published.claims import Kind, Verdict
 from gaitcal.published.inertial_recovery import SeedResult
-from gaitcal.published.published import table_four, table_two
+from gaitcal.published.protocol import table_four, table_two
 from gaitcal.published.reproduce import (
     CLAIM_COLUMNS,
     TABLE_COLUMNS,
     Reproduction,
     ReproductionSettings,
+    SensitivityDraws,
     table_frame,
     write_tables,
 )
 from gaitcal.published.reproduce import reproduce as run
-from gaitcal.published.sensitivities import SensitivityDraws
 from gaitcal.published.tables import (
     Cell,
     discussion_rows,

@@ -8,8 +8,7 @@ import pytest
 from gaitcal.published.claims import Claim, Verdict
 from gaitcal.published.inertial_recovery import SeedResult
 from gaitcal.published.joint_recovery import synthetic_problem, true_motion
-from gaitcal.published.published import PROBLEMS, table_one
-from gaitcal.published.trial_length import (
+from gaitcal.published.noise_sensitivity import (
     CAMERAS_HZ,
     PARAMETER_ROWS,
     PRINTED,
@@ -18,6 +17,7 @@ from gaitcal.published.trial_length import (
     trial_length_rows,
     trial_lengths,
 )
+from gaitcal.published.protocol import PROBLEMS, table_one
 from gaitcal.synthetic.motion import RATE
 
 

@@ -10,9 +10,9 @@ import pytest
 from gaitcal.model.linkage import LEGS
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.draw import COLUMNS, MonteCarloContext, disturb, disturbed_model, draw
-from gaitcal.published.refit import CONVERGED, SETS, Iteration, path, unfinished_draws
-from gaitcal.published.settings import MonteCarloSettings, Varied
-from gaitcal.synthetic.measurements import synthetic_markers
+from gaitcal.published.draw_sensitivity import CONVERGED, SETS, Iteration, path, unfinished_draws
+from gaitcal.published.protocol import MonteCarloSettings, Varied
+from gaitcal.synthetic.motion import synthetic_markers
 
 NUMBER = 3
 MARKERS = COLUMNS.index("markers_l.rms")

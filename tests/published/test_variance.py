@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.draw import MonteCarloContext, refit, torque_column
-from gaitcal.published.leg_torques import LEG_TORQUES
-from gaitcal.published.settings import Plan, ReactionFrame, Varied
+from gaitcal.published.draw import LEG_TORQUES, MonteCarloContext, refit, torque_column
+from gaitcal.published.protocol import Plan, ReactionFrame, Varied
 from gaitcal.published.statistics import linear_agreement, variance_contributions
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.workers import ThisProcess

@@ -8,10 +8,9 @@ import numpy as np
 
 from gaitcal.io.toml import models_path
 from gaitcal.model.nominal import published_model
-from gaitcal.synthetic.gait_curves import GAIT_CYCLE
-from gaitcal.synthetic.measurements import NOISE_AMPLITUDE, NOISE_OMEGA, marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import standing_pose
+from gaitcal.synthetic.motion import NOISE_AMPLITUDE, NOISE_OMEGA, marker_noise, standing_pose, synthetic_markers
 from gaitcal.synthetic.truth import segment_frames
+from gaitcal.synthetic.walk import GAIT_CYCLE
 
 
 def test_markers_are_points_of_their_segments_in_the_order_of_the_labels() -> None:

@@ -14,12 +14,20 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import spline_basis
-from gaitcal.synthetic.feet import DOUBLE_SUPPORT, STANCE, feet_of, stride_of
-from gaitcal.synthetic.gait_curves import GAIT_CYCLE, gait_accelerations, gait_curves
-from gaitcal.synthetic.ground import ground_on_feet
-from gaitcal.synthetic.motion import GAIT_FRAMES, TrueMotion, gait_motion, isolated_motion, two_strides
+from gaitcal.synthetic.motion import GAIT_FRAMES, TrueMotion, gait_motion, ground_on_feet, isolated_motion, two_strides
 from gaitcal.synthetic.subject import synthetic_model
-from gaitcal.synthetic.walk import _carried, _Rows, nominal_curves
+from gaitcal.synthetic.walk import (
+    DOUBLE_SUPPORT,
+    GAIT_CYCLE,
+    STANCE,
+    _carried,
+    _Rows,
+    feet_of,
+    gait_accelerations,
+    gait_curves,
+    nominal_curves,
+    stride_of,
+)
 
 RESIDUAL = 1e-9
 """N, N·m: rounding of some hundred N at lever arms of a metre."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gaitcal.cohort.columns import COLUMNS
+from gaitcal.cohort.row import COLUMNS
 from gaitcal.results.described import FILES, SUMMARY, TABLES
 
 

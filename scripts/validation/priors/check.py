@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.cohort.cohort_priors import Rules, learn_cohort, priors_words
+from gaitcal.cohort.learn_priors import Rules, learn_cohort, priors_words
 from gaitcal.cohort.learning import PersonEvidence
 from gaitcal.study.joint_prior import CohortPriors, joint_prior
 from scripts.validation.harness import commas
