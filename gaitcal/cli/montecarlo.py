@@ -35,8 +35,8 @@ from gaitcal.published.statistics import (
     unconverged,
     variance_contributions,
 )
-from gaitcal.published.study import DrawProgress, MonteCarloStudy, Store, alone, monte_carlo
-from gaitcal.published.workers import Cluster, LocalProcesses, Workers
+from gaitcal.published.study import PURPOSE, DrawProgress, MonteCarloStudy, Store, monte_carlo
+from gaitcal.published.workers import Cluster, LocalProcesses, Workers, alone
 from gaitcal.results.page_files import PAGE, read_page, rewrite_page
 from gaitcal.results.verdict import require_not_refused
 
@@ -118,7 +118,7 @@ def run(folder: Path, options: Options, expected_mm: float | None, console: Cons
     with console.working() as step:
         step("reading the model and its motion")
         case, read = read_case(folder, options.trial, step)
-    with alone(store.folder):
+    with alone(store.folder, PURPOSE):
         try:
             with _draw_progress(console) as draws_done:
                 study = monte_carlo(

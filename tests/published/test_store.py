@@ -13,8 +13,8 @@ from gaitcal.errors import InputError
 from gaitcal.io import lock
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
-from gaitcal.published.study import MonteCarloStudy, Store, alone, monte_carlo
-from gaitcal.published.workers import ThisProcess
+from gaitcal.published.study import PURPOSE, MonteCarloStudy, Store, monte_carlo
+from gaitcal.published.workers import ThisProcess, alone
 
 PLAN = Plan(sets=(Varied.IP,), levels=(100,), draws=4)
 Spoil = Callable[[bytes], bytes]
@@ -77,7 +77,7 @@ def test_one_study_at_a_time(case: MonteCarloCase, tmp_path: Path, monkeypatch: 
         except InputError as error:
             told.append(str(error))
 
-    with alone(tmp_path / "store"):
+    with alone(tmp_path / "store", PURPOSE):
         thread = threading.Thread(target=other)
         thread.start()
         thread.join()
@@ -91,7 +91,7 @@ def test_draws_that_vanish_meanwhile_are_computed_again(case: MonteCarloCase, tm
     class Losing(ThisProcess):
         lost = False
 
-        def run(self, function, tasks):  # type: ignore[no-untyped-def]
+        def run(self, function, tasks, lost=None):  # type: ignore[no-untyped-def]
             for task in tasks:
                 yield function(task)
                 if not Losing.lost:

@@ -9,12 +9,13 @@ from typing import TypeVar
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
-from gaitcal.published.study import Chunk, MonteCarloStudy, Store, cut, missing_chunks, monte_carlo
+from gaitcal.published.study import Chunk, MonteCarloStudy, Store, monte_carlo
 from gaitcal.published.workers import LocalProcesses, ThisProcess
 
 Task = TypeVar("Task")
@@ -28,7 +29,7 @@ HERE = ThisProcess()
 class Backwards:
     """Workers that begin with the last task."""
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task], lost: object = None) -> Iterator[Result]:
         return map(function, reversed(list(tasks)))
 
 
@@ -38,7 +39,7 @@ class Dying:
     def __init__(self, chunks: int) -> None:
         self.chunks = chunks
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task], lost: object = None) -> Iterator[Result]:
         for k, task in enumerate(tasks):
             if k == self.chunks:
                 raise KeyboardInterrupt
@@ -170,14 +171,15 @@ def test_until_converged_adds_draws(case: MonteCarloCase, tmp_path: Path, monkey
     assert not stopped.converged
 
 
-def test_cuts_are_at_multiples_whatever_the_start() -> None:
-    assert cut(0, 25, 10) == [(0, 10), (10, 20), (20, 25)]
-    assert cut(7, 31, 10) == [(7, 10), (10, 20), (20, 30), (30, 31)]
-    assert cut(10, 10, 10) == []
+def test_missing_draws_between_and_after_what_is_held(tmp_path: Path) -> None:
+    """Cut at multiples of the size, whatever the start."""
+    store, empty = Store(tmp_path), pa.table({"draw": []})
+    for level, first, stop in ((100, 15, 20), (100, 0, 10), (50, 0, 40)):
+        store.write(Chunk(Varied.JP, level, first, stop), empty)
 
+    def missing(draws: int, size: int) -> list[tuple[int, int]]:
+        return [(c.first, c.stop) for c in store.missing(Plan(sets=(Varied.JP,), levels=(100,), draws=draws), size)]
 
-def test_missing_draws_between_and_after_what_is_held() -> None:
-    plan = Plan(sets=(Varied.JP,), levels=(100,), draws=40)
-    held = [Chunk(Varied.JP, 100, 15, 20), Chunk(Varied.JP, 100, 0, 10), Chunk(Varied.JP, 50, 0, 40)]
-    found = [(c.first, c.stop) for c in missing_chunks(held, plan, 20)]
-    assert found == [(10, 15), (20, 40)]
+    assert missing(47, 20) == [(10, 15), (20, 40), (40, 47)]
+    assert missing(31, 10) == [(10, 15), (20, 30), (30, 31)]
+    assert missing(10, 10) == []
