@@ -1,11 +1,8 @@
-"""What became of a person, as it is kept on disk beside the results: a small file each, and the strides as Parquet.
+"""What becomes of one person, and how it is kept on disk beside the results: a small file, and the strides as Parquet.
 
 `state/people/P01/pre.json` and `.parquet` belong to `people/P01/pre`. They are written whole when the person has ended,
-so that nothing but people at work is lost, whatever ends the run.
-
-What the result of a person depends on, as one SHA-256: files, what is said, settings, version.
-
-What a worker does with one person: nothing, where nothing changed; else a calibration, and what is kept of it.
+so that nothing but people at work is lost, whatever ends the run. What a result follows from (files, what is said,
+settings, version) is one SHA-256, `fingerprint`: where it has not changed, a worker does nothing.
 """
 
 from __future__ import annotations
@@ -121,12 +118,6 @@ def keep(out: Path, outcome: Outcome) -> None:
     )
 
 
-def forget(out: Path, place: str) -> None:
-    """Remove the outcome of an earlier run, as far as the disk lets us: it no longer holds."""
-    with suppress(OSError):
-        state_file(out, place, ".json").unlink(missing_ok=True)
-
-
 @dataclass(frozen=True)
 class Outcomes:
     """What became of everyone when a run has ended."""
@@ -138,19 +129,21 @@ class Outcomes:
 
     def of(self, person: CohortPerson) -> Outcome:
         """As the run returned it, else as it is kept on disk; a failure where it is neither."""
-        return self.failed.get(person.key) or kept(self.out, person) or _not_kept(person)
+        cause = "what became of it was not found on disk when the tables were written"
+        found = self.failed.get(person.key) or kept(self.out, person)
+        return found or _failure(person, Code.WORKER, cause, AGAIN, passing=True)
 
 
-def _not_kept(person: CohortPerson) -> Outcome:
+def _failure(person: CohortPerson, code: Code, cause: str, action: str, *, passing: bool, mark: str = "") -> Outcome:
     return Outcome(
         name=person.name,
         session=person.session,
         place=person.place,
-        fingerprint="",
-        code=Code.WORKER.value,
-        cause="what became of it was not found on disk when the tables were written",
-        action=AGAIN,
-        passing=True,
+        fingerprint=mark,
+        code=code.value,
+        cause=cause,
+        action=action,
+        passing=passing,
     )
 
 
@@ -168,30 +161,32 @@ READ = (*MARKER_ENDINGS, *TABLE_ENDINGS, ".csv", ".toml", ".xml")
 
 
 def inputs_of(folder: Path) -> dict[str, Path]:
-    """The files by names that differ, each once; those that a study names also where they are missing."""
+    """The files by names that differ, each once; those that a study names also where they are missing.
+
+    Names are as seen from the folder, or the one above it, so that a cohort may be moved; of others the whole path.
+    """
     folder = folder.absolute()
-    return {_name(Path(os.path.normpath(file)), folder): file for file in _files(folder)}
-
-
-def _name(file: Path, folder: Path) -> str:
-    """As seen from the folder, the one above it included, so that a cohort may be moved; else the whole path."""
-    for above, prefix in ((folder, ""), (folder.parent, "../")):
-        if file.is_relative_to(above):
-            return prefix + file.relative_to(above).as_posix()
-    return str(file)
+    out = {}
+    for path in _files(folder):
+        file, name = Path(os.path.normpath(path)), str(path)
+        for above, prefix in ((folder.parent, "../"), (folder, "")):
+            if file.is_relative_to(above):
+                name = prefix + file.relative_to(above).as_posix()
+        out[name] = path
+    return out
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    lying = [*_read_in(folder)]
-    for below in _entries(folder):
-        if below.is_dir() and below.name[0] not in ".~":
-            lying += _read_in(below)
+    if not is_folder(folder):
+        return
+    below = [path for path in sorted(folder.iterdir()) if path.is_dir() and path.name[0] not in ".~"]
+    lying = [file for place in (folder, *below) for file in _read_in(place)]
     yield from lying
     yield from (place for file in lying for place in _drawn_on(file))
     for path in _read_in(folder.parent):
         if path.suffix.lower() == ".toml" and path.stat().st_size <= MAX_BYTES and b"landmarks" in path.read_bytes():
             yield path  # a marker set for everyone
-    for study in study_files(folder) if is_folder(folder) else ():
+    for study in study_files(folder):
         yield study
         yield from _named_in(study)
 
@@ -223,11 +218,8 @@ def _drawn_on(file: Path) -> Iterator[Path]:
 
 
 def _read_in(folder: Path) -> list[Path]:
-    return [p for p in _entries(folder) if p.suffix.lower() in READ and p.name[0] not in ".~" and p.is_file()]
-
-
-def _entries(folder: Path) -> list[Path]:
-    return sorted(folder.iterdir()) if is_folder(folder) else []
+    paths = sorted(folder.iterdir())
+    return [p for p in paths if p.suffix.lower() in READ and p.name[0] not in ".~" and p.is_file()]
 
 
 FORMAT = 2
@@ -284,7 +276,7 @@ def end_person(task: Task) -> Outcome:
     try:
         outcome = _ended(task)
     except Exception as error:  # noqa: BLE001 - one person's failure never stops the others
-        outcome = _failure(task, error)
+        outcome = _failed_by(task, error)
     if outcome.computed:
         outcome = replace(outcome, seconds=round(time.monotonic() - began, 3), mebibytes=_peak())
         outcome = _kept(task, outcome)
@@ -294,27 +286,19 @@ def end_person(task: Task) -> Outcome:
 
 def lost_person(task: Task, words: str) -> Outcome:
     """The outcome of a person over whom a worker died several times."""
-    lost = Outcome(
-        name=task.person.name,
-        session=task.person.session,
-        place=task.person.place,
-        fingerprint="",
-        code=Code.WORKER.value,
-        cause=f"its worker process died: {words}",
-        action=f"too little memory for so many --jobs does this; {AGAIN}",
-        passing=True,
-    )
-    return _kept(task, lost)
+    cause, action = f"its worker process died: {words}", f"too little memory for so many --jobs does this; {AGAIN}"
+    return _kept(task, _failure(task.person, Code.WORKER, cause, action, passing=True))
 
 
 def _kept(task: Task, outcome: Outcome) -> Outcome:
-    """The outcome, kept on disk; a failure where the disk does not take it."""
+    """The outcome, kept on disk; a failure where the disk does not take it: an earlier one no longer holds."""
     try:
         keep(task.out, outcome)
     except Exception as error:  # noqa: BLE001 - a full disk
-        forget(task.out, outcome.place)
+        with suppress(OSError):
+            state_file(task.out, outcome.place, ".json").unlink(missing_ok=True)
         if not outcome.failed:
-            outcome = replace(_failure(task, error), seconds=outcome.seconds, mebibytes=outcome.mebibytes)
+            outcome = replace(_failed_by(task, error), seconds=outcome.seconds, mebibytes=outcome.mebibytes)
     return outcome
 
 
@@ -329,7 +313,10 @@ def _ended(task: Task) -> Outcome:
         return replace(before, computed=False)
     keep_freed_memory()
     calibrate_person(person, result, task.common)
-    _keep_strides(task)
+    strides = read_cycles(result).assign(person=person.name, session=person.session)
+    table = pa.Table.from_pandas(strides[list(CYCLE_COLUMNS)], schema=STRIDES, preserve_index=False)
+    with atomic_file(state_file(task.out, person.place, ".parquet")) as target:
+        pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)
     row = row_of(result) | {"person": person.name, "session": person.session, "folder": person.place}
     row |= {"page": f"{person.place}/{row['page']}" if row["page"] else "", "age_years": person.told.age}
     return Outcome(
@@ -356,51 +343,32 @@ def _own_hash(result: Path) -> str:
     return str(read_object(result / MANIFEST).get(SELF) or "")
 
 
-def _keep_strides(task: Task) -> None:
-    person = task.person
-    strides = read_cycles(task.out / person.place)
-    strides = strides.assign(person=person.name, session=person.session)
-    table = pa.Table.from_pandas(strides[list(CYCLE_COLUMNS)], schema=STRIDES, preserve_index=False)
-    with atomic_file(state_file(task.out, person.place, ".parquet")) as target:
-        pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)
-
-
 class _PassingError(GaitcalError):
     """A cause of the moment."""
 
     code = Code.WORKER
 
 
-def _failure(task: Task, error: Exception) -> Outcome:
-    person = task.person
-    said = str(error)
+def _failed_by(task: Task, error: Exception) -> Outcome:
+    """The failure that an exception is; of one that was not raised on purpose, the machine's or our own."""
+    person, cause = task.person, str(error)
     for known in (f"{person.folder}: ", f"{person.folder}/", f"{task.out}/"):
-        said = said.replace(known, "")
-    if not isinstance(error, GaitcalError):
-        said = f"internal error: {type(error).__name__}: {said}"
+        cause = cause.replace(known, "")
+    code, default = Code.INTERNAL, "please report it"
+    if isinstance(error, GaitcalError):
+        code, default = error.code, "gaitcal check on this folder shows more"
+    else:
+        cause = f"internal error: {type(error).__name__}: {cause}"
+        if isinstance(error, (MemoryError, OSError)):
+            code = Code.WORKER
     passing = isinstance(error, (_PassingError, MemoryError, OSError)) or isinstance(error.__cause__, OSError)
-    default = "gaitcal check on this folder shows more" if isinstance(error, GaitcalError) else "please report it"
+    action = getattr(error, "action", "") or (AGAIN if passing else default)
     try:
         mark = fingerprint(person, task.common)
     except OSError:
         mark = ""
-    return Outcome(
-        name=person.name,
-        session=person.session,
-        place=person.place,
-        fingerprint=mark,
-        code=_code_of(error).value,
-        cause=" ".join("".join(c if c.isprintable() else " " for c in said).split()),
-        action=getattr(error, "action", "") or (AGAIN if passing else default),
-        passing=passing,
-    )
-
-
-def _code_of(error: Exception) -> Code:
-    """The code of a failure; of what was not raised on purpose, the machine's or our own."""
-    if isinstance(error, GaitcalError):
-        return error.code
-    return Code.WORKER if isinstance(error, (MemoryError, OSError)) else Code.INTERNAL
+    cause = " ".join("".join(c if c.isprintable() else " " for c in cause).split())
+    return _failure(person, code, cause, action, passing=passing, mark=mark)
 
 
 def _peak() -> float:

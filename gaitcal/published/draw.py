@@ -5,13 +5,11 @@ study's randomness enters: every draw has a `numpy.random.Generator` of its own,
 number), so that draws can be made in any order and anywhere. Disturbances are uniform within the bounds; noise is one
 sinusoid per marker coordinate (method, sections 5 and 6).
 
-Everything that is worked out once for a case and then serves all its draws.
-
 The motion follows the joint parameters by  dN/dp = -H_qq^-1 H_qp,  exact where the markers fit exactly, as they do in
 the undisturbed case: it starts every re-fit. Torques are linear in the dynamic parameters phi of the segments
 (Pinocchio's regressor Y): inertial parameters alone change them by Y (phi - phi_0), without a re-fit.
 
-The torques of each leg, for disturbed parameters and motions, with the ground reaction in either frame.
+Torques of a leg, with the ground reaction in either frame:
 
     tau_k = RNEA_k(q, v, a) - J_k . w,
 
@@ -22,8 +20,7 @@ turns and moves as the foot frame did, by (R, o) from the undisturbed (R0, o0) a
     force' = R R0^T force,      moment' = R R0^T (moment - o0 x force) + o x force'.
 
 The Pinocchio model is built once. A disturbance changes joint placements and inertias in place: the chain's constant
-C_k, told between the joint frames of the model, which make a half turn where a coordinate turns about a negative
-axis.
+C_k between the joint frames of the model, which make a half turn where a coordinate turns about a negative axis.
 """
 
 from __future__ import annotations
@@ -43,7 +40,6 @@ from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, dyn
 from gaitcal.model.subject_model import SubjectModel, build_linkage
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending
-from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
@@ -191,11 +187,18 @@ class MonteCarloContext:
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
         self.undisturbed_diagonal = band[:, 0].reshape(case.nodes.shape).copy()
         """(nn, nq) of the same matrix, m^2 per m^2 or rad^2."""
-        self.sensitivity = _sensitivity(self.problem, case, self.names)
+        self.sensitivity = np.zeros((*case.nodes.shape, len(self.names)))
         """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move no marker."""
-        self.regressor = _regressor(case, self.basis)
-        """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own frames."""
+        opened = self.problem.with_free(self.names)
+        equations = opened.equations(case.nodes, opened.constants(case.parameters))
+        solved = -BandFactor(equations.band).solve(equations.mixed)
+        moving = [self.names.index(name) for name in opened.chain.free]
+        self.sensitivity[:, :, moving] = solved.reshape(*case.nodes.shape, len(moving))
         self.legs = LegTorques(case.parameters)
+        states = (self.basis.evaluate(case.nodes, k) for k in range(3))
+        rows = in_segment_frames(self.legs.linkage, joint_regressor(self.legs.linkage, self.legs.rows, *states))
+        self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
+        """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own frames."""
         leg_constants = self.legs.disturb(case.parameters)
         self.feet = self.legs.feet(leg_constants, q)
         self.torques, _ = self.legs.torques(leg_constants, self.basis, case.nodes, case.wrench, self.feet)
@@ -208,12 +211,6 @@ class MonteCarloContext:
         )
         """Markers of the right and of the left leg: indices into the order of `data`."""
 
-    def inertial_change(self, inertial: Array) -> Array:
-        """(nf, 14) N·m that other inertial parameters (84,) add to the undisturbed torques."""
-        change = dynamic_parameters(inertial) - dynamic_parameters(self.case.parameters.inertial)
-        out: Array = (self.regressor @ change.ravel()).reshape(-1, len(LEG_TORQUES))
-        return out
-
 
 def _undisturbed_problem(case: MonteCarloCase) -> TrialProblem:
     """The model's own markers in its own motion, as if they had been measured, in the case's spline space."""
@@ -224,25 +221,6 @@ def _undisturbed_problem(case: MonteCarloCase) -> TrialProblem:
     markers = synthetic_markers(case.parameters, case.markers, q)
     recording = Recording(source=case.name, time=case.time, labels=case.markers.labels, markers=markers)
     return trial_problem(case.name, model, recording, NodeRule(fixed=len(case.nodes)))
-
-
-def _sensitivity(problem: TrialProblem, case: MonteCarloCase, names: tuple[str, ...]) -> Array:
-    """(nn, nq, np) dN/dp of the equation above."""
-    opened = problem.with_free(names)
-    equations = opened.equations(case.nodes, opened.constants(case.parameters))
-    solved = -BandFactor(equations.band).solve(equations.mixed)
-    passed = [names.index(name) for name in opened.chain.free]
-    out = np.zeros((*case.nodes.shape, len(names)))
-    out[:, :, passed] = solved.reshape(*case.nodes.shape, len(passed))
-    return out
-
-
-def _regressor(case: MonteCarloCase, basis: SplineBasis) -> Array:
-    """(nf * 14, 120) Y of the equation above: of Pinocchio's bodies, then told in the frames of our segments."""
-    legs = LegTorques(case.parameters)
-    states = (basis.evaluate(case.nodes, k) for k in range(3))
-    rows = in_segment_frames(legs.linkage, joint_regressor(legs.linkage, legs.rows, *states))
-    return rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
 
 
 @dataclass(frozen=True)
@@ -310,7 +288,14 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
     """Draw `number` (0, 1, ...) of a set at a level (per cent of the bounds)."""
     change = disturb(context, varied, level, number)
     try:
-        return _without_refit(context, change) if varied is Varied.IP else _with_refit(context, change)
+        model = disturbed_model(context, change)
+        if varied is Varied.IP:  # moves no marker: the motion stays, and torques are linear
+            inertial, undisturbed = (p.inertial for p in (model.parameters, context.case.parameters))
+            phi = dynamic_parameters(inertial) - dynamic_parameters(undisturbed)
+            errors = (context.regressor @ phi.ravel()).reshape(-1, len(LEG_TORQUES))
+            return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
+        fitted = refit(model.problem, model.constants, model.start, context.settings.refit, model.factor)
+        return DrawResult(errors_of(context, model, fitted.nodes), fitted.evaluations, fitted.failure)
     except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
         return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
 
@@ -360,21 +345,6 @@ def refit(
     return Refit(tracked.nodes, tracked.steps, "" if tracked.converged else tracked.ending.value)
 
 
-def _inertial(context: MonteCarloContext, change: Disturbance) -> Array:
-    """(84,) disturbed inertial parameters, SI."""
-    undisturbed = context.case.parameters.inertial
-    if change.inertial is None:
-        return undisturbed
-    out: Array = undisturbed * (1.0 + context.inertial_set.selection @ change.inertial)
-    return out
-
-
-def _without_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
-    """Inertial parameters move no marker: the motion stays, and torques are linear in them."""
-    errors = context.inertial_change(_inertial(context, change))
-    return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
-
-
 @dataclass(frozen=True)
 class DisturbedModel:
     """The case after a disturbance, its motion not yet fitted."""
@@ -397,7 +367,8 @@ def disturbed_model(context: MonteCarloContext, change: Disturbance) -> Disturbe
         parameters = parameters.with_joint(context.names, context.joint_values + change.joint)
         start = start + context.sensitivity @ change.joint
     if change.inertial is not None:
-        parameters = parameters.with_inertial(_inertial(context, change))
+        factors = 1.0 + context.inertial_set.selection @ change.inertial
+        parameters = parameters.with_inertial(case.parameters.inertial * factors)
     if change.noise is not None:
         problem = problem.with_measured(problem.data.measured + change.noise)
     known = None if change.joint is not None else context.undisturbed_factor
@@ -410,20 +381,8 @@ def errors_of(context: MonteCarloContext, model: DisturbedModel, nodes: Array) -
     leg_constants = context.legs.disturb(model.parameters)
     torques = context.legs.torques(leg_constants, context.basis, nodes, context.case.wrench, context.feet)
     errors = (torques[0] - context.torques, torques[1] - context.torques)
-    return _record(context, errors, _distance(model.problem.data, placed))
-
-
-def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
-    model = disturbed_model(context, change)
-    fitted = refit(model.problem, model.constants, model.start, context.settings.refit, model.factor)
-    return DrawResult(errors_of(context, model, fitted.nodes), fitted.evaluations, fitted.failure)
-
-
-def _distance(data: MarkerData, placed: Array) -> Array:
-    """(nm, nf) m between measured and placed markers."""
-    apart = placed - data.measured
-    out: Array = np.sqrt((apart * apart).sum(axis=1))
-    return out
+    apart = placed - model.problem.data.measured
+    return _record(context, errors, np.sqrt((apart * apart).sum(axis=1)))
 
 
 def _record(context: MonteCarloContext, errors: tuple[Array, Array], distance: Array) -> Array:

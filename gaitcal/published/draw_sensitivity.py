@@ -1,31 +1,21 @@
-"""A sensitivity: whether the Monte Carlo study's motions are fitted to the end.
+"""Sensitivities of the Monte Carlo study: where its re-fits end, and where the centres of pressure are.
 
-The paper prints a marker error of 14 mm at half of the joint parameters' bounds, where a converged re-fit leaves far
-less. Here the re-fit is stopped after some numbers of iterations (`Iteration.counts`) from the undisturbed motion
-(`montecarlo/unfinished_refit.py`): marker and torque errors move together, and the question is whether one of these
-numbers gives the printed marker errors and the printed torque errors at once. None is chosen: the study's own
-figures are those of the end.
-
-Draws whose motion is fitted a given number of iterations from the undisturbed motion, not to the end.
-
-The paper does not say when its re-fits end. Two iterations, at the two ends of what one would use:
+**Unfinished re-fits.** The paper prints a marker error of 14 mm at half of the joint parameters' bounds, where a
+converged re-fit leaves far less, and does not say when its re-fits end. Here they are stopped after some numbers of
+iterations (`Iteration.counts`): does one of them give the printed marker errors and the printed torque errors at once?
+None is chosen: the study's own figures are those of the end. Two iterations, at the two ends of what one would use:
 
 - *Gauss-Newton*, the whole step of the normal equations, damped only where it would raise the cost;
 - *steepest descent*, every node scaled by its own diagonal entry of the Gauss-Newton matrix (of the undisturbed
   motion), as far as the line's minimum.
 
-Nothing of the disturbance is known at the start: the motion is the undisturbed one, without the first-order change
-that starts the re-fits of the study (`context.py`). No iteration leaves that motion; the end is the study's own draw.
+They begin at the undisturbed motion, without the first-order change that starts the re-fits of the study (`draw.py`).
 
-A sensitivity: in double support each foot has its own centre of pressure, or both have the same.
-
-Where the total wrench of a motion is merely divided between the feet, both feet push along the same line, and in double
-support that line stands between them: a force carried along with a foot then turns about a point far from its own. The
-built-in person's ground reactions once were so. The comparison tells what that did to the torque errors of disturbed
-joint parameters, with reactions fixed in the laboratory and with reactions carried with the foot: the same draws, the
-same re-fits, once with the person's forces, once with their sum divided in the ratio of the vertical forces. Draws are
-paired, so that the standard error of the difference is far smaller than that of either mean: of what is significant
-there, little matters, and the claim is on the size of the difference.
+**Centre of pressure.** In double support each foot has its own centre of pressure, or both have the same: where the
+total wrench of a motion is merely divided between the feet, both feet push along one line that stands between them, and
+a force carried along with a foot turns about a point far from its own. The same draws, the same re-fits, once with the
+person's forces, once with their sum divided in the ratio of the vertical forces. Draws are paired, so that the standard
+error of the difference is far smaller than that of either mean, and the claim is on the size of the difference.
 """
 
 from __future__ import annotations
@@ -56,11 +46,10 @@ from gaitcal.published.draw import (
     errors_of,
     torque_column,
 )
-from gaitcal.published.noise_sensitivity import SENSITIVITY
 from gaitcal.published.protocol import PUBLISHED_LEVELS, SIDE, MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.published.statistics import statistics
-from gaitcal.published.study import Chunk, run_chunk
-from gaitcal.published.tables import Cell, TableRow
+from gaitcal.published.study import Chunk, in_order, run_chunk
+from gaitcal.published.tables import SENSITIVITY, Cell, TableRow
 from gaitcal.runtime import with_one_blas_thread
 
 SETS = (Varied.JP, Varied.NOISE)
@@ -91,29 +80,27 @@ def unfinished_draws(
 
     Columns: `iteration`, `iterations` (`CONVERGED`: to the end), `set`, `level`, `draw`, `failure`, then `COLUMNS`.
     """
-    cells = [(varied, level) for varied in SETS for level in levels or PUBLISHED_LEVELS]
-    parts = Parallel(n_jobs=jobs)(delayed(_cell)(case, settings, varied, level, draws) for varied, level in cells)
-    return pd.concat(parts, ignore_index=True)
+    tasks = (
+        delayed(_cell)(case, settings, varied, level, draws) for varied in SETS for level in levels or PUBLISHED_LEVELS
+    )
+    return pd.concat(Parallel(n_jobs=jobs)(tasks), ignore_index=True)
 
 
 @with_one_blas_thread
 def _cell(case: MonteCarloCase, settings: MonteCarloSettings, varied: Varied, level: int, draws: int) -> pd.DataFrame:
-    context = MonteCarloContext(case, settings)
-    rows = [row for number in range(draws) for row in _rows(context, varied, level, number)]
-    keys = ("iteration", "iterations", "set", "level", "draw", "failure")
-    return pd.DataFrame(rows, columns=[*keys, *COLUMNS])
-
-
-def _rows(context: MonteCarloContext, varied: Varied, level: int, number: int) -> Iterator[tuple[object, ...]]:
-    model = disturbed_model(context, disturb(context, varied, level, number))
-    for iteration in Iteration:
-        key = (iteration.value,)
-        rest = (varied.value, level, number)
-        counts = [count for count in iteration.counts if count != CONVERGED]
-        for count, nodes in zip(counts, path(context, model, iteration, counts), strict=True):
-            yield (*key, count, *rest, "", *errors_of(context, model, nodes))
-        end = draw(context, varied, level, number)
-        yield (*key, CONVERGED, *rest, end.failure, *end.values)
+    context, rows = MonteCarloContext(case, settings), []
+    for number in range(draws):
+        model, end = (
+            disturbed_model(context, disturb(context, varied, level, number)),
+            draw(context, varied, level, number),
+        )
+        for iteration in Iteration:
+            key = (varied.value, level, number)
+            *counts, last = iteration.counts
+            for count, nodes in zip(counts, path(context, model, iteration, counts), strict=True):
+                rows.append((iteration.value, count, *key, "", *errors_of(context, model, nodes)))
+            rows.append((iteration.value, last, *key, end.failure, *end.values))
+    return pd.DataFrame(rows, columns=["iteration", "iterations", "set", "level", "draw", "failure", *COLUMNS])
 
 
 def path(
@@ -153,20 +140,9 @@ PRINTED_MM = ((Varied.JP, 50, 14.0), (Varied.NOISE, 50, 4.0))
 """Set, level and the marker error that the paper says it means, mm."""
 DECIMALS = 5
 """Of mm and %BW*H in `iterations.csv`."""
-_TRIED = "; ".join(
-    f"{', '.join(str(count) for count in iteration.counts if count != CONVERGED)} of {iteration.value}"
-    for iteration in Iteration
-)
-_AT_ONCE = (
-    f"of the iterations tried from the undisturbed motion ({_TRIED}; the end), one number gives the printed marker and "
-    "torque errors at once"
-)
+_FIGURES = tuple(figure for figure in PUBLISHED if figure.varied is Varied.JP)
 _COURSE = {Iteration.GAUSS_NEWTON: (0, 1, 2, CONVERGED), Iteration.STEEPEST_DESCENT: (1, 2, 5, 30)}
-"""Numbers of iterations that are told in words; none is the same of both, and so is the end."""
-_PUBLISHED = (
-    "4 mm: JP less than 25 %, noise 50 %; 14 mm: JP 50 %, noise more than 100 %; hip flexion 4.14, hip adduction "
-    "1.06, knee flexion 0.92 %BW*H at JP 100 %"
-)
+"""Numbers of iterations whose errors are in the claim's words; none is the same of both, and so is the end."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +150,7 @@ class StoppedRefits:
     """Statistics of draws whose re-fit was stopped."""
 
     tables: dict[tuple[Iteration, int], pd.DataFrame]
-    """By iteration and number: `montecarlo.statistics` of the sets JP and noise."""
+    """By iteration and number: `statistics.statistics` of the sets JP and noise."""
     draws: int
     """At each set and level."""
 
@@ -196,11 +172,6 @@ def stopped_refits(seed: int, draws: int = DRAWS, jobs: int = -1) -> StoppedRefi
     return StoppedRefits(tables, draws)
 
 
-def shown(count: int) -> str:
-    """A number of iterations in words."""
-    return "converged" if count == CONVERGED else str(count)
-
-
 def iteration_frame(stopped: StoppedRefits) -> pd.DataFrame:
     """`iterations.csv`: one row per set, level, iteration and number, the printed figures in rows of their own.
 
@@ -211,24 +182,18 @@ def iteration_frame(stopped: StoppedRefits) -> pd.DataFrame:
     rows: list[dict[str, object]] = []
     for (iteration, count), table in stopped.tables.items():
         averages = _averages(table)
-        for cell, level in dict.fromkeys((cell, level) for cell, level, _, _ in averages):
-            values = {name: averages[cell, level, quantity, frame] for name, (quantity, frame) in quantities.items()}
-            key = {"set": cell, "level": level, "iteration": iteration.value, "iterations": shown(count)}
-            rows.append(key | values)
+        for varied, level in dict.fromkeys((varied, level) for varied, level, _, _ in averages):
+            values = {name: averages[varied, level, quantity, frame] for name, (quantity, frame) in quantities.items()}
+            number = "converged" if count == CONVERGED else str(count)
+            rows.append({"set": varied, "level": level, "iteration": iteration.value, "iterations": number} | values)
     for varied, level, value in PRINTED_MM:
         rows.append({"set": varied.value, "level": level, "iteration": "printed", "markers_mm": value})
-    both = {f"{f.torque}.{frame.value}": f.value for f in PUBLISHED if f.varied is Varied.JP for frame in ReactionFrame}
+    both = {f"{figure.torque}.{frame.value}": figure.value for figure in _FIGURES for frame in ReactionFrame}
     rows.append({"set": Varied.JP.value, "level": 100, "iteration": "printed", **both})
-    frame = pd.DataFrame(rows)
-    order = {varied.value: varied.key for varied in Varied}
-    ordered = frame.sort_values(["set", "level"], key=lambda c: c.map(order) if c.name == "set" else c, kind="stable")
-    return ordered.round(DECIMALS)
+    return in_order(pd.DataFrame(rows), ("set", "level")).round(DECIMALS)
 
 
-_Averages = dict[tuple[str, int, str, str], float]
-
-
-def _averages(table: pd.DataFrame) -> _Averages:
+def _averages(table: pd.DataFrame) -> dict[tuple[str, int, str, str], float]:
     """Average RMS by set, level, quantity and frame of the ground reactions (markers have none)."""
     rows = table[table["measure"] == "rms"]
     keys = zip(rows["set"], rows["level"], rows["quantity"], rows["grf"], strict=True)
@@ -246,52 +211,57 @@ def refit_rows(stopped: StoppedRefits) -> list[TableRow]:
         for varied, level, printed in PRINTED_MM:
             cell = Cell(SENSITIVITY, f"Monte Carlo, {varied.title} {level} %: {end}", "marker distance RMS", "mm")
             rows.append(cell.filled(printed, averages[varied.value, level, f"markers_{SIDE}", ""], note))
-        for figure in PUBLISHED:
-            if figure.varied is Varied.JP:
-                for frame, words in FRAMES.items():
-                    column = f"{TORQUE_WORDS[figure.torque]}, {words}"
-                    cell = Cell(SENSITIVITY, f"Monte Carlo, JP 100 %: {end}", column, "%BW*H")
-                    ours = averages[Varied.JP.value, 100, f"{figure.torque}_{SIDE}", frame.value]
-                    rows.append(cell.filled(figure.value, ours, note))
+        for figure in _FIGURES:
+            for frame, words in FRAMES.items():
+                column = f"{TORQUE_WORDS[figure.torque]}, {words}"
+                cell = Cell(SENSITIVITY, f"Monte Carlo, JP 100 %: {end}", column, "%BW*H")
+                ours = averages[Varied.JP.value, 100, f"{figure.torque}_{SIDE}", frame.value]
+                rows.append(cell.filled(figure.value, ours, note))
     return rows
 
 
 def refit_claims(stopped: StoppedRefits | None) -> list[Claim]:
     """Whether one of the numbers tried gives all that is printed, for either frame of the ground reactions."""
+    tried = "; ".join(f"{', '.join(map(str, iteration.counts[:-1]))} of {iteration.value}" for iteration in Iteration)
+    claim = (
+        f"of the iterations tried from the undisturbed motion ({tried}; the end), one number gives the printed marker "
+        "and torque errors at once"
+    )
+    published = (
+        "4 mm: JP less than 25 %, noise 50 %; 14 mm: JP 50 %, noise more than 100 %; hip flexion 4.14, hip adduction "
+        "1.06, knee flexion 0.92 %BW*H at JP 100 %"
+    )
     if stopped is None:
-        return [Claim(f"{_AT_ONCE} ({words})", _PUBLISHED, "", Verdict.NOT_RUN) for words in FRAMES.values()]
-    claims, studies = [], {_label(key): stopped.as_study(key) for key in stopped.tables}
-    markers = [label for label, study in studies.items() if printed_markers(study)[1]]
+        return [Claim(f"{claim} ({words})", published, "", Verdict.NOT_RUN) for words in FRAMES.values()]
+
+    def label(iteration: Iteration, count: int) -> str:
+        """The end is the same of every iteration."""
+        return "converged" if count == CONVERGED else f"{iteration.value} {count}"
+
+    def listed(labels: Sequence[str]) -> str:
+        return ", ".join(labels) or "at none of those tried"
+
+    claims, studies = [], {label(*key): stopped.as_study(key) for key in stopped.tables}
+    markers = [name for name, study in studies.items() if printed_markers(study)[1]]
+    course = [
+        label(*key)
+        for i, counts in _COURSE.items()
+        for key in ((i, count) for count in counts)
+        if key in stopped.tables
+    ]
     for frame, words in FRAMES.items():
-        torques = [label for label, study in studies.items() if printed_torques(study, frame)[1]]
-        both = [label for label in markers if label in torques]
+        torques = [name for name, study in studies.items() if printed_torques(study, frame)[1]]
+        both = [name for name in markers if name in torques]
+        parts = []
+        for name in filter(studies.__contains__, course):
+            mm = _averages(studies[name].table)[Varied.JP.value, 50, f"markers_{SIDE}", ""]
+            parts.append(f"{name}: {mm:.1f} mm, {printed_torques(studies[name], frame)[0]}")
         ours = (
-            f"printed marker errors: {_listed(markers)}; printed torque errors: {_listed(torques)}; both at once: "
-            f"{_listed(both)}. {_course(stopped, frame)}; {stopped.draws} draws"
+            f"printed marker errors: {listed(markers)}; printed torque errors: {listed(torques)}; both at once: "
+            f"{listed(both)}. Markers at JP 50 %, torques at JP 100 %: {'; '.join(parts)}; {stopped.draws} draws"
         )
-        claims.append(tested(f"{_AT_ONCE} ({words})", _PUBLISHED, ours, bool(both)))
+        claims.append(tested(f"{claim} ({words})", published, ours, bool(both)))
     return claims
-
-
-def _label(key: tuple[Iteration, int]) -> str:
-    """The end is the same of every iteration."""
-    iteration, count = key
-    return shown(count) if count == CONVERGED else f"{iteration.value} {count}"
-
-
-def _listed(labels: list[str]) -> str:
-    return ", ".join(labels) or "at none of those tried"
-
-
-def _course(stopped: StoppedRefits, frame: ReactionFrame) -> str:
-    """How marker and torque errors move together, in words."""
-    parts = []
-    for key in ((iteration, count) for iteration, counts in _COURSE.items() for count in counts):
-        if key in stopped.tables:
-            study = stopped.as_study(key)
-            mm = _averages(study.table)[Varied.JP.value, 50, f"markers_{SIDE}", ""]
-            parts.append(f"{_label(key)}: {mm:.1f} mm, {printed_torques(study, frame)[0]}")
-    return "Markers at JP 50 %, torques at JP 100 %: " + "; ".join(parts)
 
 
 PAIRED_DRAWS = 200
@@ -303,7 +273,6 @@ NO_DIFFERENCE = 0.05
 """Part of a torque error: a smaller change counts as none."""
 SURE = 2.0
 """Standard errors that a change has to be away from that, or the answer is undecided."""
-_FIGURES = tuple(figure for figure in PUBLISHED if figure.varied is Varied.JP)
 _PRINTED_TORQUES = ", ".join(f"{TORQUE_WORDS[figure.torque]} {figure.value}" for figure in _FIGURES) + " %BW*H"
 
 
@@ -347,7 +316,9 @@ def pressure_centres(seed: int, draws: int = PAIRED_DRAWS, jobs: int = -1) -> Pr
     own = nominal_case()
     cases = {OWN: own, SHARED: with_shared_centre(own)}
     settings = MonteCarloSettings(seed=seed)
-    tables = Parallel(n_jobs=jobs)(delayed(_table)(case, settings, draws) for case in cases.values())
+    chunk = Chunk(Varied.JP, LEVEL, 0, draws)
+    found = Parallel(n_jobs=jobs)(delayed(run_chunk)(case, settings, chunk) for case in cases.values())
+    tables = [table.to_pandas() for _, table in found]
     good = np.all([table["failure"] == "" for table in tables], axis=0)
     return PressureCentres(
         {
@@ -358,11 +329,6 @@ def pressure_centres(seed: int, draws: int = PAIRED_DRAWS, jobs: int = -1) -> Pr
             for centre, table in zip(cases, tables, strict=True)
         }
     )
-
-
-def _table(case: MonteCarloCase, settings: MonteCarloSettings, draws: int) -> pd.DataFrame:
-    _, records = run_chunk(case, settings, Chunk(Varied.JP, LEVEL, 0, draws))
-    return records.to_pandas()
 
 
 def pressure_centre_rows(centres: PressureCentres) -> list[TableRow]:

@@ -236,10 +236,9 @@ def generators(seed: int, draw: int) -> tuple[tuple[np.random.Generator, ...], n
 
 def noisy_draws(seed: int, draws: int, jobs: int = -1, random_seeds: int = RANDOM_SEEDS) -> list[SeedResult]:
     """Draws 0 to `draws` - 1 under `seed`, in order, whatever the number of processes (-1: one for every core)."""
-    if jobs == 1:
-        return [noisy_draw(seed, draw, random_seeds) for draw in range(draws)]
-    tasks = (delayed(noisy_draw)(seed, draw, random_seeds) for draw in range(draws))
-    results: list[SeedResult] = Parallel(n_jobs=jobs)(tasks)
+    results: list[SeedResult] = Parallel(n_jobs=jobs)(
+        delayed(noisy_draw)(seed, draw, random_seeds) for draw in range(draws)
+    )
     return results
 
 

@@ -1,44 +1,31 @@
-"""Whether several printed figures together are rejected as a draw of the noise: where they lie among draws of ours.
+"""Sensitivities of phase 1: whether printed errors are a draw of the noise, by trial length and by absorbed noise.
 
-The printed figures x are one draw of the noise, or so the question goes. Added to n draws of ours they make n + 1
-draws of which none differs from the others; then no measure of how odd a draw looks among all n + 1 has a preference
-either, and
+**Joint place.** The printed figures x are one draw of the noise, or so the question goes. Added to n draws of ours they
+make n + 1 draws of which none differs from the others; then no measure of how odd a draw looks among all n + 1 has a
+preference either, and
 
     p = (number of the n + 1 that look as odd as x, or odder) / (n + 1)
 
 is uniform on 1 / (n + 1), ..., 1 whatever the distribution (a permutation test; conformal p value, Vovk, Gammerman and
-Shafer 2005). Two measures:
+Shafer 2005). Two measures: *distance* in any direction, the squared Mahalanobis distance of the logarithms (errors are
+positive and skewed) from the mean of all n + 1, with the covariance of all; and *low rank sum*, the sum over the
+figures of the draw's rank among the n + 1, which asks whether all are low at once, and finds that with far fewer draws.
+The standard error of p is that over bootstrap samples of the draws, or the binomial one where that is larger.
 
-- *distance* in any direction: the squared Mahalanobis distance from the mean of all n + 1, with the covariance of all.
-  Figures are errors, positive and skewed: their logarithms are compared;
-- *low rank sum*: the sum over the figures of the draw's rank among the n + 1. It asks one thing, whether all figures
-  are low at once, and finds that with far fewer draws.
+**Trial length.** The paper gives 1200 frames and no frame rate. The tables are made at 200 Hz, where 1200 frames are
+6 s; at 60 Hz, a usual rate of cameras then, they are 20 s. The same movement is made more slowly, so that the true
+motion is the same in the 20 nodes: only the noise, whose frequencies are given in rad/s, meets the trial at another
+speed. The side of the rank sum was chosen when the printed errors had been seen to be low against 100 draws: who would
+have looked at either side doubles its p.
 
-Other draws of ours would have given another p. Its standard error is that over bootstrap samples of the draws, or the
-binomial one where that is larger (of a p so small that hardly a draw of ours is as odd, the bootstrap knows nothing).
-
-A sensitivity: how long the isolated trials last, which the paper does not say.
-
-It gives 1200 frames and no frame rate. The tables are made at 200 Hz, where 1200 frames are 6 s; at 60 Hz, a usual
-rate of cameras then, they are 20 s. The same movement is made more slowly, so that the true motion is the same in the
-20 nodes: only the noise, whose frequencies are given in rad/s, meets the trial at another speed. Gait stays as it is;
-its full leg depends on the isolated trials by the 10 parameters that it leaves alone.
-
-Two tests of `joint_place.py`, at both lengths: distance in any direction, and low rank sum, since a printed set that is
-low in every row lies not far in any. The side of the second was chosen when the printed errors had been seen to be low
-against 100 draws: who would have looked at either side doubles its p.
-
-How much of the marker noise a motion can absorb: why the printed marker distances cannot be reached.
-
-To first order a fit leaves of the noise n what is orthogonal to the columns of the marker Jacobian J (by the nodes,
-and by the joint parameters that are free), so that it absorbs the share
+**Absorbed noise.** To first order a fit leaves of the noise n what is orthogonal to the columns of the marker Jacobian
+J (by the nodes, and by the joint parameters that are free), so that it absorbs the share
 
     |P n|^2 / |n|^2 = g . M^-1 g / |n|^2,      g = J' n,   M = J' J,
 
-of its sum of squares; |P n|^2 and |n|^2 are summed over draws of the noise itself. In one frame noise has no preferred
-direction (its variance is the same in every coordinate of every marker), so that any motion whatever, of as many nodes
-as one likes, absorbs rank(J_f) / (3 * markers) on average, to first order. That is the most there is for a motion
-alone. Free joint parameters are columns of all frames together, not of one, and absorb some more.
+of its sum of squares, summed over draws of the noise. In one frame noise has no preferred direction, so that any motion
+whatever, of as many nodes as one likes, absorbs rank(J_f) / (3 * markers) on average. Free joint parameters are columns
+of all frames together, and absorb some more.
 """
 
 from __future__ import annotations
@@ -58,15 +45,15 @@ from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.published.claims import Claim, Verdict
 from gaitcal.published.inertial_recovery import generators
 from gaitcal.published.joint_recovery import (
-    FoundFromZero,
-    find_joints,
+    JointRecovery,
     free_parameters,
+    recover_joints,
     synthetic_problem,
     true_model,
     true_motion,
 )
 from gaitcal.published.protocol import PROBLEMS, table_one
-from gaitcal.published.tables import JOINT_FIGURES, Cell, TableRow
+from gaitcal.published.tables import JOINT_FIGURES, SENSITIVITY, Cell, TableRow
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import ISOLATED_FRAMES, NOISE_AMPLITUDE, RATE, marker_noise
 
@@ -76,7 +63,30 @@ SURE = 2.0
 """Standard errors that p has to be away from the limit, or the answer is undecided."""
 BOOTSTRAPS = 200
 _SAME = 1e-9
-"""Relative difference of distances that is rounding, and relative size of a direction that is none."""
+"""Relative difference of distances that is rounding, and relative size of an eigenvalue or direction that is none."""
+RATES = (RATE, 60.0)
+"""Frames per second, hence lengths, of the isolated trials."""
+DRAWS = 300
+"""Of the noise, at each length: of a p near 0.05 the standard error is 0.013 by low rank sum, some 0.02 by distance."""
+ABSORPTION_DRAWS = 200
+NOISE_MM = 1e3 * NOISE_AMPLITUDE / np.sqrt(2.0)
+"""RMS of the noise: three coordinates of variance A^2 / 6 each."""
+
+
+def _printed(key: str) -> dict[str, float]:
+    """Problem -> figure of Table I with noise; those that the table has."""
+    return {p: value for p, value in table_one("synthetic_with_noise", key).items() if value is not None}
+
+
+PARAMETER_ROWS: tuple[tuple[str, str], ...] = tuple(
+    (problem, key)
+    for problem in PROBLEMS
+    for key, *_ in JOINT_FIGURES
+    if key != "marker_distance_mm" and problem in _printed(key)
+)
+"""(problem, key of the figure): the seven errors of joint parameters in Table I with noise."""
+_ROW_UNITS = tuple("deg" if key.endswith("deg") else "mm" for _, key in PARAMETER_ROWS)
+_DISTANCES = _printed("marker_distance_mm")
 
 
 @dataclass(frozen=True)
@@ -100,32 +110,22 @@ class Place:
     @property
     def words(self) -> str:
         """`0.012 +- 0.006 (rejected)`."""
-        told = {
+        meaning = {
             Verdict.NOT_RUN: "too few draws",
             Verdict.UNDECIDED: "too near the limit to tell",
             Verdict.HOLDS: "not rejected",
             Verdict.FAILS: "rejected",
         }
-        return f"{self.p:.2g} +- {self.error:.1g} ({told[self.verdict]})"
-
-
-def joint_place(draws: Array, printed: Array) -> Place:
-    """By distance, of the printed figures (d,) among draws (n, d), all positive."""
-    return _with_error(joint_p, draws, printed)
-
-
-def low_place(draws: Array, printed: Array) -> Place:
-    """By low rank sum, of the printed figures (d,) among draws (n, d)."""
-    return _with_error(low_p, draws, printed)
+        return f"{self.p:.2g} +- {self.error:.1g} ({meaning[self.verdict]})"
 
 
 def joint_p(draws: Array, printed: Array) -> float:
-    """P by distance.
+    """P by distance, of the printed figures (d,) among draws (n, d), all positive.
 
     NaN for so few draws that none could be below `LIMIT`, or n <= d, where every draw lies as far.
     """
     count, width = draws.shape
-    if count <= width or _too_few(count):
+    if count <= width or 1.0 / (count + 1) >= LIMIT:
         return float("nan")
     logs = np.log(np.vstack([draws, printed]))
     apart = logs - logs.mean(axis=0)
@@ -137,17 +137,14 @@ def joint_p(draws: Array, printed: Array) -> float:
 
 def low_p(draws: Array, printed: Array) -> float:
     """P by low rank sum, one-sided; NaN for so few draws that none could be below `LIMIT`."""
-    if _too_few(len(draws)):
+    if 1.0 / (len(draws) + 1) >= LIMIT:
         return float("nan")
     sums = rankdata(np.vstack([draws, printed]), axis=0).sum(axis=1)
     return float(np.mean(sums <= sums[-1]))
 
 
-def _too_few(count: int) -> bool:
-    return 1.0 / (count + 1) >= LIMIT
-
-
-def _with_error(test: Callable[[Array, Array], float], draws: Array, printed: Array) -> Place:
+def place(test: Callable[[Array, Array], float], draws: Array, printed: Array) -> Place:
+    """Of the printed figures (d,) among draws (n, d), by `joint_p` or `low_p`."""
     p, count = test(draws, printed), len(draws)
     if np.isnan(p):
         return Place(p, p)
@@ -156,35 +153,13 @@ def _with_error(test: Callable[[Array, Array], float], draws: Array, printed: Ar
     return Place(p, max(float(np.std(others)), float(np.sqrt(p * (1.0 - p) / count))))
 
 
-def not_rejected(claim: str, published: str, place: Place, words: str) -> Claim:
-    """The claim that printed figures together are not rejected as a draw."""
-    return Claim(claim, published, words, place.verdict)
-
-
-CAMERAS_HZ = 60.0
-RATES = (RATE, CAMERAS_HZ)
-DRAWS = 300
-"""Of the noise, at each length: of a p near 0.05 the standard error is 0.013 by low rank sum, some 0.02 by distance."""
-PRINTED = "synthetic_with_noise"
-SENSITIVITY = "sensitivity"
-"""Of `tables.csv`: the table that these rows are in."""
-
-PARAMETER_ROWS: tuple[tuple[str, str], ...] = tuple(
-    (problem, key)
-    for problem in PROBLEMS
-    for key, *_ in JOINT_FIGURES
-    if key != "marker_distance_mm" and table_one(PRINTED, key)[problem] is not None
-)
-"""(problem, key of the figure): the seven errors of joint parameters in Table I with noise."""
-
-
 @dataclass(frozen=True)
 class LengthDraws:
     """Table I with noise for one length of the isolated trials."""
 
     rate: float
     """Hz."""
-    problems: list[dict[str, FoundFromZero]]
+    problems: list[dict[str, JointRecovery]]
     """Draw by draw."""
 
     @property
@@ -200,34 +175,31 @@ class LengthDraws:
 
     @cached_property
     def joint(self) -> Place:
-        """By distance, of the seven printed errors of joint parameters together; see `joint_place.py`."""
-        return joint_place(*self._seven())
+        """By distance, of the seven printed errors of joint parameters together."""
+        return place(joint_p, *self._seven())
 
     @cached_property
     def low(self) -> Place:
         """By low rank sum."""
-        return low_place(*self._seven())
+        return place(low_p, *self._seven())
 
     def _seven(self) -> tuple[Array, Array]:
         """(n, 7) and (7,): ours and the printed ones."""
         ours = np.column_stack([self.values(*row) for row in PARAMETER_ROWS])
-        return ours, np.array([table_one(PRINTED, key)[problem] for problem, key in PARAMETER_ROWS])
+        return ours, np.array([_printed(key)[problem] for problem, key in PARAMETER_ROWS])
 
 
 def trial_lengths(seed: int, draws: int = DRAWS, jobs: int = -1, rates: Iterable[float] = RATES) -> list[LengthDraws]:
     """Phase 1 with the noise of draws 0 to `draws` - 1 under `seed`, those of the tables, for each length."""
-    tasks = [(rate, draw) for rate in rates for draw in range(draws)]
-    found = Parallel(n_jobs=jobs)(delayed(_found)(seed, draw, rate) for rate, draw in tasks)
-    of_rate: dict[float, list[dict[str, FoundFromZero]]] = {}
-    for (rate, _), one in zip(tasks, found, strict=True):
-        of_rate.setdefault(rate, []).append(one)
-    return [LengthDraws(rate, problems) for rate, problems in of_rate.items()]
+    wanted = list(rates)
+    found = Parallel(n_jobs=jobs)(delayed(_found)(seed, draw, rate) for rate in wanted for draw in range(draws))
+    return [LengthDraws(rate, found[k * draws : (k + 1) * draws]) for k, rate in enumerate(wanted) if draws]
 
 
 @with_one_blas_thread
-def _found(seed: int, draw: int, rate: float) -> dict[str, FoundFromZero]:
+def _found(seed: int, draw: int, rate: float) -> dict[str, JointRecovery]:
     noise, _ = generators(seed, draw)
-    return find_joints({p: synthetic_problem(p, noise[k], rate) for k, p in enumerate(PROBLEMS)})
+    return recover_joints({p: synthetic_problem(p, noise[k], rate) for k, p in enumerate(PROBLEMS)}, compare=False)
 
 
 def trial_length_rows(lengths: Sequence[LengthDraws]) -> list[TableRow]:
@@ -236,46 +208,47 @@ def trial_length_rows(lengths: Sequence[LengthDraws]) -> list[TableRow]:
     for length in lengths:
         words = f"isolated trials of {length.seconds:.0f} s ({ISOLATED_FRAMES} frames at {length.rate:.0f} Hz)"
         for key, title, unit, _ in JOINT_FIGURES:
-            for problem, published in table_one(PRINTED, key).items():
-                if published is not None:
-                    values = length.values(problem, key)
-                    cell = Cell(SENSITIVITY, f"{words}: {title}", problem, unit)
-                    rows.append(cell.over_draws(published, values, _place(values, published)))
+            for problem, published in _printed(key).items():
+                values = length.values(problem, key)
+                share = f"{np.mean(values <= published):.0%} of the draws are at or below it"
+                rows.append(Cell(SENSITIVITY, f"{words}: {title}", problem, unit).over_draws(published, values, share))
         stuck = sum(not f.converged for found in length.problems for f in found.values())
-        for column, place, told in (
+        for column, found_place, meaning in (
             ("p by distance", length.joint, "as far from their mean"),
             ("p by low rank sum", length.low, "as low in all rows together (one-sided)"),
         ):
-            rows.append(
-                Cell(SENSITIVITY, f"{words}: the seven parameter rows together", column, "").filled(
-                    None,
-                    place.p,
-                    f"standard error {place.error:.1g}",
-                    f"share of {len(length.problems)} noise draws and the printed one that are {told}",
-                    f"{stuck} of {len(length.problems) * len(PROBLEMS)} searches did not converge" if stuck else "",
-                )
+            notes = (
+                f"standard error {found_place.error:.1g}",
+                f"share of {len(length.problems)} noise draws and the printed one that are {meaning}",
+                f"{stuck} of {len(length.problems) * len(PROBLEMS)} searches did not converge" if stuck else "",
             )
+            cell = Cell(SENSITIVITY, f"{words}: the seven parameter rows together", column, "")
+            rows.append(cell.filled(None, found_place.p, *notes))
     return rows
-
-
-def _place(values: Array, published: float) -> str:
-    return f"{np.mean(values <= published):.0%} of the draws are at or below it"
 
 
 def trial_length_claims(lengths: Sequence[LengthDraws] | None) -> list[Claim]:
     """Whether the seven printed rows are too low together for the first length and not for the last."""
+    first, last = (f"{ISOLATED_FRAMES / rate:.0f}" for rate in (RATES[0], RATES[-1]))
+    claim = (
+        "the seven printed errors of joint parameters with noise are too low together for a draw where isolated trials "
+        f"last {first} s; where they last {last} s that is not rejected"
+    )
+    with_units = list(zip(PARAMETER_ROWS, _ROW_UNITS, strict=True))
+    published = ", ".join(f"{problem} {_printed(key)[problem]} {unit}" for (problem, key), unit in with_units)
+    published = f"length not printed; {published}"
     if lengths is None:
-        return [Claim(_CLAIM, _PUBLISHED, "", Verdict.NOT_RUN)]
-    told = []
+        return [Claim(claim, published, "", Verdict.NOT_RUN)]
+    parts = []
     for length in lengths:
-        errors = (f"{problem} {np.median(length.values(*row)):.2f} {unit}" for row, problem, unit in _ROW_WORDS)
+        errors = (f"{row[0]} {np.median(length.values(*row)):.2f} {unit}" for row, unit in with_units)
         markers = (f"{p} {np.median(length.values(p, 'marker_distance_mm')):.2f}" for p in PROBLEMS)
-        told.append(
+        parts.append(
             f"{length.seconds:.0f} s: low rank sum p = {length.low.words}, distance p = {length.joint.words}; medians "
             f"{', '.join(errors)}; marker distances {', '.join(markers)} mm"
         )
-    words = f"{'. '.join(told)}. {len(lengths[0].problems)} draws each, limit {LIMIT:g}; rank sum one-sided"
-    return [Claim(_CLAIM, _PUBLISHED, words, _low_then_not(lengths[0].low.verdict, lengths[-1].low.verdict))]
+    words = f"{'. '.join(parts)}. {len(lengths[0].problems)} draws each, limit {LIMIT:g}; rank sum one-sided"
+    return [Claim(claim, published, words, _low_then_not(lengths[0].low.verdict, lengths[-1].low.verdict))]
 
 
 def _low_then_not(first: Verdict, last: Verdict) -> Verdict:
@@ -285,24 +258,6 @@ def _low_then_not(first: Verdict, last: Verdict) -> Verdict:
     if first is Verdict.HOLDS or last is Verdict.FAILS:
         return Verdict.FAILS
     return Verdict.UNDECIDED if Verdict.UNDECIDED in (first, last) else Verdict.HOLDS
-
-
-_CLAIM = (
-    "the seven printed errors of joint parameters with noise are too low together for a draw where isolated trials "
-    f"last {ISOLATED_FRAMES / RATES[0]:.0f} s; where they last {ISOLATED_FRAMES / RATES[-1]:.0f} s that is not rejected"
-)
-_ROW_WORDS = tuple((row, row[0], "deg" if row[1].endswith("deg") else "mm") for row in PARAMETER_ROWS)
-"""The row, its problem and unit."""
-_PUBLISHED = "length not printed; " + ", ".join(
-    f"{problem} {table_one(PRINTED, row[1])[problem]} {unit}" for row, problem, unit in _ROW_WORDS
-)
-
-
-NOISE_MM = 1e3 * NOISE_AMPLITUDE / np.sqrt(2.0)
-"""RMS of the noise: three coordinates of variance A^2 / 6 each."""
-ABSORPTION_DRAWS = 200
-_ZERO = 1e-9
-"""Relative size of an eigenvalue that is none."""
 
 
 @dataclass(frozen=True)
@@ -320,6 +275,11 @@ class Absorbed:
     """Of both shares."""
     left_mm: Array
     """(n,) RMS marker distance that is left of each draw, mm, with all of these."""
+
+
+def absorbed_noise(seed: int, draws: int = ABSORPTION_DRAWS, jobs: int = -1) -> dict[str, Absorbed]:
+    """Of every one of `PROBLEMS`."""
+    return dict(zip(PROBLEMS, Parallel(n_jobs=jobs)(delayed(absorbed)(p, seed, draws) for p in PROBLEMS), strict=True))
 
 
 @with_one_blas_thread
@@ -365,13 +325,8 @@ def any_motion_share(problem: TrialProblem, parameters: Parameters, nodes: Array
     """Mean over the frames of rank(J_f) / (3 * markers)."""
     frames = problem.frame_hessians(problem.basis.evaluate(nodes), problem.constants(parameters))
     size = np.linalg.eigvalsh(frames)
-    ranks = (size > _ZERO * size[:, -1:]).sum(axis=1)
+    ranks = (size > _SAME * size[:, -1:]).sum(axis=1)
     return float(ranks.mean() / (3 * len(problem.labels)))
-
-
-def absorbed_noise(seed: int, draws: int = ABSORPTION_DRAWS, jobs: int = -1) -> dict[str, Absorbed]:
-    """Of every one of `PROBLEMS`."""
-    return dict(zip(PROBLEMS, Parallel(n_jobs=jobs)(delayed(absorbed)(p, seed, draws) for p in PROBLEMS), strict=True))
 
 
 def absorbed_rows(shares: Mapping[str, Absorbed]) -> list[TableRow]:
@@ -387,40 +342,28 @@ def absorbed_rows(shares: Mapping[str, Absorbed]) -> list[TableRow]:
         ):
             rows.append(Cell(SENSITIVITY, f"{title}: {words}", problem, "%").filled(None, 100.0 * value, note))
         cell = Cell(SENSITIVITY, f"{title}: marker distance RMS that is left", problem, "mm")
-        rows.append(cell.over_draws(_printed(problem), share.left_mm, "to first order"))
+        rows.append(cell.over_draws(_DISTANCES[problem], share.left_mm, "to first order"))
     return rows
-
-
-def _printed(problem: str) -> float:
-    """RMS marker distance, mm."""
-    value = table_one(PRINTED, "marker_distance_mm")[problem]
-    if value is None:
-        raise ValueError(f"Table I has no marker distance of {problem}")
-    return value
-
-
-_DISTANCE_CLAIM = (
-    "the four printed marker distances with noise together are not rejected as a draw of noise in 41 markers"
-)
-_PRINTED_DISTANCES = ", ".join(f"{p} {_printed(p):.2f}" for p in PROBLEMS) + " mm; marker set not printed"
 
 
 def absorbed_claims(shares: Mapping[str, Absorbed] | None) -> list[Claim]:
     """Whether the printed marker distances are among those that noise leaves."""
+    claim = "the four printed marker distances with noise together are not rejected as a draw of noise in 41 markers"
+    published = ", ".join(f"{p} {_DISTANCES[p]:.2f}" for p in PROBLEMS) + " mm; marker set not printed"
     if shares is None:
-        return [Claim(_DISTANCE_CLAIM, _PRINTED_DISTANCES, "", Verdict.NOT_RUN)]
+        return [Claim(claim, published, "", Verdict.NOT_RUN)]
     left = np.column_stack([share.left_mm for share in shares.values()])
-    printed = np.array([_printed(p) for p in shares])
+    printed = np.array([_DISTANCES[p] for p in shares])
     most = max(share.any_motion for share in shares.values())
     lowest = list(shares)[int(printed.argmin())]
     needed = most * 3 * next(iter(shares.values())).markers / (3.0 * (1.0 - (printed.min() / NOISE_MM) ** 2))
-    place, error = joint_place(left, printed), max(share.standard_error for share in shares.values())
+    found, error = place(joint_p, left, printed), max(share.standard_error for share in shares.values())
 
     def each(values: Iterable[float], form: str) -> str:
         return ", ".join(f"{name} {value:{form}}" for name, value in zip(shares, values, strict=True))
 
     words = (
-        f"distance p = {place.words} of {len(left)} draws (limit {LIMIT:g}): on average, to first order, a motion of "
+        f"distance p = {found.words} of {len(left)} draws (limit {LIMIT:g}): on average, to first order, a motion of "
         f"27 coordinates alone absorbs at most {100 * most:.0f} % of the noise, which leaves "
         f"{NOISE_MM * np.sqrt(1 - most):.1f} of {NOISE_MM:.2f} mm; that of 20 nodes "
         f"{each((100 * s.motion for s in shares.values()), '.1f')} %; free joint parameters add to it: "
@@ -429,4 +372,4 @@ def absorbed_claims(shares: Mapping[str, Absorbed] | None) -> list[Claim]:
         f"{each(np.mean(left <= printed, axis=0), '.1%')}. The {lowest}'s {printed.min():.2f} mm would ask for "
         f"{int(needed)} markers or fewer"
     )
-    return [not_rejected(_DISTANCE_CLAIM, _PRINTED_DISTANCES, place, words)]
+    return [Claim(claim, published, words, found.verdict)]

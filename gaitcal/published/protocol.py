@@ -1,14 +1,9 @@
-"""What a Monte Carlo study varies, and how far (Reinbolt et al. 2007, section on Monte Carlo analyses).
+"""The published study (Reinbolt et al. 2007) as settings: its printed figures, and what its Monte Carlo study varies.
 
 Levels are per cent of the bounds; at 100 % joint positions move by up to 10 mm, orientations by up to 10 degrees,
 inertial parameters by up to 10 % of themselves, and marker noise has amplitudes of up to 10 mm.
 
-All problems for one draw of the noise (or none): what is repeated over noise seeds.
-
-Randomness enters by `generators` alone: the noise of each problem and the random inertial seeds have generators of
-their own, spawned from the seed and the number of the draw.
-
-The printed figures of Reinbolt et al. 2007 (`published_results.json`), parameters by the names of this project.
+Printed figures are in `published_results.json`, parameters by the names of this project.
 """
 
 from __future__ import annotations

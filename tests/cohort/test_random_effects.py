@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.cohort.learning import Axes, Evidence, Known, Structure, Whole, learn, log_density
+from gaitcal.cohort.learning import Evidence, Structure, learn, log_density
 from gaitcal.study.people_design import mirror, sided_directions
 from tests.cohort.made_people import KNEES, Array, some_information, told
 
@@ -39,12 +39,11 @@ def rest() -> Array:
     return np.eye(SIZE) - COMMON * alike @ alike.T
 
 
-def axes() -> Axes:
-    values, vectors = np.linalg.eigh(rest())
-    return Axes(vectors, values, 3.0)
+def axes() -> Structure:
+    return Structure(rest(), 3.0, np.linalg.eigh(rest())[1])
 
 
-@pytest.mark.parametrize("structure", [axes(), Whole(rest(), 10.0)], ids=["axes", "whole"])
+@pytest.mark.parametrize("structure", [axes(), Structure(rest(), 10.0)], ids=["axes", "whole"])
 def test_each_step_is_likelier_and_spreads_are_the_same_on_both_sides(structure: Structure) -> None:
     found = learn(evidence(12, 0.1 * np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure)
     assert len(found.rises) > 3
@@ -55,7 +54,7 @@ def test_each_step_is_likelier_and_spreads_are_the_same_on_both_sides(structure:
 
 
 def test_of_nobody_the_default_prior_is_learnt() -> None:
-    for structure in (Known(rest()), axes(), Whole(rest(), 10.0)):
+    for structure in (Structure(rest()), axes(), Structure(rest(), 10.0)):
         nobody = learn(evidence(0, np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure)
         mean, covariance = nobody.population.expected(sided_directions(KNEES)[0])
         np.testing.assert_allclose(mean, 0.0)
@@ -70,7 +69,7 @@ def test_many_people_tell_mean_and_spread() -> None:
     reflected = mirror(KNEES)
     spread = 0.05 * np.eye(SIZE) + traits @ traits.T
     spread = 0.5 * (spread + reflected @ spread @ reflected.T)
-    found = learn(evidence(600, spread, mean, 4), effects(), reflected, Whole(rest(), 5.0)).population
+    found = learn(evidence(600, spread, mean, 4), effects(), reflected, Structure(rest(), 5.0)).population
     # 600 people: a variance within some 6 %, a mean within a tenth of its spread
     np.testing.assert_allclose(found.expected(alike)[0], mean, atol=0.1)
     assert np.linalg.norm(found.spread - spread) < 0.15 * np.linalg.norm(spread)
@@ -92,7 +91,7 @@ def test_the_likelihood_is_that_of_the_dense_normal_distribution() -> None:
         return float(-m @ np.linalg.solve(whole, m) - np.linalg.slogdet(whole)[1])
 
     made = evidence(people, 0.1 * np.eye(SIZE), np.zeros(SIZE), 5)
-    told = [learn(made, prior, reflected, Known(spread)).rises[0] for spread in (rest(), 0.3 * rest())]
+    told = [learn(made, prior, reflected, Structure(spread)).rises[0] for spread in (rest(), 0.3 * rest())]
     wanted = [dense(made, spread) for spread in (rest(), 0.3 * rest())]
     assert told[1] - told[0] == pytest.approx(wanted[1] - wanted[0], rel=1e-8)
     alone = [
@@ -123,7 +122,7 @@ def test_what_nobody_shows_stays_as_it_was() -> None:
         right=np.array([p.right for p in people]),
         design=np.repeat(alike[None], 30, axis=0),
     )
-    mean, covariance = learn(made, effects(), reflected, Whole(rest(), 3.0)).population.expected(alike)
+    mean, covariance = learn(made, effects(), reflected, Structure(rest(), 3.0)).population.expected(alike)
     np.testing.assert_allclose(unseen.T @ mean, 0.0, atol=SINGULAR)
     np.testing.assert_allclose(unseen.T @ covariance @ unseen, np.eye(unseen.shape[1]), atol=SINGULAR)
 
