@@ -1,28 +1,19 @@
-"""Known motions of the built-in subject: gait (`walk.py`) and the six isolated trials.
+"""Known motions of the built-in subject, and what is measured of them: markers with noise, and ground reactions.
 
-They are quintic splines, sampled: the true motion lies in a spline space exactly, so that a noiseless reproduction can
-be exact.
-
-A person in the posture of another: the motion in which the markers of one come nearest to those of the other.
-
-The same angles about other axes make another body: bow-legged, or standing on the edge of a foot. A person whose axes
-lie elsewhere in the same body looks, standing and walking, as the nominal one does.
-
-Synthetic measurements: markers of a linkage with known parameters in a known motion, and their noise.
+Motions are the gait of `walk.py` and the six isolated trials. They are quintic splines, sampled: the true motion lies
+in a spline space exactly, so that a noiseless reproduction can be exact. A person whose axes lie elsewhere in the same
+body looks, standing and walking, as the nominal one does: its motion is the one in which its markers come nearest to
+those of the nominal person (the same angles about other axes would make another body).
 
 Noise, per marker coordinate and trial: A sin(omega t + phi), A ~ U(0, 10 mm), omega ~ U(0, 25 rad/s),
-phi ~ U(0, 2 pi) (Reinbolt et al. 2007, after Cheze et al. 1995). Randomness enters by the `numpy.random.Generator`
-that the caller gives, and nowhere else.
+phi ~ U(0, 2 pi) (Reinbolt et al. 2007, after Cheze et al. 1995), from the generator that the caller gives.
 
-What the ground does to each foot of a walking person whose total ground reaction is known.
-
-The total wrench is what the motion asks for (root inverse dynamics), so that the true pelvis residual is zero. It is
-divided between the feet in four steps, each exact:
+The total wrench of the ground is what the motion asks for (root inverse dynamics), so that the true pelvis residual is
+zero. It is divided between the feet in four steps, each exact:
 
 1. The vertical load goes from foot to foot by a quintic ramp, in which the swinging foot has none.
-2. Each foot's centre of pressure rolls from heel to toe (`feet.py`). The load on both has its centre where the motion
-   wants it: the rest, some millimetres, is met by the ramp along the line between the feet, and by moving both centres
-   across it.
+2. Each foot's centre of pressure rolls from heel to toe. The load on both has its centre where the motion wants it: the
+   rest, some millimetres, is met by the ramp along the line between the feet, and by moving both centres across it.
 3. The forces of both feet meet in one point above the middle of the body, as those of walking people do (Maus et al.
    2010, Nature Communications 1:70), so that the front foot brakes while the rear one drives.
 4. The free moment is divided like the load: forces that meet above the centre add none to it.
@@ -50,10 +41,33 @@ from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.walk import GAIT_CYCLE, Meant, feet_of, nominal_curves, right_share, rolled, walking_nodes
 
+RATE = 200.0
+"""Frames per second of all published trials."""
+GAIT_FRAMES = 208
+"""Of the published study: one stride, right heel strike first."""
+WALK_STRIDES = (-0.2, 1.8)
+"""Phases of the walk of a synthetic recording: a whole stride of each foot."""
+ISOLATED_FRAMES = 1200
+NODES = 20
+"""Of a published trial."""
+WALK_NODES = 35
+"""Of a walk of two strides: knots as far apart as in the published gait. The splines of a published trial are among
+those of so many nodes."""
+
+HIP_TURNS = ((20.0, 30.0), (-15.0, 20.0))
+"""Mean and amplitude, degrees, of hip flexion in the first and adduction in the second half of the hip trial."""
+KNEE_TURN = (45.0, 40.0)
+ANKLE_TURN = (-8.0, 24.0)
+SUBTALAR_AMPLITUDE = 18.0
+ISOLATED_HZ = {"hip": 2.0 / 3.0, "knee": 0.5, "ankle": 0.5}
 NOISE_AMPLITUDE = 0.010
 """m."""
 NOISE_OMEGA = 25.0
 """rad/s."""
+ON_THE_FLOOR = 4.0
+"""Weight of the feet's markers: legs of unequal length stand on one floor all the same."""
+MEETING_HEIGHT = 0.7
+"""Of body height: where the lines of both forces meet."""
 
 
 @with_one_blas_thread
@@ -78,10 +92,6 @@ def marker_noise(time: Array, markers: int, rng: np.random.Generator, amplitude:
     return out
 
 
-ON_THE_FLOOR = 4.0
-"""Weight of the feet's markers: legs of unequal length stand on one floor all the same."""
-
-
 def is_nominal(parameters: Parameters) -> bool:
     """Whether all joint parameters are those of the nominal person."""
     return bool(np.array_equal(parameters.joint, published_model().parameters.joint))
@@ -97,37 +107,6 @@ def looking_like_nominal(parameters: Parameters, basis: SplineBasis, q: Array) -
     problem = trial_problem("nominal", person, recording, NodeRule(fixed=basis.nodes))
     nodes: Array = tracked_motion(problem, parameters).nodes
     return nodes
-
-
-def posture_like_nominal(parameters: Parameters, q: Array) -> Array:
-    """(nq,) the posture in which a person's markers are nearest to the nominal person's at q (nq,)."""
-    if is_nominal(parameters):
-        return q
-    basis = spline_basis(np.arange(12) / 200.0, 6)
-    still = np.tile(q, (len(basis.time), 1))
-    mean: Array = basis.evaluate(looking_like_nominal(parameters, basis, still)).mean(axis=0)
-    return mean
-
-
-RATE = 200.0
-"""Frames per second of all published trials."""
-GAIT_FRAMES = 208
-"""Of the published study: one stride, right heel strike first."""
-WALK_STRIDES = (-0.2, 1.8)
-"""Phases of the walk of a synthetic recording: a whole stride of each foot."""
-ISOLATED_FRAMES = 1200
-NODES = 20
-"""Of a published trial."""
-WALK_NODES = 35
-"""Of a walk of two strides: knots as far apart as in the published gait. The splines of a published trial are among
-those of so many nodes."""
-
-HIP_TURNS = ((20.0, 30.0), (-15.0, 20.0))
-"""Mean and amplitude, degrees, of hip flexion in the first and adduction in the second half of the hip trial."""
-KNEE_TURN = (45.0, 40.0)
-ANKLE_TURN = (-8.0, 24.0)
-SUBTALAR_AMPLITUDE = 18.0
-ISOLATED_HZ = {"hip": 2.0 / 3.0, "knee": 0.5, "ankle": 0.5}
 
 
 @dataclass(frozen=True)
@@ -195,11 +174,9 @@ def isolated_motion(joint: str, standing: Array | None = None, rate: float = RAT
 
     if kind == "hip":
         half = time[-1] / 2
-        first = _window(time, 0.0, half)
-        second = _window(time, half, float(time[-1]))
-        (flexion, flexion_amplitude), (adduction, adduction_amplitude) = HIP_TURNS
-        put("hip_flexion", first * (flexion + flexion_amplitude * np.sin(cycle)))
-        put("hip_adduction", second * (adduction + adduction_amplitude * np.sin(cycle)))
+        windows = (np.sin(np.pi * np.clip((time - start) / half, 0.0, 1.0)) ** 2 for start in (0.0, half))
+        for name, (mean, amplitude), window in zip(("hip_flexion", "hip_adduction"), HIP_TURNS, windows, strict=True):
+            put(name, window * (mean + amplitude * np.sin(cycle)))
     elif kind == "knee":
         put("knee_angle", KNEE_TURN[0] + KNEE_TURN[1] * np.sin(cycle))
         put("hip_flexion", np.full(len(time), 30.0))
@@ -221,7 +198,11 @@ def standing_pose(parameters: Parameters | None = None) -> Array:
     for side in ("r", "l"):
         q[COORDINATE_INDEX[f"arm_add_{side}"]] = np.deg2rad(-12.0)
         q[COORDINATE_INDEX[f"elbow_flex_{side}"]] = np.deg2rad(10.0)
-    return q if parameters is None else posture_like_nominal(parameters, q)
+    if parameters is None or is_nominal(parameters):
+        return q
+    basis = spline_basis(np.arange(12) / 200.0, 6)
+    mean: Array = basis.evaluate(looking_like_nominal(parameters, basis, np.tile(q, (12, 1)))).mean(axis=0)
+    return mean
 
 
 @with_one_blas_thread
@@ -231,18 +212,9 @@ def static_motion(frames: int = 100, standing: Array | None = None) -> TrueMotio
     return _in_spline_space(time, np.tile(standing_pose() if standing is None else standing, (frames, 1)))
 
 
-def _window(time: Array, start: float, end: float) -> Array:
-    x = np.clip((time - start) / (end - start), 0.0, 1.0)
-    return np.sin(np.pi * x) ** 2
-
-
 def _in_spline_space(time: Array, q: Array) -> TrueMotion:
     basis = spline_basis(time, NODES)
     return TrueMotion(basis, basis.fit(q))
-
-
-MEETING_HEIGHT = 0.7
-"""Of body height: where the lines of both forces meet."""
 
 
 @dataclass(frozen=True)
@@ -277,36 +249,25 @@ def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     total = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((len(q), 2, 6))))
     force, moment = total[:, :3], total[:, 3:] + np.cross(q[:, :3], total[:, :3])
-    middle = _centre(force, moment)
-    free = moment[:, 1] - np.cross(middle, force)[:, 1]
-    share, centre = _loads(middle, feet_of(parameters, q).along(rolled(motion.phase))[0], right_share(motion.phase))
-    return GroundOnFeet(_wrenches(force, free, middle, share, centre), centre, share)
-
-
-def _centre(force: Array, moment: Array) -> Array:
-    """(nf, 3) m, where on the floor a wrench about the laboratory origin has no tipping moment."""
     up = force[:, 1]
-    return np.stack([moment[:, 2] / up, np.zeros(len(up)), -moment[:, 0] / up], axis=1)
-
-
-def _loads(middle: Array, rolling: Array, right: Array) -> tuple[Array, Array]:
-    """(nf, 2) shares of the load and (nf, 2, 3) m centres of pressure, whose weighted mean is `middle` (nf, 3)."""
+    middle = np.stack([moment[:, 2] / up, np.zeros(len(up)), -moment[:, 0] / up], axis=1)  # no tipping moment there
+    free = moment[:, 1] - np.cross(middle, force)[:, 1]
+    # shares of the load and centres of pressure, whose weighted mean is the middle
+    right, rolling = right_share(motion.phase), feet_of(parameters, q).along(rolled(motion.phase))[0]
     share = np.stack([right, 1.0 - right], axis=1)
     missed = middle - np.einsum("fk,fki->fi", share, rolling)
     apart = rolling[:, 0] - rolling[:, 1]
     both = 16.0 * (right * (1.0 - right)) ** 2  # 1 where the feet share alike, and 0, also in its rate, at the ends
     moved = both * np.einsum("fi,fi->f", missed, apart) / np.einsum("fi,fi->f", apart, apart)
-    centre: Array = rolling + (missed - moved[:, None] * apart)[:, None]
-    return share + np.stack([moved, -moved], axis=1), centre
-
-
-def _wrenches(force: Array, free: Array, middle: Array, share: Array, centre: Array) -> Array:
+    centre = rolling + (missed - moved[:, None] * apart)[:, None]
+    share = share + np.stack([moved, -moved], axis=1)
+    # forces that meet above the middle
     height = MEETING_HEIGHT * published_model().subject.height
     meeting = middle + height * force / force[:, 1:2]
-    out = np.zeros((len(force), len(FEET), 6))
+    wrench = np.zeros((len(force), len(FEET), 6))
     for foot in range(len(FEET)):
         line = (meeting - centre[:, foot]) / height
-        out[:, foot, :3] = (share[:, foot] * force[:, 1])[:, None] * line
-        out[:, foot, 3:] = np.cross(centre[:, foot], out[:, foot, :3])
-        out[:, foot, 4] += share[:, foot] * free
-    return out
+        wrench[:, foot, :3] = (share[:, foot] * up)[:, None] * line
+        wrench[:, foot, 3:] = np.cross(centre[:, foot], wrench[:, foot, :3])
+        wrench[:, foot, 4] += share[:, foot] * free
+    return GroundOnFeet(wrench, centre, share)

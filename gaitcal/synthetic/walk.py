@@ -1,5 +1,10 @@
 """A walk that the ground can carry: the nominal gait, changed for one person as little as the ground asks for.
 
+The nominal gait is the coordinates of one person over the gait cycle, as six harmonics each
+(`models/nominal_subject.json`, derived from OpenSim's Gait2392 `subject01`, CC BY 3.0). Feet strike with the heel and
+leave with the toes: the centre of pressure goes along the line from heel to toe marker, quickly over the heel and
+slowly under the forefoot, as in walking people (Perry 1992). The left foot does the same half a stride later.
+
 Motion and masses alone say which force the ground exerts in all, and about which point of the floor, its centre of
 pressure, it has no tipping moment. A person walks where that point lies under the foot that stands, or between both
 feet; curves that were measured on somebody else and smoothed do not. So the nodes of the motion are moved, by least
@@ -12,24 +17,11 @@ squares, until
 
 What each may deviate by is a standard deviation below. The result is no fit to moments of anybody: joint torques are
 what they then are. It holds for any linkage; the nominal person's angles change by 0.3 to 1 degree (RMS).
-
-The feet of the built-in person on the ground: when each stands, where its points are, and how its load rolls.
-
-A foot strikes with the heel and leaves with the toes: the centre of pressure goes along the line from heel to toe
-marker, quickly over the heel and slowly under the forefoot, as in walking people (Perry 1992). The left foot does
-the same half a stride later.
-
-The curves of the nominal gait: the coordinates of one person over the gait cycle, as harmonics.
-
-Six harmonics a coordinate (`models/nominal_subject.json`), derived from OpenSim's Gait2392 `subject01` (CC BY 3.0).
-They have knee flexion negative and shoulder abduction positive; the signs of the product's coordinates are made here.
-Nothing makes them a motion that the ground can carry: that is done for each person (`walk.py`).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -181,47 +173,32 @@ _CURVE_OF = {
 """Coordinate without its side -> its curve in the file, and the factor of its sign, where it is not there by name."""
 
 
-def gait_curves(phase: Array) -> Array:
-    """(nf, nq) m, rad, at phases (nf,) in strides; 0: right heel strike."""
-    data, out = _nominal_gait(), _sums(phase, _values)
-    out[:, COORDINATE_INDEX["pelvis_tx"]] += data["stride_m"] * phase
-    return out
+@cache
+def _nominal_gait() -> dict[str, Any]:
+    content = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
+    gait: dict[str, Any] = content["nominal_gait"]
+    return gait
 
 
-def gait_accelerations(phase: Array) -> Array:
-    """(nf, nq) m/s^2, rad/s^2 of the curves."""
-    return _sums(phase, _accelerations)
+def gait_curves(phase: Array) -> tuple[Array, Array]:
+    """Coordinates (nf, nq) m, rad, at phases (nf,) in strides, 0: right heel strike; and their accelerations.
 
-
-def _sums(phase: Array, of: Callable[[Array, Array, Array], Array]) -> Array:
-    curves = _nominal_gait()["curves"]
-    out = np.empty((len(phase), len(COORDINATES)))
+    Knee flexion is negative and shoulder abduction positive in the file.
+    """
+    data = _nominal_gait()
+    q, acceleration = np.empty((2, len(phase), len(COORDINATES)))
     for i, name in enumerate(COORDINATES):
         stem = split_side(name)[0]
         curve, sign = _CURVE_OF.get(stem, (stem, 1.0))
-        a, b = (np.array(curves[curve][part], dtype=float) for part in "ab")
-        values = of(phase + (0.5 if name.endswith("_l") else 0.0), a, b)
-        out[:, i] = sign * (values if curves[curve]["unit"] == "m" else np.deg2rad(values))
-    return out
-
-
-def _values(phase: Array, a: Array, b: Array) -> Array:
-    angle = 2 * np.pi * np.outer(phase, np.arange(len(a)))
-    out: Array = np.cos(angle) @ a + np.sin(angle) @ b
-    return out
-
-
-def _accelerations(phase: Array, a: Array, b: Array) -> Array:
-    omega = 2 * np.pi * np.arange(len(a)) / GAIT_CYCLE
-    return _values(phase, -(omega**2) * a, -(omega**2) * b)
-
-
-@cache
-def _nominal_gait() -> dict[str, Any]:
-    gait: dict[str, Any] = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))[
-        "nominal_gait"
-    ]
-    return gait
+        harmonics = data["curves"][curve]
+        a, b = (np.array(harmonics[part], dtype=float) for part in "ab")
+        angle = 2 * np.pi * np.outer(phase + (0.5 if name.endswith("_l") else 0.0), np.arange(len(a)))
+        omega = 2 * np.pi * np.arange(len(a)) / GAIT_CYCLE
+        for out, factor in ((q, np.ones(len(a))), (acceleration, -(omega**2))):
+            values = np.cos(angle) @ (factor * a) + np.sin(angle) @ (factor * b)
+            out[:, i] = sign * (values if harmonics["unit"] == "m" else np.deg2rad(values))
+    q[:, COORDINATE_INDEX["pelvis_tx"]] += data["stride_m"] * phase
+    return q, acceleration
 
 
 CENTRE_M = 0.006
@@ -243,16 +220,9 @@ SMALLEST_STEP = 1e-3
 MOST_STEPS = 30
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Rows:
-    """Residuals of every frame in units of their standard deviations, with their derivatives."""
-
-    value: Array
-    """(nf, n)."""
-    by_position: Array | None = None
-    """(nf, n, nq)."""
-    by_velocity: Array | None = None
-    by_acceleration: Array | None = None
+_Rows = tuple[Array, dict[int, Array]]
+"""Residuals (nf, n) of every frame in units of their standard deviations, and their derivatives (nf, n, nq) by the
+coordinates, 0, their velocities, 1, or accelerations, 2."""
 
 
 @dataclass(frozen=True)
@@ -286,63 +256,50 @@ def walking_nodes(parameters: Parameters, basis: SplineBasis, phase: Array, mean
 
 def nominal_curves(phase: Array) -> Meant:
     """The nominal gait with the nominal person's feet on the floor, y = 0."""
-    q = gait_curves(phase)
+    q, acceleration = gait_curves(phase)
     q[:, COORDINATES.index("pelvis_ty")] += _floor_shift()
-    return Meant(q, gait_accelerations(phase))
+    return Meant(q, acceleration)
 
 
 @cache
 def _floor_shift() -> float:
-    heights = feet_of(published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))).points[..., 1]
+    heights = feet_of(published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))[0]).points[..., 1]
     return CLEARANCE - float(heights.min())
 
 
 def _carried(parameters: Parameters, basis: SplineBasis, nodes: Array, phase: Array, footsteps: Array) -> list[_Rows]:
     """What the ground asks for: balance, a force like that of walking people, feet that stand where they stand."""
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
-    feet = feet_of(parameters, q)
-    weight = parameters.mass * GRAVITY
+    feet, (nf, nq) = feet_of(parameters, q), q.shape
     still = resting(phase)[..., None] / FOOT_SPEED
-    nf = len(q)
     speed = np.einsum("fknic,fc->fkni", feet.slopes, v)
-    return [
-        *_forces(parameters, (q, v, a), phase, feet, weight),
-        _Rows(
-            value=((feet.points - footsteps) / FOOT_PLACE_M).reshape(nf, -1),
-            by_position=(feet.slopes / FOOT_PLACE_M).reshape(nf, -1, q.shape[1]),
-        ),
-        # how the slopes change with the posture is left out: resting points hardly move
-        _Rows(
-            value=(speed * still).reshape(nf, -1),
-            by_velocity=(feet.slopes * still[..., None]).reshape(nf, -1, q.shape[1]),
-        ),
-    ]
+    places = (
+        ((feet.points - footsteps) / FOOT_PLACE_M).reshape(nf, -1),
+        (feet.slopes / FOOT_PLACE_M).reshape(nf, -1, nq),
+    )
+    # how the slopes change with the posture is left out: resting points hardly move
+    rests = (speed * still).reshape(nf, -1), (feet.slopes * still[..., None]).reshape(nf, -1, nq)
+    return [*_forces(parameters, (q, v, a), phase, feet), (places[0], {0: places[1]}), (rests[0], {1: rests[1]})]
 
 
-def _forces(
-    parameters: Parameters, state: tuple[Array, Array, Array], phase: Array, feet: FeetOnGround, weight: float
-) -> list[_Rows]:
+def _forces(parameters: Parameters, state: tuple[Array, Array, Array], phase: Array, feet: FeetOnGround) -> list[_Rows]:
     """The total ground reaction: its moment about where the load rolls, and its force."""
-    q = state[0]
+    q, weight = state[0], parameters.mass * GRAVITY
     total = root_residual(parameters, (), *state, np.zeros((len(q), 2, 6)))
     force, moment = total.value[:, :3], total.value[:, 3:]
     share = right_share(phase)[:, None]
     points, slopes = feet.along(rolled(phase))
-    centre = share * points[:, 0] + (1.0 - share) * points[:, 1]
-    arm = q[:, :3] - centre
+    arm = q[:, :3] - (share * points[:, 0] + (1.0 - share) * points[:, 1])
     by_arm = -(share[..., None] * slopes[:, 0] + (1.0 - share[..., None]) * slopes[:, 1])
     by_arm[:, :, :3] += np.eye(3)
-
-    def about_centre(wrench: Array) -> Array:
-        return wrench[:, 3:] + np.cross(arm[:, :, None], wrench[:, :3], axis=1)
-
-    slopes_of = (total.by_position, total.by_velocity, total.by_acceleration)
-    tipping = [about_centre(by) / (CENTRE_M * weight) for by in slopes_of]
+    tipping, pushing = {}, {}
+    for order, by in enumerate((total.by_position, total.by_velocity, total.by_acceleration)):
+        tipping[order] = (by[:, 3:] + np.cross(arm[:, :, None], by[:, :3], axis=1)) / (CENTRE_M * weight)
+        pushing[order] = by[:, :3] / (FORCE * weight)[:, None]
     tipping[0] += np.cross(by_arm, force[:, :, None], axis=1) / (CENTRE_M * weight)
-    pushing = [by[:, :3] / (FORCE * weight)[:, None] for by in slopes_of]
     return [
-        _rows((moment + np.cross(arm, force)) / (CENTRE_M * weight), tipping),
-        _rows((force / weight - _usual_force(phase)) / FORCE, pushing),
+        ((moment + np.cross(arm, force)) / (CENTRE_M * weight), tipping),
+        ((force / weight - _usual_force(phase)) / FORCE, pushing),
     ]
 
 
@@ -370,41 +327,26 @@ def _near(basis: SplineBasis, nodes: Array, meant: Meant) -> list[_Rows]:
     arms = np.array([group_of(name) == "arm" for name in COORDINATES])
     place = meant.spread * np.where(slides, PLACE_M, np.where(arms, ARM_ANGLE, ANGLE))
     acceleration = meant.spread * np.where(slides, ACCELERATION, ANGULAR_ACCELERATION)
-    nf, nq = len(basis.time), nodes.shape[1]
-
-    def identity(scale: Array) -> Array:
-        return np.broadcast_to(np.diag(1.0 / scale), (nf, nq, nq))
-
-    return [
-        _Rows(value=(basis.evaluate(nodes) - meant.q) / place, by_position=identity(place)),
-        _Rows(
-            value=(basis.evaluate(nodes, 2) - meant.acceleration) / acceleration, by_acceleration=identity(acceleration)
-        ),
-    ]
-
-
-def _rows(value: Array, slopes: list[Array]) -> _Rows:
-    return _Rows(value=value, by_position=slopes[0], by_velocity=slopes[1], by_acceleration=slopes[2])
+    rows: list[_Rows] = []
+    for order, wanted, scale in ((0, meant.q, place), (2, meant.acceleration, acceleration)):
+        slope = np.broadcast_to(np.diag(1.0 / scale), (len(basis.time), len(scale), len(scale)))
+        rows.append(((basis.evaluate(nodes, order) - wanted) / scale, {order: slope}))
+    return rows
 
 
 def _step(basis: SplineBasis, rows: list[_Rows]) -> Array:
     """(nn, nq) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations are a band."""
-    nq = len(COORDINATES)
+    nq, nf = len(COORDINATES), len(basis.time)
     width = ORDER * nq
-    nf = len(basis.time)
-    value = np.concatenate([r.value for r in rows], axis=1)
+    value = np.concatenate([values for values, _ in rows], axis=1)
     by_node = np.zeros((nf, value.shape[1], ORDER, nq))
     first = 0
-    for r in rows:
-        part = slice(first, first + r.value.shape[1])
+    for values, derivatives in rows:
+        part = slice(first, first + values.shape[1])
         first = part.stop
-        for weights, by in (
-            (basis.value, r.by_position),
-            (basis.rate, r.by_velocity),
-            (basis.acceleration, r.by_acceleration),
-        ):
-            if by is not None:
-                by_node[:, part] += weights[:, None, :, None] * by[:, :, None, :]
+        for order, by in derivatives.items():
+            weights = (basis.value, basis.rate, basis.acceleration)[order]
+            by_node[:, part] += weights[:, None, :, None] * by[:, :, None, :]
     slopes = by_node.reshape(nf, -1, width)
     band, right = np.zeros((width, basis.nodes * nq)), np.zeros(basis.nodes * nq)
     for node, frames in basis.spans:
