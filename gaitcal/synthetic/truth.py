@@ -1,19 +1,14 @@
-"""The truth that a calibration should find: a known linkage, told in the segment frames of its static trial.
+"""The truth that a calibration should find: a known linkage, its motion and forces, in its static trial's frames.
 
 A calibration measures its parameters in segment frames that it makes from the static trial's landmarks. A synthetic
-subject's true axes are lines and points of its segments; told in those frames they are what it should find. The signed
+subject's true axes are lines and points of its segments; seen in those frames they are what it should find. The signed
 angles of A = Rx(front) Ry(trans) follow from its z axis, those of B = Ry(trans) Rz(sag) from its x axis; a hinge is
-told at the point of its axis that the parameter list allows (lateral position zero on the proximal side), a talocrural
+given at the point of its axis that the parameter list allows (lateral position zero on the proximal side), a talocrural
 axis at its common perpendicular with the subtalar one.
 
-The truth of a synthetic person as the files that a study names: parameters, and the curves of every moving trial.
-
-The true motion and the true generalised forces, told as a calibration without error would find them.
-
-A calibration measures joint angles between segment frames that it makes from the static trial's landmarks, and a
-synthetic person's own segment frames are others, by up to the drawn 10 degrees. Segments are where they are: at every
-frame the coordinates q' of the linkage told in those frames (`truth.py`) are those that put its segments where the true
-ones are,
+Joint angles are between those frames too, which differ from the true ones by up to the drawn 10 degrees. Segments are
+where they are: at every frame the coordinates q' of the linkage in those frames are those that put its segments where
+the true ones are,
 
     X_s(q) F_s = X'_s(q'),      F_s the static frame of segment s in its true one, constant,
 
@@ -52,6 +47,7 @@ from gaitcal.model.parameters import (
     JP_INDEX,
     JP_NAMES,
     MASSIVE_SEGMENTS,
+    Kind,
     Parameters,
     table,
 )
@@ -109,65 +105,48 @@ def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:
 def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Frame]) -> Array:
     """(np,) joint parameters of the linkage, at pose q (nq,), in the segment `frames` of the same pose (no talus)."""
     lines = _joint_lines(parameters, q)
-    out = np.full(len(JP_INDEX), np.nan)
-
-    def put(name: str, value: float | np.floating | Array) -> None:
-        out[JP_INDEX[name]] = value
-
-    def put_point(prefix: str, segment: str, point: Array, directions: str = "ant sup lat") -> None:
-        local = frames[segment].local(point)
-        for direction in directions.split():
-            put(f"{prefix}.{direction}", local[("ant", "sup", "lat").index(direction)])
-
-    def put_z_axis(prefix: str, segment: str, axis: Array) -> None:
-        d = frames[segment].rotation.T @ axis
-        put(f"{prefix}.front", np.arctan2(-d[1], d[2]))
-        put(f"{prefix}.trans", np.arcsin(np.clip(d[0], -1, 1)))
-
-    def put_x_axis(prefix: str, segment: str, axis: Array) -> None:
-        d = frames[segment].rotation.T @ axis
-        put(f"{prefix}.trans", np.arctan2(-d[2], d[0]))
-        put(f"{prefix}.sag", np.arcsin(np.clip(d[1], -1, 1)))
-
-    def put_hinge(places: Mapping[str, str], line: tuple[Array, Array]) -> None:
-        axis, point = line
-        proximal, distal = places
-        frame = frames[proximal]
-        lateral = frame.rotation[:, 2]
-        point = point - axis * ((point - frame.origin) @ lateral) / (axis @ lateral)
-        put_z_axis(places[proximal], proximal, axis)
-        put_point(places[proximal], proximal, point, "ant sup")
-        put_z_axis(places[distal], distal, axis)
-        put_point(places[distal], distal, point)
-
+    points: dict[str, Array] = {}
+    z_axes: dict[str, Array] = {}
+    x_axes: dict[str, Array] = {}
+    by_name: dict[str, float] = {}
     for joint in JOINTS:
         turns = [e for e in joint.elements if e.source is Source.COORDINATE]
         places = {p.segment: p.name.rpartition(".")[0] for p in JOINT_PARAMETERS if p.joint == joint.name}
-        line = lines[turns[0].name]
+        axis, point = lines[turns[0].name]
         if len(turns) == 3:  # a ball: the point in which the axes meet
-            for segment, prefix in places.items():
-                put_point(prefix, segment, line[1])
-        elif len(turns) == 1 and turns[0].axis == 2 and len(places) == 2:
-            put_hinge(places, line if turns[0].sign > 0 else _reversed(line))
+            points |= dict.fromkeys(places.values(), point)
+        elif len(turns) == 1 and turns[0].axis == 2 and len(places) == 2:  # a hinge; the knee flexes about -z
+            axis, frame = turns[0].sign * axis, frames[next(iter(places))]
+            lateral = frame.rotation[:, 2]
+            point = point - axis * ((point - frame.origin) @ lateral) / (axis @ lateral)
+            points |= dict.fromkeys(places.values(), point)
+            z_axes |= dict.fromkeys(places.values(), axis)
     for side in SIDES:
-        shank, foot, arm = (f"{s}_{side}" for s in ("shank", "foot", "upper_arm"))
+        mirrored = 1.0 if side == "r" else -1.0
         z, point_of_z = lines[f"ankle_angle_{side}"]
-        x, point_of_x = lines[f"subtalar_angle_{side}"]
-        x = x if side == "r" else -x
+        x, point_of_x = mirrored * lines[f"subtalar_angle_{side}"][0], lines[f"subtalar_angle_{side}"][1]
         talus_origin, foot_point = _common_perpendicular(z, point_of_z, x, point_of_x)
         up = np.cross(z, x) / np.linalg.norm(np.cross(z, x))
-        put_z_axis(f"talocrural_{side}.shank", shank, z)
-        put_point(f"talocrural_{side}.shank", shank, talus_origin)
-        put(f"subtalar_{side}.talus.trans", -np.arcsin(np.clip(z @ x, -1, 1)))
-        put(f"subtalar_{side}.talus.sup", (foot_point - talus_origin) @ up)
-        put_x_axis(f"subtalar_{side}.foot", foot, x)
-        put_point(f"subtalar_{side}.foot", foot, foot_point)
-        z, shoulder = lines[f"arm_flex_{side}"]
-        x = lines[f"arm_add_{side}"][0] * (1.0 if side == "r" else -1.0)
-        put_z_axis(f"shoulder_{side}.trunk", "head_trunk", z)
-        put_point(f"shoulder_{side}.trunk", "head_trunk", shoulder)
-        put_x_axis(f"shoulder_{side}.upperarm", arm, x)
-        put_point(f"shoulder_{side}.upperarm", arm, shoulder)
+        by_name[f"subtalar_{side}.talus.trans"] = -np.arcsin(np.clip(z @ x, -1, 1))
+        by_name[f"subtalar_{side}.talus.sup"] = (foot_point - talus_origin) @ up
+        points |= {f"talocrural_{side}.shank": talus_origin, f"subtalar_{side}.foot": foot_point}
+        arm, shoulder = lines[f"arm_flex_{side}"]
+        points |= dict.fromkeys((f"shoulder_{side}.trunk", f"shoulder_{side}.upperarm"), shoulder)
+        z_axes |= {f"talocrural_{side}.shank": z, f"shoulder_{side}.trunk": arm}
+        x_axes |= {f"subtalar_{side}.foot": x, f"shoulder_{side}.upperarm": mirrored * lines[f"arm_add_{side}"][0]}
+    out = np.full(len(JP_INDEX), np.nan)
+    for k, parameter in enumerate(JOINT_PARAMETERS):
+        place, _, direction = parameter.name.rpartition(".")
+        if parameter.name in by_name:
+            out[k] = by_name[parameter.name]
+        elif parameter.kind is Kind.POSITION:
+            out[k] = frames[parameter.segment].local(points[place])[("ant", "sup", "lat").index(direction)]
+        elif place in z_axes:
+            d = frames[parameter.segment].rotation.T @ z_axes[place]
+            out[k] = np.arctan2(-d[1], d[2]) if direction == "front" else np.arcsin(np.clip(d[0], -1, 1))
+        else:
+            d = frames[parameter.segment].rotation.T @ x_axes[place]
+            out[k] = np.arctan2(-d[2], d[0]) if direction == "trans" else np.arcsin(np.clip(d[1], -1, 1))
     return out
 
 
@@ -191,11 +170,6 @@ def _joint_lines(parameters: Parameters, q: Array) -> dict[str, tuple[Array, Arr
         for k, (name, e) in enumerate(zip(chain.coordinates, chain.elements, strict=True))
         if name in turning
     }
-
-
-def _reversed(line: tuple[Array, Array]) -> tuple[Array, Array]:
-    """The knee flexes about -z of its frame; its parameters tell the z axis."""
-    return -line[0], line[1]
 
 
 def _common_perpendicular(a: Array, point_of_a: Array, b: Array, point_of_b: Array) -> tuple[Array, Array]:
@@ -248,7 +222,6 @@ class Teller:
         own = segment_frames(self._true, still)
         massive = [s for s in own if s in static.frames]
         self._offset = {s: _in(own[s], static.frames[s]) for s in massive}
-        self._inertia = _turned_inertia(self._true.inertial, self._offset)
         posture = standing_ankles(static.posture, static.legs, {}, zero_rule).dorsiflexion
         told, pose = static.parameters, self._coordinates(static.parameters, still[None])[0]
         zero = told.zero_angles.copy()
@@ -270,17 +243,16 @@ class Teller:
             finer, self._coordinates(self.parameters, true, true + self._standing_off), k=DEGREE
         )
         q, velocity, acceleration = (spline(time, k) for k in range(3))
-        forces = None if wrench is None else self._dynamics().forces(q, velocity, acceleration, wrench)
+        forces = None
+        if wrench is not None:
+            dynamics, rows = Dynamics(self.parameters), table(self.parameters.inertial)
+            linkage = dynamics.linkage
+            for segment, row, true in zip(MASSIVE_SEGMENTS, rows, table(self._true.inertial), strict=True):
+                turn = self._offset[segment].rotation  # products of inertia too
+                body = pin.Inertia(float(row[0]), row[1:4], turn.T @ np.diag(true[4:7]) @ turn)
+                linkage.model.inertias[linkage.segment_joint[segment]] = linkage.segment_placement[segment].act(body)
+            forces = dynamics.forces(q, velocity, acceleration, wrench)
         return ToldMotion(time=time, q=q, velocity=velocity, acceleration=acceleration, forces=forces)
-
-    def _dynamics(self) -> Dynamics:
-        """Of the told linkage with the true bodies, products of inertia too."""
-        dynamics = Dynamics(self.parameters)
-        linkage, centres = dynamics.linkage, table(self.parameters.inertial)
-        for row, segment in zip(centres, MASSIVE_SEGMENTS, strict=True):
-            body = pin.Inertia(float(row[0]), row[1:4], self._inertia[segment])
-            linkage.model.inertias[linkage.segment_joint[segment]] = linkage.segment_placement[segment].act(body)
-        return dynamics
 
     def _coordinates(self, told: Parameters, q: Array, start: Array | None = None) -> Array:
         """(nf, nq) coordinates of the linkage `told` that put its segments where the true ones are at q (nf, nq),
@@ -323,14 +295,6 @@ def _corners(chain: Chain, parameters: Parameters, q: Array, offset: dict[str, F
         points = local if place is None else np.array([place.point(p) for p in local])
         out.append(np.einsum("cj,jif->fci", points, axes[k]) + origins[k].T[:, None])
     return np.stack(out, axis=1)
-
-
-def _turned_inertia(inertial: Array, offset: dict[str, Frame]) -> dict[str, Array]:
-    """Segment -> (3, 3) kg m^2 about the mass centre, in the axes of its static frame."""
-    return {
-        segment: offset[segment].rotation.T @ np.diag(row[4:7]) @ offset[segment].rotation
-        for row, segment in zip(table(inertial), MASSIVE_SEGMENTS, strict=True)
-    }
 
 
 PARAMETERS, CURVES = Path("truth.csv"), Path("truth")
