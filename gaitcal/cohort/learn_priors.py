@@ -45,13 +45,13 @@ from gaitcal.study.joint_prior import (
     KIND,
     CohortPriors,
     JointPrior,
+    Person,
     StoredPart,
     StoredPerson,
     StoredPopulation,
     expected,
     name_hash,
 )
-from gaitcal.study.people_design import Person
 from gaitcal.study.settings import Protocol
 
 PRIORS, PRIORS_CSV = "priors.json", "priors.csv"

@@ -38,8 +38,8 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import ENSEMBLE
 from gaitcal.runtime import keep_freed_memory, with_one_blas_thread
+from gaitcal.session.draft import study_files
 from gaitcal.session.folder import MARKER_ENDINGS, TABLE_ENDINGS
-from gaitcal.session.source import study_files
 from gaitcal.study.study_file import StudyFile
 from gaitcal.study.truth import truth_files
 

@@ -29,8 +29,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.cycles import Kind, kind_of
-from gaitcal.gait.spatiotemporal import MEASURES
-from gaitcal.gait.symmetry import LEAST_VALID
+from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
 from gaitcal.io.lock import MANIFEST, read_object
 from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED
 from gaitcal.model.linkage import SIDES
@@ -144,8 +143,7 @@ VARIABLES: Final = (
 )
 """Of `cycles.csv`, in the order of the packed curves; right before left."""
 SHAPE: Final = (len(VARIABLES), len(SIDES), 100 // EVERY + 1)
-PAGES = ("result.html", "report.html")
-"""The first of them that is there is the person's page."""
+PAGE = "result.html"
 DIGITS = 6
 _FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
 
@@ -214,7 +212,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
     walks = [trial for trial in trials.values() if trial.get("role") == "gait"]
     row: dict[str, Cell] = {
         "person": subject["name"],
-        "page": next((name for name in PAGES if (folder / name).is_file()), ""),
+        "page": PAGE if (folder / PAGE).is_file() else "",
         "verdict": summary["verdict"],
         "first_cause": reasons[0].get("cause", ""),
         "first_action": reasons[0].get("action", ""),

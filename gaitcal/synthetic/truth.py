@@ -35,7 +35,6 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.io.recording import Recording
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, SIDES, ZERO_ANGLES, Source
 from gaitcal.model.marker_set import load_marker_set
@@ -51,12 +50,12 @@ from gaitcal.model.parameters import (
     Parameters,
     table,
 )
-from gaitcal.model.segment_frames import Frame, LowerBody, lower_body
+from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import upper_body
 from gaitcal.motion.spline import to_bspline
+from gaitcal.study.study_file import TruthTable
 from gaitcal.study.truth import MOMENTS, MOTION, landmarks_text, moments_text, motion_text
-from gaitcal.study.truth_table import TruthTable
 from gaitcal.synthetic.motion import TrueMotion, standing_pose, synthetic_markers
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gaitcal.cohort.learn_priors import PARTS
 from gaitcal.cohort.learning import PartEvidence, PersonEvidence
-from gaitcal.study.people_design import Person
+from gaitcal.study.joint_prior import Person
 
 Array = NDArray[np.float64]
 NAMES = PARTS["legs"]

@@ -30,14 +30,17 @@ from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.joint_prior import (
     CohortPriors,
     JointPrior,
+    Person,
     expected,
     joint_prior,
+    mirror,
+    other_side,
     prior_of_person,
     read_cohort_priors,
+    sided_directions,
     symmetric,
     with_cohort_priors,
 )
-from gaitcal.study.people_design import Person, mirror, other_side, sided_directions
 from gaitcal.study.settings import ParameterPriorTable
 from gaitcal.study.study import Study
 from tests.cohort.made_people import KNEES, NAMES, Array, people, some_information, told

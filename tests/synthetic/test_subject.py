@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 from gaitcal.io.toml import models_path
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import nominal_model, published_model
 from gaitcal.model.parameters import (
@@ -24,7 +23,7 @@ from gaitcal.model.parameters import (
     published_subject,
     table,
 )
-from gaitcal.model.segment_frames import Frame
+from gaitcal.model.segment_frames import Frame, HipCentre
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.tables import parameter_table
 from gaitcal.study.study import Study
