@@ -45,7 +45,7 @@ from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import Side, Trial, load_study_file
 from gaitcal.study.study_trial import StudyTrial, cleaned_trial, read_trial
 from gaitcal.synthetic.subject import synthesize
-from gaitcal.synthetic.truth_files import CURVES, PARAMETERS
+from gaitcal.synthetic.truth import CURVES, PARAMETERS
 
 
 def _inputs(source: Path | Draft, priors: Path | None) -> tuple[Path, ...]:
