@@ -135,7 +135,7 @@ def test_another_trial_says_what_it_lacks(visit: Visit, html: Path) -> None:
     assert page.console == []
 
 
-SIDES_SHOWN = """[...new Set([...gaitcal.stage.figure.bones.meshes, ...gaitcal.faults.meshes,
+SIDES_SHOWN = """[...new Set([...gaitcal.stage.figure.bones.meshes, ...gaitcal.body.meshes,
     ...gaitcal.stage.figure.joints.parts.fitted]
     .filter(({ mesh }) => mesh.visible)
     .map(({ segment }) => /_([rl])$/.exec(gaitcal.result.scene.segments[segment])?.[1] ?? ""))].sort().join(" ")"""
@@ -274,7 +274,7 @@ def test_ten_thousand_frames_stay_responsive(
     assert "every third frame" in page.run("document.getElementById('about').textContent")
     assert page.run(POSING) < 4 * of_a_short_walk
     page.run("gaitcal.seek(gaitcal.trial.duration)")
-    assert page.run("gaitcal.session.x") > 50.0
+    assert page.run("gaitcal.person.x") > 50.0
     assert page.console == []
 
 
@@ -282,7 +282,7 @@ def test_between_two_frames_the_pose_is_between(visit: Visit, html: Path, scene:
     page = paused(visit(html))
     time, origins = scene.trials[0].time, scene.trials[0].origins
     page.run(f"gaitcal.seek({(time[50] + time[51]) / 2 - time[0]})")
-    where = page.run(f"gaitcal.faults.groups[{scene.segments.index('foot_r')}].position.toArray()")
+    where = page.run(f"gaitcal.body.groups[{scene.segments.index('foot_r')}].position.toArray()")
     assert where == pytest.approx((origins[50, 4] + origins[51, 4]) / 2, abs=1e-3)
 
 

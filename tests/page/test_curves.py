@@ -145,7 +145,7 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
         wanted = stride["start"] + share * (stride["stop"] - stride["start"])
         assert abs(seconds - wanted) < 0.6 * np.diff(time).mean() + 0.004  # half a frame, and a pixel of the pointer
         frame = int(np.abs(time - seconds).argmin())
-        assert page.run("gaitcal.faults.groups[0].position.toArray()") == pytest.approx(
+        assert page.run("gaitcal.body.groups[0].position.toArray()") == pytest.approx(
             scene.trials[0].origins[frame, 0].tolist(), abs=1e-3
         )
         assert standing(page, at, lead) == pytest.approx(

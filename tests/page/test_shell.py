@@ -203,8 +203,8 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     page.run(THERE)
     assert page.run("gaitcal.stage.viewer.camera.fov") == 10
     assert {"fitted", "nominal"} < set(state(page, "layers")), "its axes are seen"
-    opacity = """Object.fromEntries(gaitcal.faults.meshes.filter(m => m.skin && m.mesh.visible)
-        .map(({ mesh, segment }) => [gaitcal.faults.segments[segment], mesh.material.opacity]))"""
+    opacity = """Object.fromEntries(gaitcal.body.meshes.filter(m => m.skin && m.mesh.visible)
+        .map(({ mesh, segment }) => [gaitcal.body.segments[segment], mesh.material.opacity]))"""
     near = page.run(opacity)
     assert near["thigh_r"] == near["shank_r"] > 2 * near["pelvis"] and "thigh_l" not in near
     page.press("Escape")
