@@ -52,8 +52,6 @@ FILES = (
     "result.html",
     "page.json",
     "scene.npz",
-    "report.html",
-    "view.html",
     "manifest.json",
 )
 

@@ -7,13 +7,12 @@ from pathlib import Path
 
 from gaitcal.cli.console import Console
 from gaitcal.io.atomic import atomic_text, file_in_place
-from gaitcal.page.bones.bone_files import bones_of_folder
-from gaitcal.page.server import serve
-from gaitcal.page.view import Shown, page_html, sentences
+from gaitcal.page.bone_files import bones_of_folder
+from gaitcal.page.view import Shown, page_html, sentences, serve
 from gaitcal.results.page_files import result_page
 
 
-def run(results: tuple[Path, ...], html: Path | None, console: Console, geometry: Path | None = None) -> None:
+def view_results(results: tuple[Path, ...], html: Path | None, console: Console, geometry: Path | None = None) -> None:
     """Show a result in the browser, or two side by side, or write the page.
 
     `geometry`: bones of this folder, else the installed ones.

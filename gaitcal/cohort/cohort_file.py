@@ -12,7 +12,7 @@ from typing import Any, Final, Literal
 from pydantic import Field, field_validator
 
 from gaitcal.codes import Code
-from gaitcal.cohort.people import SHEET, Cohort, CohortPerson, Told, in_order, people_in, with_told
+from gaitcal.cohort.people import PAGE_DATA, Cohort, CohortPerson, Told, in_order, people_in, with_told
 from gaitcal.errors import InputError, alike
 from gaitcal.io.toml import require_file
 from gaitcal.io.validation import Table, read_validated, shown, validated
@@ -95,9 +95,9 @@ def read_cohort(path: Path, out: Path) -> tuple[Cohort, CalibrationSettings]:
     if not file.is_dir():
         return _listed(file)
     cohort = people_in(path, out)
-    sheet = path / SHEET
+    sheet = path / PAGE_DATA
     if sheet.is_file():
-        told = read_sheet(sheet)
+        told = read_page_data(sheet)
         cohort = replace(with_told(cohort, told.rows, sheet), notes=told.notes)
     return cohort, CalibrationSettings()
 
@@ -129,7 +129,7 @@ class Sheet:
     """Columns that are not used."""
 
 
-def read_sheet(path: Path) -> Sheet:
+def read_page_data(path: Path) -> Sheet:
     """Read `people.csv`: person, session, group, sex, mass_kg, height_m, age_years; other columns are told.
 
     Commas, semicolons (with decimal commas) or tabs between columns.

@@ -23,7 +23,7 @@ from gaitcal.session.draft import STUDY
 from gaitcal.session.folder import MARKER_ENDINGS
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 
-SHEET = "people.csv"
+PAGE_DATA = "people.csv"
 """What a lab says of the people, beside their folders."""
 COMPLETE = 2
 """Recordings of a session at least: standing and moving."""
@@ -167,7 +167,7 @@ def _recordings(folder: Path) -> int:
 
 def _is_recording(path: Path) -> bool:
     """Whether a CSV table holds markers, by its header."""
-    if path.suffix.lower() != ".csv" or path.name == SHEET:
+    if path.suffix.lower() != ".csv" or path.name == PAGE_DATA:
         return False
     try:
         return not is_force_header(read_header(path))

@@ -1,12 +1,10 @@
-"""What the viewer shows: everything of a calibrated person that has a place in space, and no numerics.
+"""What the page shows in space: a calibrated person in all trials, and no numerics.
 
-A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the results folder, and shown
-from that file alone.
+A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the folder of the result, and
+shown from that file alone.
 
-Where each joint lies in the two segments it connects: nominal, fitted, and how far the fit can be trusted.
-
-The frames of a joint in its two segments (`export/joint_frames.py`) hold its constants, those before the first
-coordinate in the parent and those after the last in the child:
+A joint lies in the two segments that it connects. Its frames (`export/joint_frames.py`) hold its constants, those
+before the first coordinate in the parent and those after the last in the child:
 
     centre = translation of X            axis = sign * R[:, axis of the coordinate next to that segment]
 
@@ -36,11 +34,14 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.page.body_meshes import FittedMesh, fitted_meshes
-from gaitcal.page.bones.bone_landmarks import PersonLandmarks, person_landmarks
+from gaitcal.page.bone_landmarks import PersonLandmarks, person_landmarks
 
 if TYPE_CHECKING:
     from gaitcal.session.result import Calibration
 
+Single = NDArray[np.float32]
+MOST_FRAMES = 4000
+"""Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are interpolated."""
 _STEP = 1e-6
 """m, rad: step of the central differences; their error, about 1e-12, is far below a pixel."""
 
@@ -107,9 +108,8 @@ def _centre_and_axis(joint: Joint, segment: str, parameters: Parameters) -> tupl
     in_parent = segment == joint.parent
     place = frames.in_parent if in_parent else frames.in_child
     axis = frames.motions[0 if in_parent else -1]
-    ball = len(frames.motions) > 2
     centre = place.translation + 0.0  # no negative zeros, which would stand in the page
-    return centre, np.full(3, np.nan) if ball else axis.sign * place.rotation[:, axis.axis]
+    return centre, np.full(3, np.nan) if len(frames.motions) > 2 else axis.sign * place.rotation[:, axis.axis]
 
 
 def _spreads(joint: Joint, segment: str, fitted: Parameters, errors: Mapping[str, float]) -> tuple[Array, Array]:
@@ -135,12 +135,6 @@ def _root(pulls: Array) -> Array:
     values, vectors = np.linalg.eigh(pulls @ pulls.T)
     out: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return out
-
-
-Single = NDArray[np.float32]
-
-MOST_FRAMES = 4000
-"""Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are interpolated."""
 
 
 @dataclass(frozen=True, kw_only=True)

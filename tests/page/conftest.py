@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page.bones.bone_files import bones_of_folder
+from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import write_view
-from tests.page.bones.made_bones import folder_of_bones
 from tests.page.browser import Page, browser, chromium
+from tests.page.made_bones import folder_of_bones
 from tests.page.people import walking_scene
 
 

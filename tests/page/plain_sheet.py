@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gaitcal.page.bones.bone_files import BoneMeshes
-from gaitcal.page.packing import base64_of, floats, lengths
+from gaitcal.page.bone_files import BoneMeshes
+from gaitcal.page.plain_data import base64_of, floats, lengths
 from gaitcal.page.scene import Scene, TrialScene
 from gaitcal.page.view import Shown, page_html
 

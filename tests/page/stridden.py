@@ -11,11 +11,10 @@ import pandas as pd
 
 from gaitcal.gait.cycles import GaitCycle, normalise, usable
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.packing import base64_of, floats
+from gaitcal.page.page_data import FORMAT, coordinate_rows
+from gaitcal.page.plain_data import base64_of, floats
 from gaitcal.page.scene import Scene
-from gaitcal.page.sheet.rows import sheet_rows
-from gaitcal.page.sheet.sheet import FORMAT
-from gaitcal.page.sheet.trial_sheet import Curve, masks_of, packed_curves
+from gaitcal.page.trial_data import Curve, masks_of, packed_curves
 from tests.page.people import walking_scene
 
 SUBJECT = Subject("Built-in subject", 69.4, 1.70, "male")
@@ -76,7 +75,7 @@ def stridden(
     verdict = {"judgement": "trustworthy", "sentence": "", "reasons": []}
     sheet = {
         "format": FORMAT, "program": "gaitcal", "made": "", "person": person, "verdict": verdict, "lines": [],
-        "rows": sheet_rows(), "measures": [], "bands": [], "sections": {}, "trials": trials,
+        "rows": coordinate_rows(), "measures": [], "bands": [], "sections": {}, "trials": trials,
     }  # fmt: skip
     return sheet, pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from tests.page.browser import Page
-from tests.page.told import PRESETS, told_page
+from tests.page.everything_told import PRESETS, told_page
 
 pytestmark = pytest.mark.browser
 

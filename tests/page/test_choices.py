@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page.bones.bone_files import bones_of_folder
+from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import Shown, page_html
-from tests.page.bones.made_bones import folder_of_bones
 from tests.page.browser import Page
+from tests.page.made_bones import folder_of_bones
 from tests.page.people import long_scene
 from tests.page.plain_sheet import page_of, sheet_of
 from tests.page.test_browser import DRAWN, changed, paused, stage, until

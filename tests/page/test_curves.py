@@ -16,8 +16,8 @@ from gaitcal import ensemble
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.symmetry import LEAST_VALID
 from gaitcal.model.coordinates import senses_of
-from gaitcal.page.packing import base64_of, lengths
-from gaitcal.page.sheet.rows import sheet_rows
+from gaitcal.page.page_data import coordinate_rows
+from gaitcal.page.plain_data import base64_of, lengths
 from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page
 from tests.page.stridden import SIZE, SUBJECT, VARIABLE, long_walks, stridden
@@ -110,7 +110,7 @@ def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
 
 def test_conventions_are_those_of_the_package(page: Page) -> None:
     units = {"Nm": MomentUnit.NM, "Nm/kg": MomentUnit.NM_PER_KG, "%BWH": MomentUnit.PERCENT_BWH}
-    bases = [row["base"] for joint in sheet_rows() for row in joint["rows"]]
+    bases = [row["base"] for joint in coordinate_rows() for row in joint["rows"]]
     for signs, acting, (unit, moment_unit) in itertools.product(Signs, Acting, units.items()):
         convention = Convention(signs=signs, acting=acting, unit=moment_unit)
         chosen = json.dumps({"signs": signs.value, "acting": acting.key, "unit": unit})

@@ -11,8 +11,8 @@ import pytest
 
 from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page
+from tests.page.everything_told import told_page
 from tests.page.stridden import long_walks, stridden
-from tests.page.told import told_page
 
 pytestmark = pytest.mark.browser
 Visit = Callable[..., Page]

@@ -14,7 +14,7 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.page import body_meshes as meshes_module
 from gaitcal.page.body_meshes import BALLS, MESHES, Mesh, body_meshes, read_stl, round_body
-from gaitcal.page.packing import GAP
+from gaitcal.page.plain_data import GAP
 from gaitcal.page.scene import Scene, person_scene
 from gaitcal.page.scene_file import left_out, scene_json
 from gaitcal.page.view import view_html, write_view

@@ -14,11 +14,11 @@ import pytest
 
 from gaitcal.explanations.explanation import PARTS
 from gaitcal.gait.symmetry import Average, counting, measure_means
-from gaitcal.page.steps import SHOWN
+from gaitcal.page.page_data import SHOWN_MEASURES
 from gaitcal.page.view import SCRIPTS
 from tests.page.blocks_made import HOSTILE
 from tests.page.browser import Page
-from tests.page.told import PRESETS, REFUSED, STRAIGHT, made_strides, told_page
+from tests.page.everything_told import PRESETS, REFUSED, STRAIGHT, made_strides, told_page
 
 Visit = Callable[..., Page]
 A4_HEIGHT = (297.0 - 13.0 - 15.0) / 25.4 * 96.0
@@ -216,11 +216,11 @@ def test_steps_are_those_of_python(visit: Visit, told: Path, off: tuple[int, ...
     page = opened(visit, told, "clinician")
     page.run(f"gaitcal.state.set({{off: new Set({[f'0/{k}' for k in off]})}})")
     strides = {n: counting(s, REFUSED[n]) for k, (n, s) in enumerate(made_strides().items()) if k not in off}
-    wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN}
+    wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN_MEASURES}
     found = page.run(
         "Gaitcal.stepsOf(gaitcal, 0).map(({name, right, left, symmetry}) => [name, right, left, symmetry])"
     )
-    assert [row[0] for row in found] == [name for name in SHOWN if name in wanted]
+    assert [row[0] for row in found] == [name for name in SHOWN_MEASURES if name in wanted]
     for name, right, left, symmetry in found:
         assert numbers(right) == close(means(wanted[name].right))
         assert numbers(left) == close(means(wanted[name].left))

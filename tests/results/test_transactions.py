@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 import gaitcal.results.cycles as cycles_module
 import gaitcal.results.trials as trials_module
-from gaitcal.cli import dynamics as dynamics_command
+from gaitcal.cli import calibrate as dynamics_command
 from gaitcal.cli import montecarlo as montecarlo_command
 from gaitcal.cli import other_programs
 from gaitcal.cli.application import app

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.cli.console import Console
-from gaitcal.cli.init import study_or_draft
+from gaitcal.cli.folder import study_or_draft
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
