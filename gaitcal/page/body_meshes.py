@@ -68,10 +68,8 @@ Contini 1966; forearm: de Leva 1996)."""
 class Mesh:
     """A closed surface."""
 
-    vertices: Array
-    """(nv, 3) in the mesh's own unit."""
-    triangles: IntArray
-    """(nt, 3)"""
+    vertices: Array  # (nv, 3) in the mesh's own unit
+    triangles: IntArray  # (nt, 3)
 
 
 @dataclass(frozen=True)
@@ -79,8 +77,7 @@ class BodyMeshes:
     """All meshes of a body."""
 
     meshes: dict[str, Mesh]
-    replaced: tuple[str, ...]
-    """Those drawn as capsules, because the package has no such mesh or an unreadable one."""
+    replaced: tuple[str, ...]  # Those drawn as capsules, because the package has no such mesh or an unreadable one
 
 
 @dataclass(frozen=True)
@@ -89,8 +86,7 @@ class FittedMesh:
 
     mesh: str
     segment: str
-    place: Array
-    """(3, 4) affine map from the mesh's own unit to the segment frame, m."""
+    place: Array  # (3, 4) affine map from the mesh's own unit to the segment frame, m
 
 
 def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:

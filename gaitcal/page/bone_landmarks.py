@@ -65,10 +65,8 @@ class NoLandmark(ValueError):  # noqa: N818 - said as it is read: "no landmark"
 class Ball:
     """A sphere, or in the sagittal plane a circle, fitted to a joint surface."""
 
-    centre: Array
-    """(3,) m, in the bone's own frame."""
-    radius: float
-    """m."""
+    centre: Array  # (3,) m, in the bone's own frame
+    radius: float  # m
 
 
 @dataclass(frozen=True)
@@ -76,10 +74,8 @@ class LongBone:
     """Thigh or upper arm bone."""
 
     head: Ball
-    lateral: Array
-    """(3,) m, lateral epicondyle."""
-    medial: Array
-    """(3,) m, medial epicondyle."""
+    lateral: Array  # (3,) m, lateral epicondyle
+    medial: Array  # (3,) m, medial epicondyle
 
     @property
     def middle(self) -> Array:
@@ -93,8 +89,7 @@ class Condyles:
 
     medial: Ball
     lateral: Ball
-    drop: float
-    """m from the middle of the epicondyles down to the lowest points of the condyles, their mean."""
+    drop: float  # m from the middle of the epicondyles down to the lowest points of the condyles, their mean
 
     @property
     def axis(self) -> Array:
@@ -116,10 +111,8 @@ class ShankBones:
     """Tibia and fibula, in one frame; every place (3,) m."""
 
     plateau: Array
-    medial: Array
-    """Malleolus."""
-    lateral: Array
-    """Malleolus."""
+    medial: Array  # Malleolus
+    lateral: Array  # Malleolus
 
 
 def volume(mesh: Mesh) -> float:
@@ -346,8 +339,7 @@ class PersonLandmarks:
 
     points: Mapping[str, Array]
     """`segment/landmark` -> (3,) m in the segment frame; `talus_r/foot` -> (3, 4), the foot's frame in the talus."""
-    knees: Mapping[str, KneeEvidence]
-    """Side -> where its epicondyles are from."""
+    knees: Mapping[str, KneeEvidence]  # Side -> where its epicondyles are from
 
     def point(self, segment: str, landmark: str) -> Array:
         """(3,) m."""
@@ -367,24 +359,22 @@ def person_landmarks(model: SubjectModel) -> PersonLandmarks:
     fitted = dict(zip(JP_INDEX, model.parameters.joint, strict=True))
     radius = JointWidths.of(model.subject).marker_radius
     lumbar = joint_centre(fitted, "back.trunk")
-    points = {
-        "pelvis/asis": np.array([-radius, 0.0, 0.0]),  # mid-ASIS is the origin of the pelvis, x forward
-        "head_trunk/lumbar": lumbar,
-        "head_trunk/vertex": lumbar + [0.0, vertex_above_lumbar(fitted, model.subject.height), 0.0],
-    }
+    points = {f"pelvis/hip_{side}": joint_centre(fitted, f"hip_{side}.pelvis") for side in SIDES}
+    points["pelvis/asis"] = np.array([-radius, 0.0, 0.0])  # mid-ASIS is the origin of the pelvis, x forward
     if (sacrum := _known(model, "sacrum", "pelvis")) is not None:
         points["pelvis/psis"] = sacrum + [radius, 0.0, 0.0]
+    points |= {f"head_trunk/shoulder_{side}": joint_centre(fitted, f"shoulder_{side}.trunk") for side in SIDES}
+    points["head_trunk/lumbar"] = lumbar
+    points["head_trunk/vertex"] = lumbar + [0.0, vertex_above_lumbar(fitted, model.subject.height), 0.0]
     knees = {}
     for side in SIDES:
-        for place, joint in (
-            ("pelvis/hip_{}", "hip_{}.pelvis"), ("head_trunk/shoulder_{}", "shoulder_{}.trunk"),
-            ("thigh_{}/hip", "hip_{}.thigh"), ("upper_arm_{}/shoulder", "shoulder_{}.upperarm"),
-            ("upper_arm_{}/elbow", "elbow_{}.upperarm"), ("forearm_hand_{}/elbow", "elbow_{}.forearm"),
-        ):  # fmt: skip
-            points[place.format(side)] = joint_centre(fitted, joint.format(side))
-        points[f"forearm_hand_{side}/wrist"] = wrist(model, fitted, side)
+        points[f"thigh_{side}/hip"] = joint_centre(fitted, f"hip_{side}.thigh")
         thigh, knees[side] = _knee(model, side)
         points |= thigh | _ankle(model, side) | _foot(model, side)
+        points[f"upper_arm_{side}/shoulder"] = joint_centre(fitted, f"shoulder_{side}.upperarm")
+        points[f"upper_arm_{side}/elbow"] = joint_centre(fitted, f"elbow_{side}.upperarm")
+        points[f"forearm_hand_{side}/elbow"] = joint_centre(fitted, f"elbow_{side}.forearm")
+        points[f"forearm_hand_{side}/wrist"] = wrist(model, fitted, side)
     return PersonLandmarks(points, knees)
 
 

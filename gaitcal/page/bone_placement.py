@@ -16,7 +16,6 @@ the affine map that meets them all. The foot is scaled alike in all directions, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -63,28 +62,12 @@ class Landmarked:
     """Bones with the landmarks found on them."""
 
     bones: BoneMeshes
+    femur: LongBone
+    condyles: Condyles
+    hip: HipBone
+    shank: ShankBones
 
-    @cached_property
-    def femur(self) -> LongBone:
-        """Head and epicondyles."""
-        return long_bone(self.bones.meshes["femur"])
-
-    @cached_property
-    def condyles(self) -> Condyles:
-        """Of the femur."""
-        return condyles(self.bones.meshes["femur"])
-
-    @cached_property
-    def hip(self) -> HipBone:
-        """Right half of the pelvis."""
-        return hip_bone(self.bones.meshes["pelvis"], self.femur.head.radius)
-
-    @cached_property
-    def shank(self) -> ShankBones:
-        """Tibia and fibula."""
-        return shank_bones(self.bones.meshes["tibia"], self.bones.meshes["fibula"])
-
-    @cached_property
+    @property
     def foot_length(self) -> float:
         """M, from heel to the end of the toes."""
         foot = self.bones.meshes["foot"].vertices[:, 0]
@@ -100,10 +83,13 @@ def landmarked(bones: BoneMeshes) -> Landmarked:
     InputError
         A bone does not show its landmarks: another shape, unit or direction than it should have.
     """
-    found = Landmarked(bones)
+    femur, tibia, fibula, pelvis = (bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis"))
     try:
-        _ = found.condyles, found.shank
-        check_directions(bones.meshes["femur"], found.hip, bones.meshes["tibia"], bones.meshes["fibula"])
+        thigh = long_bone(femur)
+        found = Landmarked(
+            bones, thigh, condyles(femur), hip_bone(pelvis, thigh.head.radius), shank_bones(tibia, fibula)
+        )
+        check_directions(femur, found.hip, tibia, fibula)
     except NoLandmark as error:
         raise InputError(
             f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m",

@@ -160,13 +160,10 @@ class MarkerFit:
     label: str
     segment: str
     weight: float
-    nominal: float | None
-    """RMS."""
-    calibrated: float | None
-    """RMS."""
+    nominal: float | None  # RMS
+    calibrated: float | None  # RMS
     floor: float | None
-    largest: float | None
-    """Largest distance with the calibrated model."""
+    largest: float | None  # Largest distance with the calibrated model
 
 
 def marker_fits(trial: TrialResult) -> list[MarkerFit]:

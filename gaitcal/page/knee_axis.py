@@ -53,16 +53,11 @@ _PASSES = {
 class AxisInCondyle:
     """One axis at one condyle."""
 
-    distance: float
-    """m from the condyle's centre to the axis."""
-    forward: float
-    """m by which the axis passes before the centre."""
-    above: float
-    """m by which it passes above."""
-    radius: float
-    """m of the condyle's circle."""
-    standard_error: float
-    """m of the distance, from the fit; NaN where none is known."""
+    distance: float  # m from the condyle's centre to the axis
+    forward: float  # m by which the axis passes before the centre
+    above: float  # m by which it passes above
+    radius: float  # m of the condyle's circle
+    standard_error: float  # m of the distance, from the fit; NaN where none is known
     inside: bool
     """Whether the axis is within the bone where it passes the centre: the femur as a whole, not the condyle alone."""
 
@@ -73,8 +68,7 @@ class AxisInKnee:
 
     medial: AxisInCondyle
     lateral: AxisInCondyle
-    angle: float
-    """Rad between the axis and the line through the condyles' centres."""
+    angle: float  # Rad between the axis and the line through the condyles' centres
     angle_error: float
     """Rad, standard error of the axis's direction, the mean over its two directions; NaN where none is known."""
 
@@ -90,17 +84,12 @@ class KneeAxis:
 
     side: str
     evidence: KneeEvidence
-    misfit: float
-    """m from the bone's epicondyles to where the markers have them, the larger one."""
-    fitted: AxisInKnee | None
-    """None where the knee was not fitted."""
+    misfit: float  # m from the bone's epicondyles to where the markers have them, the larger one
+    fitted: AxisInKnee | None  # None where the knee was not fitted
     nominal: AxisInKnee
-    centres: Array
-    """(2, 3) m, medial and lateral condyle, in the thigh."""
-    radii: Array
-    """(2,) m of their circles."""
-    across: Array
-    """(3,) unit normal of both circles, in the thigh."""
+    centres: Array  # (2, 3) m, medial and lateral condyle, in the thigh
+    radii: Array  # (2,) m of their circles
+    across: Array  # (3,) unit normal of both circles, in the thigh
 
 
 def knee_axes(bones: Landmarked, person: PersonLandmarks, joints: tuple[JointMark, ...]) -> tuple[KneeAxis, ...]:

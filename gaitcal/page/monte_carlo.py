@@ -69,15 +69,11 @@ class ExpectedError:
     """From one source, RMS over the trial in %BW·H."""
 
     varied: Varied
-    level: float
-    """Per cent of the bounds."""
-    beyond: bool
-    """The marker error is larger than at the highest level: the error is a lower limit."""
+    level: float  # Per cent of the bounds
+    beyond: bool  # The marker error is larger than at the highest level: the error is a lower limit
     average: float
-    low: float
-    """10 % of the draws are below."""
-    high: float
-    """10 % of the draws are above."""
+    low: float  # 10 % of the draws are below
+    high: float  # 10 % of the draws are above
 
 
 def _expected(varied: Varied, level: float, row: Mapping[str, Any], beyond: bool = False) -> ExpectedError:

@@ -78,7 +78,7 @@ def calibration_page_data(
     """Of a calibration.
 
     `normal`: bands of healthy people, to be drawn behind angles, moments and powers. `manifest`: versions, settings
-    and hashes of the inputs; as far as the calibration knows them where not given.
+    and hashes of the inputs.
     """
     truth = calibration.truth
     return {
@@ -107,7 +107,7 @@ def result_sections(
         "fit": fit_blocks(calibration),
         "joints": joint_blocks(calibration),
         "trust": trust_blocks(calibration),
-        "provenance": provenance_blocks(calibration, manifest),
+        "provenance": provenance_blocks(calibration, manifest or {}),
     }
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 

@@ -6,7 +6,6 @@ provenance is told again, as that of the calibration.
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath, PureWindowsPath
@@ -16,7 +15,6 @@ import numpy as np
 
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.gait.moments import counted, joint_words, role_words
-from gaitcal.io.toml import package_version
 from gaitcal.page.plain_data import (
     MISSING,
     Block,
@@ -35,7 +33,6 @@ from gaitcal.page.plain_data import (
 )
 from gaitcal.session.result import Calibration, TrialResult
 
-LIBRARIES: Final = ("pin", "numpy", "scipy")
 LONG_NOTE: Final = 300
 """Characters of a note from which it is folded."""
 HASHES: Final = "inputs_sha256"
@@ -63,21 +60,11 @@ EDITED: Final = "The model, or another file of the result, was edited since: wha
 NOT_KNOWN: Final = "The page of the calibration cannot be read: its summary.json and manifest.json tell what was done."
 
 
-def provenance_blocks(calibration: Calibration, manifest: Mapping[str, object] | None) -> list[Block]:
-    """Of the whole result; the manifest is as far as the calibration knows it where it is not given."""
-    study = calibration.study
-    made: Mapping[str, object] = {
-        "gaitcal": package_version("gaitcal"),
-        "versions": {"python": platform.python_version()} | {name: package_version(name) for name in LIBRARIES},
-        "marker_set": study.marker_set.name,
-        "settings": study.settings.model_dump(mode="json"),
-        HASHES: dict(study.inputs),
-    }
-    if manifest is not None:
-        made = manifest
+def provenance_blocks(calibration: Calibration, manifest: Mapping[str, object]) -> list[Block]:
+    """Of the whole result; `manifest`: versions, settings and hashes of the inputs."""
     settings = [
         [cell(name), cell(value)]
-        for name, value in _flat({key: value for key, value in made.items() if key not in NO_SETTINGS})
+        for name, value in _flat({key: value for key, value in manifest.items() if key not in NO_SETTINGS})
     ]
     return [
         *_recordings(calibration),
@@ -85,7 +72,7 @@ def provenance_blocks(calibration: Calibration, manifest: Mapping[str, object] |
         *_phases(calibration.phases),
         heading("Versions and settings"),
         table(["Name", words_column("Value")], settings),
-        *_hashes(made.get(HASHES)),
+        *_hashes(manifest.get(HASHES)),
         text(FILES, "soft"),
     ]
 
@@ -192,10 +179,8 @@ def _flat(manifest: Mapping[str, object], prefix: str = "") -> Iterator[tuple[st
 class Origin:
     """The calibration that further trials come after."""
 
-    data: Mapping[str, Any]
-    """Of its page; empty where it cannot be read."""
-    edited: bool
-    """One of its files is not as it was written."""
+    data: Mapping[str, Any]  # Of its page; empty where it cannot be read
+    edited: bool  # One of its files is not as it was written
 
 
 def further_sections(origin: Origin) -> Sections:

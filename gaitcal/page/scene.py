@@ -52,20 +52,13 @@ class JointMark:
 
     joint: str
     segment: str
-    nominal_centre: Array
-    """(3,) m, segment frame."""
-    fitted_centre: Array
-    """(3,) m, segment frame."""
-    nominal_axis: Array
-    """(3,) unit vector, segment frame; NaN where the joint is a ball and has no axis."""
-    fitted_axis: Array
-    """(3,)"""
-    centre_spread: Array
-    """(3, 3) m: half axes of the one-sigma ellipsoid as columns; NaN where no error is known."""
-    axis_spread: Array
-    """(3, 3) of the unit vector: the same for the tip of the axis."""
-    fitted: bool
-    """Whether any of its parameters in this segment was fitted."""
+    nominal_centre: Array  # (3,) m, segment frame
+    fitted_centre: Array  # (3,) m, segment frame
+    nominal_axis: Array  # (3,) unit vector, segment frame; NaN where the joint is a ball and has no axis
+    fitted_axis: Array  # (3,)
+    centre_spread: Array  # (3, 3) m: half axes of the one-sigma ellipsoid as columns; NaN where no error is known
+    axis_spread: Array  # (3, 3) of the unit vector: the same for the tip of the axis
+    fitted: bool  # Whether any of its parameters in this segment was fitted
 
 
 def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, float]) -> tuple[JointMark, ...]:
@@ -192,9 +185,9 @@ class Scene:
     joints: tuple[JointMark, ...]
     body: tuple[FittedMesh, ...]
     trials: tuple[TrialScene, ...]
+    landmarks: PersonLandmarks
+    """Where bones must lie."""
     segments: tuple[str, ...] = SEGMENTS
-    landmarks: PersonLandmarks | None = None
-    """Where bones must lie; None in files of versions that knew no bones."""
 
     def model_markers(self, trial: TrialScene) -> Array:
         """(nf, nm, 3) m: where the fitted model has the markers."""

@@ -99,10 +99,9 @@ def save_scene(scene: Scene, path: Path | str) -> None:
         "joints": [[j.joint, j.segment, j.fitted] for j in scene.joints],
         _BODY: [[fitted.mesh, fitted.segment] for fitted in scene.body],
         "trials": [[t.name, t.role, t.recorded, t.stride] for t in scene.trials],
+        "knees": {side: evidence.name for side, evidence in scene.landmarks.knees.items()},
     }
-    if scene.landmarks is not None:
-        arrays |= {f"{_LANDMARKS}{name}": point for name, point in scene.landmarks.points.items()}
-        text["knees"] = {side: evidence.name for side, evidence in scene.landmarks.knees.items()}
+    arrays |= {f"{_LANDMARKS}{name}": point for name, point in scene.landmarks.points.items()}
     arrays["scene"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
     with atomic_file(path) as target, target.open("wb") as stream:
         np.savez(stream, **arrays)  # type: ignore[arg-type]
@@ -160,18 +159,13 @@ def _scene(arrays: Any) -> Scene:
         body=tuple(FittedMesh(str(m), str(s), places[k]) for k, (m, s) in enumerate(text[_BODY])),
         trials=trials,
         segments=tuple(map(str, text["segments"])),
-        landmarks=_landmarks(arrays, text) if "knees" in text else None,
+        landmarks=PersonLandmarks(
+            {n.removeprefix(_LANDMARKS): arrays[n] for n in arrays.files if n.startswith(_LANDMARKS)},
+            {str(side): KneeEvidence[evidence] for side, evidence in text["knees"].items()},
+        ),
     )
     _check(scene)
     return scene
-
-
-def _landmarks(arrays: Any, text: dict[str, Any]) -> PersonLandmarks:
-    names = [name for name in arrays.files if name.startswith(_LANDMARKS)]
-    return PersonLandmarks(
-        {name.removeprefix(_LANDMARKS): arrays[name] for name in names},
-        {str(side): KneeEvidence[evidence] for side, evidence in text["knees"].items()},
-    )
 
 
 def _check(scene: Scene) -> None:
@@ -183,7 +177,7 @@ def _check(scene: Scene) -> None:
         and scene.marker_places.shape == (markers, 3)
         and len(scene.marker_segments) == markers
         and all(fitted.mesh in MESHES and fitted.place.shape == (3, 4) for fitted in scene.body)
-        and (scene.landmarks is None or scene.landmarks.complete)
+        and scene.landmarks.complete
         and all(len(trial.time) > 0 for trial in scene.trials)
     )
     for trial in scene.trials:
@@ -286,8 +280,6 @@ def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:
     """The bones in their segments, and where each knee axis passes them; or why there are none."""
     if bones is None:
         return {"why": f"not installed: pip install 'gaitcal[{EXTRA}]', then gaitcal view"}
-    if scene.landmarks is None:
-        return {"why": "not in this result: calibrate again with this version"}
     placed = fitted_bones(bones, scene.landmarks, scene.height)
     return {
         "why": None,

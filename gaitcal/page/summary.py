@@ -70,10 +70,8 @@ class GaitNumbers:
     numbers: tuple[MomentNumbers, ...] = ()
     stages: tuple[ResidualMagnitudes, ...] = ()
     """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
-    limits: ResidualLimits | None = None
-    """What is asked of simulations; given where `stages` are."""
-    expected: ExpectedResidual | None = None
-    """Of the last of `stages`; None where its errors are not known."""
+    limits: ResidualLimits | None = None  # What is asked of simulations; given where `stages` are
+    expected: ExpectedResidual | None = None  # Of the last of `stages`; None where its errors are not known
 
     def complete_strides(self, side: str) -> tuple[int, int]:
         """How many strides of a leg have valid moments throughout, and how many there are."""

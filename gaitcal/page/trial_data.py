@@ -37,30 +37,20 @@ GROUND: Final = {"ground_reaction_vertical": 1, "ground_reaction_forward": 0, "g
 """Force of the ground on a foot -> its laboratory axis: y up, x forward, z to the right."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Curve:
     """One variable of one trial."""
 
-    base: str
-    """Coordinate without its side, joint of a power, or what a force is called."""
-    side: str
-    """`r`, `l`; empty of what belongs to no leg."""
-    kind: str
-    """`angle`, `moment`, `power`, `force`, `residual_force`, `residual_moment`, `marker_error`."""
-    unit: str
-    """`deg`, `N m`, `W`, `N`, `mm`."""
-    value: Array
-    """(nf,)."""
-    valid: BoolArray
-    """(nf,) frames in which it counts."""
-    error: Array | None = None
-    """(nf,) standard error."""
-    own: Array | None = None
-    """(nf,) the part of it that differs from stride to stride."""
-    nominal: Array | None = None
-    """(nf,) with the nominal model."""
-    truth: Array | None = None
-    """(nf,) where it is known."""
+    base: str  # Coordinate without its side, joint of a power, or what a force is called
+    side: str  # `r`, `l`; empty of what belongs to no leg
+    kind: str  # `angle`, `moment`, `power`, `force`, `residual_force`, `residual_moment`, `marker_error`
+    unit: str  # `deg`, `N m`, `W`, `N`, `mm`
+    value: Array  # (nf,)
+    valid: BoolArray  # (nf,) frames in which it counts
+    error: Array | None = None  # (nf,) standard error
+    own: Array | None = None  # (nf,) the part of it that differs from stride to stride
+    nominal: Array | None = None  # (nf,) with the nominal model
+    truth: Array | None = None  # (nf,) where it is known
 
 
 def curves_of(
@@ -136,7 +126,6 @@ def _angles(
         off = np.degrees(static.get(name, 0.0))
         errors = (trial.coordinate_errors, trial.own_coordinate_errors)
         error, own = (None if e is None else np.degrees(e[:, k]) for e in errors)
-        base, side = split_side(name)
         values = {
             "value": np.degrees(body.q[:, k]) - off,
             "nominal": None if whole is None else np.degrees(whole.q[:, k]) - off,
@@ -145,14 +134,7 @@ def _angles(
         if name in PELVIS_ANGLES:
             values = {part: pelvis[part][:, PELVIS_ANGLES.index(name)] if part in pelvis else None for part in values}
         yield Curve(
-            base=base,
-            side=side,
-            kind="angle",
-            unit="deg",
-            valid=angle_counts(trial, name, unseen),
-            error=error,
-            own=own,
-            **values,
+            *split_side(name), "angle", "deg", valid=angle_counts(trial, name, unseen), error=error, own=own, **values
         )
 
 
@@ -180,12 +162,10 @@ def _whole(trial: TrialResult) -> Motion | None:
 def _moments(model: SubjectModel, loads: LoadedTrial, truth: TrialTruth | None) -> Iterator[Curve]:
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.forces
     for name in moment_names(model):
-        base, side = split_side(name)
         yield Curve(
-            base=base,
-            side=side,
-            kind="moment",
-            unit="N m",
+            *split_side(name),
+            "moment",
+            "N m",
             value=moment_of(loads.final, name),
             valid=loads.reactions.valid_for(name),
             error=None if loads.errors is None else moment_of(loads.errors, name),
@@ -200,14 +180,12 @@ def _powers(model: SubjectModel, loads: LoadedTrial) -> Iterator[Curve]:
         return
     errors = None if loads.errors is None else loads.errors.kinetics
     for name in told_powers(model.frozen):
-        base, side = split_side(name)
-        if joint_of(base) in ("", "arm"):
+        if joint_of(split_side(name)[0]) in ("", "arm"):
             continue
         yield Curve(
-            base=base,
-            side=side,
-            kind="power",
-            unit="W",
+            *split_side(name),
+            "power",
+            "W",
             value=power_of(loads.kinetics, name),
             valid=loads.reactions.valid_for(name),
             error=None if errors is None else power_of(errors, name),
@@ -220,7 +198,7 @@ def _forces(loads: LoadedTrial) -> Iterator[Curve]:
         valid = np.asarray(loads.reactions.valid_legs[:, leg])
         for base, axis in GROUND.items():
             value = loads.reactions.wrench[:, leg, axis]
-            yield Curve(base=base, side=side, kind="force", unit="N", value=value, valid=valid)
+            yield Curve(base, side, "force", "N", value, valid)
 
 
 def _residuals(loads: LoadedTrial) -> Iterator[Curve]:
@@ -232,21 +210,14 @@ def _residuals(loads: LoadedTrial) -> Iterator[Curve]:
         ("residual_force", "N", last.force, first.force),
         ("residual_moment", "N m", last.moment, first.moment),
     ):
-        yield Curve(base=kind, side="", kind=kind, unit=unit, value=value, nominal=nominal, valid=loads.reactions.valid)
+        yield Curve(kind, "", kind, unit, value, loads.reactions.valid, nominal=nominal)
 
 
 def _marker_error(trial: TrialResult) -> Curve:
     """RMS distance (mm) of measured and model markers with weight, in each frame."""
     value = _rms(trial.body.errors if trial.joint is None else trial.calibrated.errors)
-    return Curve(
-        base="marker_error",
-        side="",
-        kind="marker_error",
-        unit="mm",
-        value=value,
-        nominal=_rms(trial.nominal.errors),
-        valid=np.isfinite(value),
-    )
+    kind, nominal = "marker_error", _rms(trial.nominal.errors)
+    return Curve(kind, "", kind, "mm", value, np.isfinite(value), nominal=nominal)
 
 
 def _rms(errors: MarkerErrors) -> Array:
@@ -272,7 +243,7 @@ def trial_page_data(
     verdict : None of a trial that is not judged by itself.
     relative_to, truth : as of `curves_of`.
     """
-    time = trial.body.time
+    time, start = trial.body.time, float(trial.body.time[0])
     every = max(1, -(-len(time) // MOST_FRAMES))
     curves = curves_of(model, trial, relative_to, truth)
     return {
@@ -283,19 +254,14 @@ def trial_page_data(
         "verdict": None
         if verdict is None
         else {"judgement": verdict.judgement.value, **{side: of.value for side, of in verdict.legs.items()}},
-        "start": float(time[0]),
+        "start": start,
         "duration": float(time[-1] - time[0]),
         "frames": len(time),
         "every": every,
         "time": floats((time - time[0])[::every]),
         **packed_curves(curves, every),
         "events": [
-            {
-                "side": e.side,
-                "kind": e.moment.value,
-                "time": e.time - float(time[0]),
-                "source": source_words([e.source]),
-            }
+            {"side": e.side, "kind": e.moment.value, "time": e.time - start, "source": source_words([e.source])}
             for e in trial.events.events
         ],
         "strides": _strides(trial, pelvis_parts(trial, truth), masks_of(curves)),

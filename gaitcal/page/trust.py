@@ -119,16 +119,11 @@ def trial_trust_blocks(model: SubjectModel, walk: GaitNumbers) -> list[Block]:
 class PeakError:
     """The error of one moment at its peak."""
 
-    name: str
-    """`knee_adduction_r`."""
-    value: float
-    """N·m/kg, internal."""
-    time: float
-    """s from the begin of the trial."""
-    error: float
-    """N·m/kg, standard error."""
-    shares: Mapping[ErrorSource, float]
-    """Source -> its part (0 to 1) of the variance, largest first."""
+    name: str  # `knee_adduction_r`
+    value: float  # N·m/kg, internal
+    time: float  # s from the begin of the trial
+    error: float  # N·m/kg, standard error
+    shares: Mapping[ErrorSource, float]  # Source -> its part (0 to 1) of the variance, largest first
 
     @property
     def base(self) -> str:

@@ -236,11 +236,6 @@ def test_a_page_without_bones_says_how_to_get_them(scene: Scene) -> None:
     assert "gaitcal[bones]" in json.loads(scene_json(scene, body_meshes()))["bones"]["why"]
 
 
-def test_an_older_scene_says_that_it_has_no_landmarks(scene: Scene, bones: Landmarked) -> None:
-    held = json.loads(scene_json(replace(scene, landmarks=None), body_meshes(), bones))["bones"]
-    assert "calibrate again" in held["why"] and "meshes" not in held
-
-
 def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         bones_of_folder(tmp_path / "nowhere")

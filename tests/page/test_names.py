@@ -45,12 +45,17 @@ def test_a_hostile_study_adds_no_markup(hostile: str) -> None:
     hostile.encode("utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_browser_makes_nothing_of_them(hostile: str, visit: Callable[..., Page], tmp_path: Path) -> None:
     (tmp_path / "result.html").write_text(hostile, encoding="utf-8")
     page = visit(tmp_path / "result.html")
+    page.run("gaitcal.state.set({ trial: 1, spread: 'mean' })")
     assert page.run("document.querySelectorAll('img, iframe, object, embed, link').length") == 0
     assert page.run("typeof window.hacked") == "undefined"
+    assert page.run("document.scripts.length") == 5
+    assert page.run("document.getElementById('subject').textContent") == WORST.replace("\ud800", "\ufffd")
+    assert page.run("document.documentElement.scrollWidth <= innerWidth")
     assert len(page.requests) == 1
 
 

@@ -32,13 +32,7 @@ def test_a_scene_comes_back_as_it_was(scene: Scene, tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["scene.npz"]
 
 
-def test_a_scene_of_before_bones_comes_back_without_landmarks(scene: Scene, tmp_path: Path) -> None:
-    save_scene(replace(scene, landmarks=None), tmp_path / "scene.npz")
-    assert load_scene(tmp_path / "scene.npz").landmarks is None
-
-
 def test_a_landmark_that_is_missing_is_damage(scene: Scene, tmp_path: Path) -> None:
-    assert scene.landmarks is not None
     points = {name: point for name, point in scene.landmarks.points.items() if name != "thigh_r/hip"}
     for spoilt in (points, {**points, "thigh_r/hip": np.full(3, np.nan)}):
         save_scene(replace(scene, landmarks=replace(scene.landmarks, points=spoilt)), tmp_path / "scene.npz")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import itertools
 import re
 from collections.abc import Callable
 from importlib.resources import files
@@ -29,15 +28,8 @@ PIXELS = 2.0
 """Lines are drawn at fractions of a pixel."""
 
 
-@pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("told") / "result.html"
-    path.write_text(told_page(), encoding="utf-8")
-    return path
-
-
-def opened(visit: Visit, told: Path, preset: str, width: int = 1280, height: int = 800) -> Page:
-    page = visit(told, width, height, phone=width < 760)
+def opened(visit: Visit, everything: Path, preset: str, width: int = 1280, height: int = 800) -> Page:
+    page = visit(everything, width, height, phone=width < 760)
     page.run(f"gaitcal.state.set({{preset: '{preset}', playing: false, seconds: 0.3}})")
     return page
 
@@ -55,23 +47,23 @@ def test_no_two_scripts_define_the_same_name() -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.parametrize("preset", PRESETS)
-def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, told: Path, preset: str) -> None:
-    page = opened(visit, told, preset)
-    assert page.console == []
+def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everything: Path) -> None:
     of = "#sections > :not(.of-trial, .reasons)"
-    assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Error sources", "Pair"]
-    assert page.run(f"document.querySelectorAll('{of} table').length") == 8, "five tables and those of three pictures"
-    assert len(text(page, ".of-trial figure.traced")) == 3, "curves are of a trial"
-    assert page.run("document.querySelectorAll('#sections > figure.traced').length") == 0
-    assert page.run("document.querySelectorAll('#sections img').length") == 0
-    assert HOSTILE in "".join(text(page, "#sections th"))
-    assert not page.run("document.title").startswith("1")
+    for preset in PRESETS:
+        page = opened(visit, everything, preset)
+        assert page.console == []
+        assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Error sources", "Pair"]
+        assert page.run(f"document.querySelectorAll('{of} table').length") == 8, "five tables, those of three pictures"
+        assert len(text(page, ".of-trial figure.traced")) == 3, "curves are of a trial"
+        assert page.run("document.querySelectorAll('#sections > figure.traced').length") == 0
+        assert page.run("document.querySelectorAll('#sections img').length") == 0
+        assert HOSTILE in "".join(text(page, "#sections th"))
+        assert not page.run("document.title").startswith("1")
 
 
 @pytest.mark.browser
-def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "fit")
+def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "fit")
     first = "#sections > .scroll"
     assert page.run(f"document.querySelector('{first} table').getAttribute('aria-label')") == f"Tables {HOSTILE}"
     assert page.run(f"[...document.querySelectorAll('{first}:first-of-type thead th')].every(th => th.scope === 'col')")
@@ -90,10 +82,11 @@ def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Vis
     assert page.run(f"getComputedStyle(document.querySelector('{first} tbody td:last-child')).textAlign") == "left"
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.parametrize("width", [1280, 390])
-def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, told: Path, width: int) -> None:
-    page = opened(visit, told, "fit", width)
+def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, everything: Path, width: int) -> None:
+    page = opened(visit, everything, "fit", width)
     page.run("new Promise(done => requestAnimationFrame(() => setTimeout(done, 50)))")
     wide = page.run(
         "[...document.querySelectorAll('#sections .scroll.wide')].map(s => [s.tabIndex, s.ariaLabel.split(':')[0]])"
@@ -104,16 +97,8 @@ def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, told: Path
 
 
 @pytest.mark.browser
-def test_headings_never_skip_a_level(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "fit")
-    levels = page.run("[...document.querySelectorAll('#sections :is(h2, h3, h4, h5)')].map(h => Number(h.tagName[1]))")
-    assert all(b <= a + 1 for a, b in itertools.pairwise(levels))
-    assert levels[0] == 2
-
-
-@pytest.mark.browser
-def test_intervals_show_the_change_and_tell_the_values(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "joints")
+def test_intervals_show_the_change_and_tell_the_values(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "joints")
     table = "document.querySelector('#sections > figure.picture .unseen table')"
     rows = page.run(f"[...{table}.rows].map(r => [...r.cells].map(c => c.textContent))")
     assert rows[0] == ["Parameter", "Nominal", "Fitted", "Standard error", "Truth"]
@@ -132,8 +117,8 @@ def test_intervals_show_the_change_and_tell_the_values(visit: Visit, told: Path)
 
 
 @pytest.mark.browser
-def test_bars_are_as_long_as_their_totals(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "joints")
+def test_bars_are_as_long_as_their_totals(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "joints")
     lengths = page.run(
         """[...[...document.querySelectorAll('#sections > figure.picture')].at(-1).querySelectorAll('svg.lane')]
         .map(l => [...l.querySelectorAll('rect')].reduce((s, r) => s + parseFloat(r.getAttribute('width')), 0))"""
@@ -144,8 +129,8 @@ def test_bars_are_as_long_as_their_totals(visit: Visit, told: Path) -> None:
 
 
 @pytest.mark.browser
-def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "trust")
+def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "trust")
     words = text(page, ".of-trial .traced figcaption")
     assert "Peak 39.4 N in the valid frames; asked of simulations 40.0 N, never above it." in words[0], (
         "60 N do not count"
@@ -164,16 +149,16 @@ def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, told: Path
 
 
 @pytest.mark.browser
-def test_what_is_unfolded_stays_so_in_another_trial(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "fit")
+def test_what_is_unfolded_stays_so_in_another_trial(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "fit")
     page.run("document.querySelector('#sections > details').open = true; gaitcal.state.set({trial: 1})")
     assert page.run("document.querySelector('#sections > details').open")
     assert text(page, ".of-trial > h2") == ["Trial walk 2, walking"]
 
 
 @pytest.mark.browser
-def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "clinician")
+def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "clinician")
     assert text(page, "#verdict .lines li") == [
         "✕poor: A line of tone poor.",
         "!look at this: A line of tone look.",
@@ -191,6 +176,7 @@ def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, told: Path
     assert text(page, ".reasons tbody tr")[1] == "walk 2✕refused✓trustworthy✕refused"
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_without_lines_the_sentence_stands_on_top(visit: Visit, tmp_path: Path) -> None:
     path = tmp_path / "page.html"
@@ -212,8 +198,8 @@ def close(values: list[float | None]) -> list[Any]:
 
 @pytest.mark.browser
 @pytest.mark.parametrize("off", [(), (2,), (0, 2)])
-def test_steps_are_those_of_python(visit: Visit, told: Path, off: tuple[int, ...]) -> None:
-    page = opened(visit, told, "clinician")
+def test_steps_are_those_of_python(visit: Visit, everything: Path, off: tuple[int, ...]) -> None:
+    page = opened(visit, everything, "clinician")
     page.run(f"gaitcal.state.set({{off: new Set({[f'0/{k}' for k in off]})}})")
     strides = {n: counting(s, REFUSED[n]) for k, (n, s) in enumerate(made_strides().items()) if k not in off}
     wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN_MEASURES}
@@ -229,8 +215,8 @@ def test_steps_are_those_of_python(visit: Visit, told: Path, off: tuple[int, ...
 
 
 @pytest.mark.browser
-def test_steps_leave_out_a_stride_that_is_off(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "clinician")
+def test_steps_leave_out_a_stride_that_is_off(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "clinician")
     count = "Gaitcal.stepsOf(gaitcal, 0).find(row => row.name === 'stride_time').right.n"
     before = page.run(count)
     straight = next(s.number for s in made_strides()["walk 1"] if s.side == "r" and s.turn == STRAIGHT and s.number)
@@ -238,9 +224,10 @@ def test_steps_leave_out_a_stride_that_is_off(visit: Visit, told: Path) -> None:
     assert page.run(count) == before - 1
 
 
+@pytest.mark.slow
 @pytest.mark.browser
-def test_two_pages_first_then_everything_of_all_trials(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "joints")
+def test_two_pages_first_then_everything_of_all_trials(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "joints")
     page.send("Emulation.setEmulatedMedia", media="print")
     try:
         page.send("Emulation.setDeviceMetricsOverride", width=695, height=1017, deviceScaleFactor=1, mobile=False)
@@ -262,9 +249,10 @@ def test_two_pages_first_then_everything_of_all_trials(visit: Visit, told: Path)
     assert page.console == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
-def test_printing_writes_pages_and_leaves_the_screen_as_it_was(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "clinician")
+def test_printing_writes_pages_and_leaves_the_screen_as_it_was(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "clinician")
     panels = page.run("document.querySelectorAll('#curves .curve-panel').length")
     pdf = base64.b64decode(page.send("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"])
     assert len(re.findall(rb"/Type /Page\b", pdf)) > 4

@@ -14,7 +14,7 @@ from tests.page.browser import Page
 from tests.page.plain_sheet import page_of
 from tests.page.test_browser import DRAWN, THERE, paused, stage, until
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Visit = Callable[..., Page]
 FRAME = 0.005
