@@ -12,8 +12,8 @@ from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import write_view
 from tests.page.browser import Page, browser, chromium
-from tests.page.everything_told import told_page
 from tests.page.made_bones import folder_of_bones
+from tests.page.made_page import everything_page
 from tests.page.people import walking_scene
 
 
@@ -33,7 +33,7 @@ def html(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page with blocks of every kind."""
     path = tmp_path_factory.mktemp("everything") / "result.html"
-    path.write_text(told_page(), encoding="utf-8")
+    path.write_text(everything_page(), encoding="utf-8")
     return path
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from tests.page.browser import Page
-from tests.page.everything_told import PRESETS
+from tests.page.made_page import PRESETS
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

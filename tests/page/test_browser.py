@@ -17,8 +17,8 @@ from gaitcal.page.scene import Scene
 from gaitcal.page.view import ViewServer, view_html, write_view
 from gaitcal.results.page_files import write_page
 from tests.page.browser import Page
+from tests.page.made_page import plain_data
 from tests.page.people import long_scene
-from tests.page.plain_sheet import sheet_of
 from tests.page.test_page import LIMIT
 
 pytestmark = pytest.mark.browser
@@ -215,6 +215,7 @@ def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path,
     assert found is not None and float(found.group(1)) == pytest.approx(1000 * error, abs=SHOWN)
 
 
+@pytest.mark.slow
 def test_even_markup_that_got_in_cannot_run(visit: Visit, html: Path) -> None:
     page = paused(visit(html, fresh=True))
     page.run("document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.hacked=1\">')")
@@ -231,7 +232,7 @@ def test_ten_thousand_frames_stay_responsive(
     """From the command to the picture: what is left out is said, and posing a frame takes no longer for it."""
     page_file = tmp_path / "view.html"
     scene = long_scene()
-    write_page(tmp_path, scene, sheet_of(scene))
+    write_page(tmp_path, scene, plain_data(scene))
     view_command.run((tmp_path,), page_file, Console(quiet=False, verbose=False))
     assert "long: the page holds 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
     assert page_file.stat().st_size < LIMIT

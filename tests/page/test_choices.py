@@ -13,7 +13,7 @@ from gaitcal.page.scene import Scene
 from gaitcal.page.view import Shown
 from tests.page.browser import Page
 from tests.page.made_bones import folder_of_bones
-from tests.page.plain_sheet import page_of, sheet_of
+from tests.page.made_page import plain_data, plain_page
 from tests.page.test_browser import DRAWN, paused, stage, until
 from tests.page.test_shell import state
 
@@ -26,7 +26,7 @@ Visit = Callable[..., Page]
 def shown(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("shell")
     bones = bones_of_folder(folder_of_bones(folder / "Geometry"))
-    (folder / "result.html").write_text(page_of(scene, bones=bones), encoding="utf-8")
+    (folder / "result.html").write_text(plain_page(scene, bones=bones), encoding="utf-8")
     return folder / "result.html"
 
 
@@ -34,7 +34,7 @@ def shown(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def two(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     after = replace(scene, subject="After", mass=80.0, trials=scene.trials[:1])
     path = tmp_path_factory.mktemp("shell") / "two.html"
-    path.write_text(page_of(scene, Shown(after, sheet_of(after), "after")), encoding="utf-8")
+    path.write_text(plain_page(scene, Shown(after, plain_data(after), "after")), encoding="utf-8")
     return path
 
 

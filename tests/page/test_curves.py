@@ -20,7 +20,7 @@ from gaitcal.page.plain_data import base64_of, lengths
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page
-from tests.page.stridden import SIZE, SUBJECT, VARIABLE, long_walks, stridden
+from tests.page.made_page import SIZE, SUBJECT, VARIABLE, long_walks, stridden
 
 pytestmark = pytest.mark.browser
 

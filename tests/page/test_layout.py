@@ -11,7 +11,7 @@ import pytest
 
 from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page
-from tests.page.stridden import long_walks, stridden
+from tests.page.made_page import long_walks, stridden
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 Visit = Callable[..., Page]

@@ -15,9 +15,8 @@ from gaitcal.explanations.explanation import PARTS
 from gaitcal.gait.symmetry import Average, counting, measure_means
 from gaitcal.page.page_data import SHOWN_MEASURES
 from gaitcal.page.view import SCRIPTS
-from tests.page.blocks_made import HOSTILE
 from tests.page.browser import Page
-from tests.page.everything_told import PRESETS, REFUSED, STRAIGHT, made_strides, told_page
+from tests.page.made_page import HOSTILE, PRESETS, REFUSED, STRAIGHT, everything_page, measured_strides
 
 Visit = Callable[..., Page]
 A4_HEIGHT = (297.0 - 13.0 - 15.0) / 25.4 * 96.0
@@ -49,7 +48,7 @@ def test_no_two_scripts_define_the_same_name() -> None:
 @pytest.mark.browser
 def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everything: Path) -> None:
     of = "#sections > :not(.of-trial, .reasons)"
-    for preset in PRESETS:
+    for preset in ("fit", "provenance"):
         page = opened(visit, everything, preset)
         assert page.console == []
         assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Error sources", "Pair"]
@@ -180,7 +179,7 @@ def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, everything
 @pytest.mark.browser
 def test_without_lines_the_sentence_stands_on_top(visit: Visit, tmp_path: Path) -> None:
     path = tmp_path / "page.html"
-    path.write_text(told_page(lines=[]), encoding="utf-8")
+    path.write_text(everything_page(lines=[]), encoding="utf-8")
     assert text(opened(visit, path, "clinician"), "#verdict .lines li") == ["·Do not use the left leg."]
 
 
@@ -201,7 +200,7 @@ def close(values: list[float | None]) -> list[Any]:
 def test_steps_are_those_of_python(visit: Visit, everything: Path, off: tuple[int, ...]) -> None:
     page = opened(visit, everything, "clinician")
     page.run(f"gaitcal.state.set({{off: new Set({[f'0/{k}' for k in off]})}})")
-    strides = {n: counting(s, REFUSED[n]) for k, (n, s) in enumerate(made_strides().items()) if k not in off}
+    strides = {n: counting(s, REFUSED[n]) for k, (n, s) in enumerate(measured_strides().items()) if k not in off}
     wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN_MEASURES}
     found = page.run(
         "Gaitcal.stepsOf(gaitcal, 0).map(({name, right, left, symmetry}) => [name, right, left, symmetry])"
@@ -219,7 +218,7 @@ def test_steps_leave_out_a_stride_that_is_off(visit: Visit, everything: Path) ->
     page = opened(visit, everything, "clinician")
     count = "Gaitcal.stepsOf(gaitcal, 0).find(row => row.name === 'stride_time').right.n"
     before = page.run(count)
-    straight = next(s.number for s in made_strides()["walk 1"] if s.side == "r" and s.turn == STRAIGHT and s.number)
+    straight = next(s.number for s in measured_strides()["walk 1"] if s.side == "r" and s.turn == STRAIGHT and s.number)
     page.run(f"gaitcal.state.set({{off: new Set(['0/0/r/{straight}'])}})")
     assert page.run(count) == before - 1
 
