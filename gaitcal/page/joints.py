@@ -34,8 +34,7 @@ from gaitcal.session.parameter_words import (
     joint_groups,
 )
 from gaitcal.session.result import Calibration
-from gaitcal.session.truth_errors import CurveTruth, TruthErrors
-from gaitcal.session.truth_words import (
+from gaitcal.session.truth_comparison import (
     CurveRow,
     compared_trials,
     curve_rows,
@@ -45,6 +44,7 @@ from gaitcal.session.truth_words import (
     truth_sentence,
     turning_sentence,
 )
+from gaitcal.session.truth_errors import CurveTruth, TruthErrors
 
 MOVED = (
     "Fitted minus nominal value, with ±1 standard error where there is one. Positions are in the axes of the named "

@@ -15,6 +15,7 @@ from gaitcal.page.scene import Scene
 from gaitcal.page.scene_file import load_scene, save_scene
 from gaitcal.page.view import BodyText, Shown, body_texts, data_text, joined_page, with_trials
 from gaitcal.results.saved import MODEL
+from gaitcal.results.verdict import table_of
 
 PAGE: Final = "result.html"
 SCENE: Final = "scene.npz"
@@ -106,6 +107,5 @@ def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
 
 def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:
     """Those of these trials in a folder of further trials that were made with another model than that of `digest`."""
-    table = read_object(folder / MANIFEST).get("model_sha256")
-    digests = table if isinstance(table, dict) else {}
+    digests = table_of(read_object(folder / MANIFEST), "model_sha256")
     return tuple(name for name in trials if digests.get(name) != digest)

@@ -15,7 +15,7 @@ from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
 from gaitcal.io.labels import FootMoment
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.session.prepare import prepare_trial
+from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, nominal_of
 
 PEOPLE = {
