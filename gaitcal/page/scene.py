@@ -76,22 +76,12 @@ def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, fl
                 continue
             known = {name: errors[name] for name in names if np.isfinite(errors.get(name, np.nan))}
             columns = [JP_INDEX[name] for name in names]
-            nominal_centre, nominal_axis = _centre_and_axis(joint, segment, nominal)
-            fitted_centre, fitted_axis = _centre_and_axis(joint, segment, fitted)
-            centre_spread, axis_spread = _spreads(joint, segment, fitted, known)
-            marks.append(
-                JointMark(
-                    joint=joint.name,
-                    segment=segment,
-                    nominal_centre=nominal_centre,
-                    fitted_centre=fitted_centre,
-                    nominal_axis=nominal_axis,
-                    fitted_axis=fitted_axis,
-                    centre_spread=centre_spread,
-                    axis_spread=axis_spread,
-                    fitted=bool(known) or not np.array_equal(nominal.joint[columns], fitted.joint[columns]),
-                )
-            )
+            places = {}
+            for stage, parameters in (("nominal", nominal), ("fitted", fitted)):
+                places[f"{stage}_centre"], places[f"{stage}_axis"] = _centre_and_axis(joint, segment, parameters)
+            places["centre_spread"], places["axis_spread"] = _spreads(joint, segment, fitted, known)
+            moved = bool(known) or not np.array_equal(nominal.joint[columns], fitted.joint[columns])
+            marks.append(JointMark(joint=joint.name, segment=segment, fitted=moved, **places))
     return tuple(marks)
 
 

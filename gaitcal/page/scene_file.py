@@ -263,17 +263,12 @@ def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:
 
 
 def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
-    return {
-        "joint": joint.joint,
-        "segment": scene.segments.index(joint.segment),
-        "fitted": joint.fitted,
-        "nominalCentre": _numbers(joint.nominal_centre),
-        "fittedCentre": _numbers(joint.fitted_centre),
-        "nominalAxis": _numbers(joint.nominal_axis),
-        "fittedAxis": _numbers(joint.fitted_axis),
-        "centreSpread": _numbers(joint.centre_spread),
-        "axisSpread": _numbers(joint.axis_spread),
+    places = {
+        f"{first}{second.capitalize()}": _numbers(getattr(joint, f"{first}_{second}"))
+        for first, second in (name.split("_") for name in _JOINT_ARRAYS)
     }
+    segment = scene.segments.index(joint.segment)
+    return {"joint": joint.joint, "segment": segment, "fitted": joint.fitted, **places}
 
 
 def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:

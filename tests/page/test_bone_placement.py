@@ -11,7 +11,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.model.nominal import published_model
-from gaitcal.page.body_meshes import body_meshes
+from gaitcal.page.body_meshes import Mesh, body_meshes
 from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.bone_landmarks import KneeEvidence, person_landmarks
 from gaitcal.page.bone_placement import (
@@ -248,16 +248,16 @@ def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
         bones_of_folder(folder)
 
 
-def test_a_folder_in_millimetres_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("bone", "message"),
+    [
+        (replace(made.femur(), vertices=1e3 * made.femur().vertices), "allowed: 0.2 to 0.7 m"),
+        (made.fibula(), "on its surface"),
+    ],
+    ids=["in millimetres", "of another shape"],
+)
+def test_a_femur_that_is_none_is_told(bone: Mesh, message: str, tmp_path: Path) -> None:
     folder = made.folder_of_bones(tmp_path / "Geometry")
-    bone = made.femur()
-    (folder / "r_femur.stl").write_bytes(made.stl(replace(bone, vertices=1e3 * bone.vertices)))
-    with pytest.raises(InputError, match="allowed: 0.2 to 0.7 m"):
-        bones_of_folder(folder)
-
-
-def test_a_femur_of_another_shape_is_told(tmp_path: Path) -> None:
-    folder = made.folder_of_bones(tmp_path / "Geometry")
-    (folder / "r_femur.stl").write_bytes(made.stl(made.fibula()))
-    with pytest.raises(InputError, match="on its surface"):
+    (folder / "r_femur.stl").write_bytes(made.stl(bone))
+    with pytest.raises(InputError, match=message):
         landmarked(bones_of_folder(folder))

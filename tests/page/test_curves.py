@@ -361,33 +361,6 @@ def test_pelvis_angles_of_a_turning_stride_do_not_count(visit: Visit, walked: An
         assert told == [101, turning]
 
 
-def test_what_is_not_valid_is_pale_and_said(page: Page, walked: Any) -> None:
-    """A stretch without validity is no part of the curve that counts; the cursor says so."""
-    _, _, table = walked
-    rows = table[(table.trial == "walk0") & (table.side == "l") & (table.variable == "hip_flexion_moment")]
-    gaps = rows[rows.valid == 0].percent.to_numpy()
-    assert len(gaps)
-    percent = float(gaps[len(gaps) // 2])
-    told = page.run(f"""(p => [p.traces.main('l').valid[{percent}], p.traces.at('l', {percent}).valid,
-        p.value('l', {{ percent: {percent} }})])({panel("hip_flexion", "moment")})""")
-    assert told == [0, False, "not valid"]
-
-
-@pytest.mark.slow
-def test_paper_has_all_panels_twice_as_dense_and_the_screen_comes_back(page: Page) -> None:
-    before = page.run("[...document.querySelectorAll('.curve-groups .curve-panel')].length")
-    dense = """[...document.querySelectorAll('.curve-papers canvas')].map((c) =>
-        c.width / c.closest('.curve-plot').clientWidth / devicePixelRatio)"""
-    page.run(f"gaitcal.curves.forPrint(true); {STEADY}")
-    assert page.run("document.querySelectorAll('.curve-paper:is(.kinematics, .kinetics) .curve-panel').length") > 8
-    assert page.run(dense) and all(1.9 < ratio < 2.1 for ratio in page.run(dense))
-    page.run(f"gaitcal.curves.forPrint(false); {STEADY}")
-    assert page.run("document.querySelectorAll('.curve-papers').length") == 0
-    assert page.run("[...document.querySelectorAll('.curve-groups .curve-panel')].length") == before
-    assert page.run("document.querySelectorAll('.curve-groups canvas').length") > 0
-    assert page.console == []
-
-
 @pytest.mark.slow
 def test_five_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
     """Five trials with all frames that a page holds: a tick moves cursors alone; few points keep a curve's peaks."""
