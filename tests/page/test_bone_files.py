@@ -6,8 +6,7 @@ import zlib
 import numpy as np
 import pytest
 
-from gaitcal.page.bones.bone_files import read_vtp
-from tests.page.bones import made_bones as made
+from gaitcal.page.bone_files import read_vtp
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 2]], dtype=float)
 CORNERS, ENDS = np.array([0, 1, 2, 3, 0, 1, 4]), np.array([4, 7])
@@ -47,15 +46,6 @@ def test_polygons_come_as_triangles(how: str) -> None:
     mesh = read_vtp(vtp(how))
     np.testing.assert_array_equal(mesh.vertices, POINTS)
     assert mesh.triangles.tolist() == TRIANGLES
-
-
-@pytest.mark.parametrize("how", ["ascii", "binary", "zlib"])
-def test_a_bone_comes_back(how: str) -> None:
-    bone = made.femur()
-    ends = 3 * np.arange(1, len(bone.triangles) + 1)
-    mesh = read_vtp(vtp(how, bone.triangles.ravel(), bone.vertices, ends))
-    np.testing.assert_array_equal(mesh.vertices, bone.vertices)
-    np.testing.assert_array_equal(mesh.triangles, bone.triangles)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Where the landmarks of a bone lie, found on its own surface.
+"""Landmarks of a bone, found on its own surface, and where the same landmarks lie in a person.
 
 Bones are those of the right side in the axes of OpenSim's models: x forward, y up, z to the right, m.
 
@@ -15,24 +15,12 @@ Bones are those of the right side in the axes of OpenSim's models: x forward, y 
     malleoli                          the most medial point of the tibia's, the most lateral of the fibula's lower end
     ASIS, PSIS                        the most forward point above the acetabulum, the hindmost of the hip bone
 
-Whether bones are right ones with x forward, y up, z to the right, by their own shape.
+A sphere |p - c|^2 = r^2 is linear in (c, r^2 - c.c) and solved by least squares; so is a circle in two coordinates.
 
-A left bone, or one that is turned, has surfaces like a right one, and landmarks are found on it: elsewhere. What tells
-them apart is where the parts of a bone lie to each other:
-
-    femur     above, it reaches furthest from the shaft medially, by its head;
-              below, the condyles reach further behind the shaft than before it
-    shank     the fibula is lateral of the tibia, and not before it
-    pelvis    right of the middle; the PSIS behind the acetabulum, above it, and nearer to the middle than the ASIS
-
-Where a person's bones must lie: landmarks of the static trial and joint centres, in the segment frames.
-
-Nothing here is taken from a fitted axis. The knee is the middle between the epicondyles and the line through them, as
-palpated; so a bone that stands on these landmarks shows whether the fitted knee axis passes through its condyles. Had
-the bone been laid on the fitted axis, it would pass through them whatever the fit is. Hip centres, which nobody can
-palpate, are the fitted ones: there the bones follow the fit and say nothing about it.
-
-A marker's centre lies its radius off the skin; epicondyles, malleoli and spines are taken that much nearer.
+A person's landmarks are those of the static trial and the joint centres, in the segment frames. The knee is the middle
+between the epicondyles and the line through them, as palpated, and no fitted axis: a bone that stands on these shows
+whether the fitted knee axis passes through its condyles. Hip centres, which nobody can palpate, are the fitted ones. A
+marker's centre lies its radius off the skin; epicondyles, malleoli and spines are taken that much nearer.
 """
 
 from __future__ import annotations
@@ -44,26 +32,29 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.model.chain import Chain, forward, segment_poses
-from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
-from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.parameters import JP_INDEX
 from gaitcal.model.segment_frames import JointWidths
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page.body_meshes import Mesh, vertex_above_lumbar, wrist
-from gaitcal.page.bones.bone_files import face_normals, fitted_ball, spread_points, vertex_normals
+from gaitcal.page.body_meshes import Mesh, joint_centre, upright_poses, vertex_above_lumbar, wrist
 
-MEDIAL = np.array([1.0, 1.0, -1.0])
-"""Mirrors a bone of the right side to the left."""
 _END = 0.12
 """Share of a bone's length that is its end."""
+_UPPER_SHAFT, _LOWER_SHAFT = (0.6, 0.8), (0.25, 0.5)
+"""Shares of a bone's length, from below."""
+_MALLEOLUS = 0.08
+"""Share of a bone's length in which its malleolus is."""
 _ON_SURFACE = 0.0035
 """Of a bone's length: how far a point may be from a sphere or circle that it belongs to."""
 _ROUNDS = 30
-_FEWEST = 6
-"""Points below which no sphere or circle is believed."""
-_MALLEOLUS, _UPWARD, _SIDEWAYS = 0.08, 0.8, 0.6
+_FEWEST_POINTS = 6
+"""Of a sphere or circle."""
+_UPWARD, _SIDEWAYS = 0.8, 0.6
+"""Least upward and largest sideways part of a unit normal."""
 _VOTES_TOGETHER = 0.010
 """m: votes for one acetabulum."""
+_PARTS = 5
+"""Parts of a triangle's side between points spread over it."""
 
 
 class NoLandmark(ValueError):  # noqa: N818 - said as it is read: "no landmark"
@@ -74,10 +65,8 @@ class NoLandmark(ValueError):  # noqa: N818 - said as it is read: "no landmark"
 class Ball:
     """A sphere, or in the sagittal plane a circle, fitted to a joint surface."""
 
-    centre: Array
-    """(3,) m, in the bone's own frame."""
-    radius: float
-    """m."""
+    centre: Array  # (3,) m, in the bone's own frame
+    radius: float  # m
 
 
 @dataclass(frozen=True)
@@ -85,10 +74,8 @@ class LongBone:
     """Thigh or upper arm bone."""
 
     head: Ball
-    lateral: Array
-    """(3,) m, lateral epicondyle."""
-    medial: Array
-    """(3,) m, medial epicondyle."""
+    lateral: Array  # (3,) m, lateral epicondyle
+    medial: Array  # (3,) m, medial epicondyle
 
     @property
     def middle(self) -> Array:
@@ -102,8 +89,7 @@ class Condyles:
 
     medial: Ball
     lateral: Ball
-    drop: float
-    """m from the middle of the epicondyles down to the lowest points of the condyles, their mean."""
+    drop: float  # m from the middle of the epicondyles down to the lowest points of the condyles, their mean
 
     @property
     def axis(self) -> Array:
@@ -113,26 +99,84 @@ class Condyles:
 
 @dataclass(frozen=True)
 class HipBone:
-    """The right half of a pelvis."""
+    """The right half of a pelvis; every place (3,) m."""
 
     socket: Array
-    """(3,) m, centre of the acetabulum."""
     asis: Array
-    """(3,) m."""
     psis: Array
-    """(3,) m."""
 
 
 @dataclass(frozen=True)
 class ShankBones:
-    """Tibia and fibula, in one frame."""
+    """Tibia and fibula, in one frame; every place (3,) m."""
 
     plateau: Array
-    """(3,) m."""
-    medial: Array
-    """(3,) m, medial malleolus."""
-    lateral: Array
-    """(3,) m, lateral malleolus."""
+    medial: Array  # Malleolus
+    lateral: Array  # Malleolus
+
+
+def volume(mesh: Mesh) -> float:
+    """m^3, positive where the corners of the triangles go round counter-clockwise seen from outside."""
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def face_normals(mesh: Mesh) -> tuple[Array, Array]:
+    """(nt, 3) outward normals as long as the area (m^2), and (nt, 3) the triangles' middles, m."""
+    corners = mesh.vertices[mesh.triangles]
+    outward = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return outward * (1.0 if volume(mesh) > 0 else -1.0), corners.mean(axis=1)
+
+
+def _vertex_normals(mesh: Mesh) -> Array:
+    """(nv, 3) outward unit vectors, the triangles around weighted by their area."""
+    faces, _ = face_normals(mesh)
+    sums = np.zeros_like(mesh.vertices)
+    for k in range(3):
+        np.add.at(sums, mesh.triangles[:, k], faces)
+    out: Array = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
+    return out
+
+
+def _spread_points(mesh: Mesh) -> tuple[Array, Array, Array]:
+    """Points (n, 3) spread over the whole surface, outward unit normals (n, 3) and the area (n,) each stands for.
+
+    A few large triangles weigh as they should in a fit to these, which they do not by their corners alone.
+    """
+    outward, _ = face_normals(mesh)
+    area = np.linalg.norm(outward, axis=1)
+    places = [(i + 1 / 3, j + 1 / 3) for i in range(_PARTS) for j in range(_PARTS - i)]
+    shares = np.array([(a / _PARTS, b / _PARTS, 1.0 - (a + b) / _PARTS) for a, b in places])
+    points = np.einsum("pc,tcd->tpd", shares, mesh.vertices[mesh.triangles]).reshape(-1, 3)
+    normals = np.repeat(outward / np.maximum(area, 1e-30)[:, None], len(shares), axis=0)
+    return points, normals, np.repeat(area / len(shares), len(shares))
+
+
+def fitted_ball(points: Array, weights: Array | None = None) -> tuple[Array, float]:
+    """Centre (d,) and radius (m) of the sphere, or in two dimensions the circle, nearest to points (n, d)."""
+    root = np.ones(len(points)) if weights is None else np.sqrt(weights)
+    rows = np.column_stack([2.0 * points, np.ones(len(points))]) * root[:, None]
+    solution = np.linalg.lstsq(rows, np.sum(points**2, axis=1) * root, rcond=None)[0]
+    centre = solution[:-1]
+    return centre, float(np.sqrt(max(solution[-1] + centre @ centre, 0.0)))
+
+
+def is_inside(mesh: Mesh, point: Array) -> bool:
+    """Whether a point (3,) m lies inside a closed surface.
+
+    The solid angles of all triangles, seen from the point, add up to 4 pi inside and to 0 outside (Van Oosterom and
+    Strackee 1983, IEEE Trans Biomed Eng 30).
+    """
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+    dots = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
+    angles = 2.0 * np.arctan2(triple, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb)
+    return abs(float(angles.sum())) > 2.0 * np.pi
+
+
+def _low_and_length(vertices: Array) -> tuple[float, float]:
+    return float(vertices[:, 1].min()), float(np.ptp(vertices[:, 1]))
 
 
 def long_bone(mesh: Mesh) -> LongBone:
@@ -141,16 +185,15 @@ def long_bone(mesh: Mesh) -> LongBone:
     low, length = _low_and_length(v)
     upper = v[:, 1] > low + (1.0 - _END) * length
     lower = v[v[:, 1] < low + _END * length]
-    return LongBone(
-        _head(v, vertex_normals(mesh), upper, length), lower[np.argmax(lower[:, 2])], lower[np.argmin(lower[:, 2])]
-    )
+    head = _head(v, _vertex_normals(mesh), upper, length)
+    return LongBone(head, lower[np.argmax(lower[:, 2])], lower[np.argmin(lower[:, 2])])
 
 
 def _head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
     seed = v[upper][np.argmin(v[upper][:, 2])]
     chosen = upper & (np.linalg.norm(v - seed, axis=1) < 0.06 * length)
     for _ in range(_ROUNDS):
-        if chosen.sum() < _FEWEST:
+        if chosen.sum() < _FEWEST_POINTS:
             raise NoLandmark("no round head")
         centre, radius = fitted_ball(v[chosen])
         outwards = np.einsum("ij,ij->i", v - centre, normals) > 0.5 * radius
@@ -164,7 +207,7 @@ def _head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
 def condyles(mesh: Mesh) -> Condyles:
     """The condyles of a femur."""
     bone = long_bone(mesh)
-    points, normals, area = spread_points(mesh)
+    points, normals, area = _spread_points(mesh)
     low, length = _low_and_length(mesh.vertices)
     half = 0.5 * float(bone.lateral[2] - bone.medial[2])
     balls, lowest = [], []
@@ -173,7 +216,7 @@ def condyles(mesh: Mesh) -> Condyles:
         one = (
             (points[:, 1] < low + _END * length) & (np.abs(across - 0.55) < 0.35) & (np.abs(normals[:, 2]) < _SIDEWAYS)
         )
-        if one.sum() < _FEWEST:
+        if one.sum() < _FEWEST_POINTS:
             raise NoLandmark("no condyles")
         balls.append(_condyle(points[one], normals[one], area[one], length))
         lowest.append(float(points[one][:, 1].min()))
@@ -184,7 +227,7 @@ def _condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
     """(n, 3) surface of one condyle, without its sides -> circle through its hind and lower part."""
     chosen = points[:, 0] < np.median(points[:, 0])
     for _ in range(_ROUNDS):
-        if chosen.sum() < _FEWEST:
+        if chosen.sum() < _FEWEST_POINTS:
             raise NoLandmark("no round condyle")
         centre, radius = fitted_ball(points[chosen][:, :2], area[chosen])
         away = points[:, :2] - centre
@@ -207,17 +250,17 @@ def hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
     socket = np.average(votes[best], axis=0, weights=area[best])
     v = mesh.vertices
     above = v[v[:, 1] > socket[1]]
-    if len(above) < _FEWEST:
+    if len(above) < _FEWEST_POINTS:
         raise NoLandmark("no acetabulum")
     return HipBone(socket, above[np.argmax(above[:, 0])], v[np.argmin(v[:, 0])])
 
 
 def shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
     """Plateau and malleoli."""
-    v, normals = tibia.vertices, vertex_normals(tibia)
+    v, normals = tibia.vertices, _vertex_normals(tibia)
     low, length = _low_and_length(v)
     plateau = v[(v[:, 1] > low + (1.0 - 0.5 * _END) * length) & (normals[:, 1] > _UPWARD)]
-    if len(plateau) < _FEWEST:
+    if len(plateau) < _FEWEST_POINTS:
         raise NoLandmark("no tibial plateau")
     inner = v[v[:, 1] < low + _MALLEOLUS * length]
     f = fibula.vertices
@@ -226,18 +269,14 @@ def shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
     return ShankBones(plateau.mean(axis=0), inner[np.argmin(inner[:, 2])], outer[np.argmax(outer[:, 2])])
 
 
-def _low_and_length(vertices: Array) -> tuple[float, float]:
-    return float(vertices[:, 1].min()), float(np.ptp(vertices[:, 1]))
-
-
-_UPPER_SHAFT, _LOWER_SHAFT = (0.6, 0.8), (0.25, 0.5)
-_CUT_END = 0.12
-"""Shares of a bone's length, from below; `_END` of either end."""
-
-
 def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> None:
-    """Raise `NoLandmark` for a bone that is a left one, or turned."""
-    upper, lower = _reach(femur, _UPPER_SHAFT, 1.0 - _CUT_END), _reach(femur, _LOWER_SHAFT, _CUT_END)
+    """Raise `NoLandmark` for a bone that is a left one, or turned: its parts lie elsewhere to each other.
+
+    Above, a femur reaches furthest from its shaft medially, by its head; below, its condyles reach further behind the
+    shaft than before it. The fibula is lateral of the tibia, and not before it. The right half of a pelvis is right of
+    the middle, its PSIS behind the acetabulum, above it, and nearer to the middle than the ASIS.
+    """
+    upper, lower = _reach(femur, _UPPER_SHAFT, 1.0 - _END), _reach(femur, _LOWER_SHAFT, _END)
     if upper[0, 2] <= max(upper[1, 2], *upper[:, 0]):
         raise NoLandmark("no femoral head medial of the femur's shaft")
     if lower[0, 0] <= lower[1, 0]:
@@ -278,14 +317,29 @@ class KneeEvidence(Enum):
     """No marker: the bone stands on the nominal knee."""
 
 
+_SIDED = {
+    "thigh": ("hip", "knee", "epicondyle_lat", "epicondyle_med"),
+    "shank": ("knee", "ankle", "malleolus_lat", "malleolus_med"),
+    "foot": ("ankle", "up", "heel_to_toe"),
+    "upper_arm": ("shoulder", "elbow"),
+    "forearm_hand": ("elbow", "wrist"),
+}
+_POINTS = (
+    *(f"{part}_{side}/{name}" for part, names in _SIDED.items() for name in names for side in SIDES),
+    *(f"{place}_{side}" for place in ("pelvis/hip", "head_trunk/shoulder") for side in SIDES),
+    *("pelvis/asis", "head_trunk/lumbar", "head_trunk/vertex"),
+)
+_SHAPES = dict.fromkeys(_POINTS, (3,)) | {f"talus_{side}/foot": (3, 4) for side in SIDES}
+"""Every target that must be there; the PSIS alone may be unknown."""
+
+
 @dataclass(frozen=True)
 class PersonLandmarks:
     """Targets of the bones' landmarks."""
 
     points: Mapping[str, Array]
     """`segment/landmark` -> (3,) m in the segment frame; `talus_r/foot` -> (3, 4), the foot's frame in the talus."""
-    knees: Mapping[str, KneeEvidence]
-    """Side -> where its epicondyles are from."""
+    knees: Mapping[str, KneeEvidence]  # Side -> where its epicondyles are from
 
     def point(self, segment: str, landmark: str) -> Array:
         """(3,) m."""
@@ -296,44 +350,32 @@ class PersonLandmarks:
         """Whether all is there that bones need, of the right size and finite."""
         return set(self.knees) == set(SIDES) and all(
             name in self.points and self.points[name].shape == shape and bool(np.isfinite(self.points[name]).all())
-            for name, shape in _shapes().items()
+            for name, shape in _SHAPES.items()
         )
-
-
-def _shapes() -> dict[str, tuple[int, ...]]:
-    """Every target that must be there, and its shape; the PSIS alone may be unknown."""
-    sided = {
-        "thigh": ("hip", "knee", "epicondyle_lat", "epicondyle_med"),
-        "shank": ("knee", "ankle", "malleolus_lat", "malleolus_med"),
-        "foot": ("ankle", "up", "heel_to_toe"),
-        "upper_arm": ("shoulder", "elbow"),
-        "forearm_hand": ("elbow", "wrist"),
-    }
-    single = [f"{part}_{side}/{name}" for part, names in sided.items() for name in names for side in SIDES]
-    single += ["pelvis/asis", "head_trunk/lumbar", "head_trunk/vertex"]
-    single += [f"{place}_{side}" for place in ("pelvis/hip", "head_trunk/shoulder") for side in SIDES]
-    return dict.fromkeys(single, (3,)) | {f"talus_{side}/foot": (3, 4) for side in SIDES}
 
 
 def person_landmarks(model: SubjectModel) -> PersonLandmarks:
     """The targets of a person's bones."""
     fitted = dict(zip(JP_INDEX, model.parameters.joint, strict=True))
     radius = JointWidths.of(model.subject).marker_radius
-    points = _pelvis(model, fitted, radius) | _trunk(model, fitted)
+    lumbar = joint_centre(fitted, "back.trunk")
+    points = {f"pelvis/hip_{side}": joint_centre(fitted, f"hip_{side}.pelvis") for side in SIDES}
+    points["pelvis/asis"] = np.array([-radius, 0.0, 0.0])  # mid-ASIS is the origin of the pelvis, x forward
+    if (sacrum := _known(model, "sacrum", "pelvis")) is not None:
+        points["pelvis/psis"] = sacrum + [radius, 0.0, 0.0]
+    points |= {f"head_trunk/shoulder_{side}": joint_centre(fitted, f"shoulder_{side}.trunk") for side in SIDES}
+    points["head_trunk/lumbar"] = lumbar
+    points["head_trunk/vertex"] = lumbar + [0.0, vertex_above_lumbar(fitted, model.subject.height), 0.0]
     knees = {}
     for side in SIDES:
-        thigh, knees[side] = _thigh(model, fitted, side)
-        points |= thigh | _shank(model, side) | _foot(model, side) | _arm(model, fitted, side)
+        points[f"thigh_{side}/hip"] = joint_centre(fitted, f"hip_{side}.thigh")
+        thigh, knees[side] = _knee(model, side)
+        points |= thigh | _ankle(model, side) | _foot(model, side)
+        points[f"upper_arm_{side}/shoulder"] = joint_centre(fitted, f"shoulder_{side}.upperarm")
+        points[f"upper_arm_{side}/elbow"] = joint_centre(fitted, f"elbow_{side}.upperarm")
+        points[f"forearm_hand_{side}/elbow"] = joint_centre(fitted, f"elbow_{side}.forearm")
+        points[f"forearm_hand_{side}/wrist"] = wrist(model, fitted, side)
     return PersonLandmarks(points, knees)
-
-
-def _joint(jp: Mapping[str, float], place: str) -> Array:
-    """(3,) m of a joint centre in one of its segments; what is no parameter is zero by definition of the frames."""
-    return np.array([jp.get(f"{place}.{axis}", 0.0) for axis in ("ant", "sup", "lat")])
-
-
-def _nominal(model: SubjectModel, place: str) -> Array:
-    return _joint(dict(zip(JP_INDEX, model.nominal.joint, strict=True)), place)
 
 
 def _known(model: SubjectModel, landmark: str, segment: str) -> Array | None:
@@ -341,105 +383,56 @@ def _known(model: SubjectModel, landmark: str, segment: str) -> Array | None:
     return found[1] if found is not None and found[0] == segment else None
 
 
-def _pelvis(model: SubjectModel, jp: Mapping[str, float], radius: float) -> dict[str, Array]:
-    """Mid-ASIS is the origin of the pelvis, x forward; without markers there the nominal subject's depth."""
-    hips = {f"pelvis/hip_{side}": _joint(jp, f"hip_{side}.pelvis") for side in SIDES}
-    out = {**hips, "pelvis/asis": np.array([-radius, 0.0, 0.0])}
-    sacrum = _known(model, "sacrum", "pelvis")
-    if sacrum is not None:
-        out["pelvis/psis"] = sacrum + [radius, 0.0, 0.0]
-    return out
-
-
-def _thigh(model: SubjectModel, jp: Mapping[str, float], side: str) -> tuple[dict[str, Array], KneeEvidence]:
-    segment = f"thigh_{side}"
-    hip = _joint(jp, f"hip_{side}.thigh")
-    lateral = _known(model, f"knee_lat_{side}", segment)
-    medial = _known(model, f"knee_med_{side}", segment)
-    middle = _known(model, f"kjc_{side}", segment)
+def _markers(model: SubjectModel, segment: str, joint: str) -> tuple[Array | None, Array, bool]:
+    """Of a hinge (`knee`, `ankle`) in the segment above or below it: middle, half its width, and whether both markers
+    tell; the middle (3,) m None where no marker does, the half (3,) m from there to the lateral end.
+    """
+    side, widths = segment[-1], JointWidths.of(model.subject)
+    lateral, medial = (_known(model, f"{joint}_{end}_{side}", segment) for end in ("lat", "med"))
+    middle = _known(model, f"{joint[0]}jc_{side}", segment)
     outwards = np.array([0.0, 0.0, 1.0 if side == "r" else -1.0])
-    widths = JointWidths.of(model.subject)
-    half = widths.inwards("knee", side) - widths.marker_radius
-    if lateral is not None and medial is not None:
-        evidence, middle = KneeEvidence.BOTH, 0.5 * (lateral + medial)
-        outwards = lateral - medial
-        if not widths.is_measured("knee", side):
-            half = 0.5 * float(np.linalg.norm(outwards)) - widths.marker_radius
-    elif lateral is not None and middle is not None:
-        device = f"knee_axis_{side}" in model.landmarks
-        evidence, outwards = KneeEvidence.DEVICE if device else KneeEvidence.LATERAL, lateral - middle
-    else:
-        evidence, middle = KneeEvidence.NOMINAL, _nominal(model, f"knee_{side}.thigh")
-    outwards = outwards / np.linalg.norm(outwards)
-    points = {"hip": hip, "knee": middle, "epicondyle_lat": middle + half * outwards}
-    points["epicondyle_med"] = middle - half * outwards
-    return {f"{segment}/{name}": point for name, point in points.items()}, evidence
-
-
-def _shank(model: SubjectModel, side: str) -> dict[str, Array]:
-    """Its origin is the middle of the knee in the static trial."""
-    segment = f"shank_{side}"
-    widths = JointWidths.of(model.subject)
-    lateral = _known(model, f"ankle_lat_{side}", segment)
-    medial = _known(model, f"ankle_med_{side}", segment)
-    half = widths.inwards("ankle", side) - widths.marker_radius
-    middle = _known(model, f"ajc_{side}", segment)
-    outwards = np.array([0.0, 0.0, 1.0 if side == "r" else -1.0])
+    half, both = widths.inwards(joint, side) - widths.marker_radius, lateral is not None and medial is not None
     if lateral is not None and medial is not None:
         middle, outwards = 0.5 * (lateral + medial), lateral - medial
-        if not widths.is_measured("ankle", side):
+        if not widths.is_measured(joint, side):
             half = 0.5 * float(np.linalg.norm(outwards)) - widths.marker_radius
     elif lateral is not None and middle is not None:
         outwards = lateral - middle
-    if middle is None:
-        middle = _nominal(model, f"talocrural_{side}.shank")
-    outwards = outwards / np.linalg.norm(outwards)
-    return {
-        f"{segment}/knee": np.zeros(3),
-        f"{segment}/ankle": middle,
-        f"{segment}/malleolus_lat": middle + half * outwards,
-        f"{segment}/malleolus_med": middle - half * outwards,
-    }
+    return middle, half * (outwards / np.linalg.norm(outwards)), both
+
+
+def _knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidence]:
+    segment = f"thigh_{side}"
+    middle, half, both = _markers(model, segment, "knee")
+    device = f"knee_axis_{side}" in model.landmarks
+    evidence = KneeEvidence.BOTH if both else KneeEvidence.DEVICE if device else KneeEvidence.LATERAL
+    if middle is None or _known(model, f"knee_lat_{side}", segment) is None:
+        evidence, middle = KneeEvidence.NOMINAL, _nominal(model, f"knee_{side}.thigh")
+    points = {"knee": middle, "epicondyle_lat": middle + half, "epicondyle_med": middle - half}
+    return {f"{segment}/{name}": point for name, point in points.items()}, evidence
+
+
+def _ankle(model: SubjectModel, side: str) -> dict[str, Array]:
+    """The shank's origin is the middle of the knee in the static trial."""
+    middle, half, _ = _markers(model, f"shank_{side}", "ankle")
+    middle = _nominal(model, f"talocrural_{side}.shank") if middle is None else middle
+    points = {"knee": np.zeros(3), "ankle": middle, "malleolus_lat": middle + half, "malleolus_med": middle - half}
+    return {f"shank_{side}/{name}": point for name, point in points.items()}
+
+
+def _nominal(model: SubjectModel, place: str) -> Array:
+    return joint_centre(dict(zip(JP_INDEX, model.nominal.joint, strict=True)), place)
 
 
 def _foot(model: SubjectModel, side: str) -> dict[str, Array]:
     """Ankle centre, upward direction and the line of heel and toe (x) at zero nominal coordinates."""
     foot, talus = f"foot_{side}", f"talus_{side}"
-    axes, origins = _upright(model.nominal)
+    axes, origins = upright_poses(model.nominal)
     into_foot, in_talus = axes[foot], axes[talus]
-    ankle = into_foot @ (origins[talus] - origins[foot])
-    rotation = in_talus @ into_foot.T
     toe, heel = (_known(model, f"{name}_{side}", foot) for name in ("toe", "heel"))
-    length = np.zeros(3) if toe is None or heel is None else toe - heel
     return {
-        f"{foot}/ankle": ankle,
+        f"{foot}/ankle": into_foot @ (origins[talus] - origins[foot]),
         f"{foot}/up": into_foot[:, 1].copy(),
-        f"{foot}/heel_to_toe": length,
-        f"{talus}/foot": np.column_stack([rotation, in_talus @ (origins[foot] - origins[talus])]),
-    }
-
-
-def _upright(parameters: Parameters) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Segment -> (3, 3) rotation from laboratory to segment, (3,) m origin; all coordinates zero."""
-    chain = Chain("pelvis", SEGMENTS)
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, np.zeros((1, len(COORDINATES)))))
-    index = {segment: i for i, segment in enumerate(chain.segments)}
-    return {s: axes[i, :, :, 0] for s, i in index.items()}, {s: origins[i, :, 0] for s, i in index.items()}
-
-
-def _trunk(model: SubjectModel, jp: dict[str, float]) -> dict[str, Array]:
-    lumbar = _joint(jp, "back.trunk")
-    out = {f"head_trunk/shoulder_{side}": _joint(jp, f"shoulder_{side}.trunk") for side in SIDES}
-    rise = np.array([0.0, vertex_above_lumbar(jp, model.subject.height), 0.0])
-    return {**out, "head_trunk/lumbar": lumbar, "head_trunk/vertex": lumbar + rise}
-
-
-def _arm(model: SubjectModel, jp: dict[str, float], side: str) -> dict[str, Array]:
-    upper, fore = f"upper_arm_{side}", f"forearm_hand_{side}"
-    return {
-        f"{upper}/shoulder": _joint(jp, f"shoulder_{side}.upperarm"),
-        f"{upper}/elbow": _joint(jp, f"elbow_{side}.upperarm"),
-        f"{fore}/elbow": _joint(jp, f"elbow_{side}.forearm"),
-        f"{fore}/wrist": wrist(model, jp, side),
+        f"{foot}/heel_to_toe": np.zeros(3) if toe is None or heel is None else toe - heel,
+        f"{talus}/foot": np.column_stack([in_talus @ into_foot.T, in_talus @ (origins[foot] - origins[talus])]),
     }

@@ -11,15 +11,23 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.model.nominal import published_model
-from gaitcal.page.bones import bone_landmarks
-from gaitcal.page.bones.bone_files import bones_of_folder
-from gaitcal.page.bones.bone_landmarks import MEDIAL, KneeEvidence
-from gaitcal.page.bones.knee_axis import evidence_words, knee_axes, knee_brief, knee_words
-from gaitcal.page.bones.placement import Landmarked, apply, fitted_bones, landmarked, place_of_femur, place_of_shank
+from gaitcal.page.body_meshes import Mesh, body_meshes
+from gaitcal.page.bone_files import bones_of_folder
+from gaitcal.page.bone_landmarks import KneeEvidence, person_landmarks
+from gaitcal.page.bone_placement import (
+    MIRROR,
+    Landmarked,
+    apply,
+    fitted_bones,
+    landmarked,
+    place_of_femur,
+    place_of_shank,
+)
+from gaitcal.page.knee_axis import evidence_words, knee_axes, knee_brief, knee_words
 from gaitcal.page.scene import JointMark, Scene, joint_marks
 from gaitcal.page.scene_file import scene_json
 from gaitcal.page.view import view_html
-from tests.page.bones import made_bones as made
+from tests.page import made_bones as made
 
 EXACT = 1e-9
 """m: affine maps of numbers of about 1 m."""
@@ -32,12 +40,12 @@ def bones(tmp_path_factory: pytest.TempPathFactory) -> Landmarked:
 
 @pytest.fixture(scope="module")
 def person():
-    return bone_landmarks(published_model(static_only=True))
+    return person_landmarks(published_model(static_only=True))
 
 
 @pytest.mark.parametrize("side", ["r", "l"])
 def test_a_femur_stands_on_hip_and_epicondyles(side: str, bones: Landmarked, person) -> None:
-    place, bone, mirror = place_of_femur(bones, person, side), bones.femur, np.ones(3) if side == "r" else MEDIAL
+    place, bone, mirror = place_of_femur(bones, person, side), bones.femur, MIRROR[side]
     thigh = f"thigh_{side}"
     np.testing.assert_allclose(apply(place, bone.head.centre * mirror), person.point(thigh, "hip"), atol=EXACT)
     np.testing.assert_allclose(apply(place, bone.middle * mirror), person.point(thigh, "knee"), atol=EXACT)
@@ -50,7 +58,7 @@ def test_a_femur_stands_on_hip_and_epicondyles(side: str, bones: Landmarked, per
 
 
 def test_plateaus_lie_under_condyles_and_malleoli_at_the_ankle(bones: Landmarked, person) -> None:
-    for side, mirror in (("r", np.ones(3)), ("l", MEDIAL)):
+    for side, mirror in MIRROR.items():
         shank = place_of_shank(bones, person, side)
         middle = 0.5 * (bones.shank.lateral + bones.shank.medial) * mirror
         np.testing.assert_allclose(apply(shank, middle), person.point(f"shank_{side}", "ankle"), atol=EXACT)
@@ -66,7 +74,7 @@ def test_left_is_the_mirror_image_of_right(bones: Landmarked, person) -> None:
         if segment.endswith("_r"):
             left = by_side[mesh, segment[:-1] + "l"]
             points = bones.bones.meshes[mesh].vertices[::7]
-            np.testing.assert_allclose(apply(left, points), apply(right, points) * MEDIAL, atol=1e-6)
+            np.testing.assert_allclose(apply(left, points), apply(right, points) * MIRROR["l"], atol=1e-6)
     right, left = (b.place for b in placed if b.mesh == "pelvis")
     np.testing.assert_allclose(apply(right, bones.hip.socket), person.point("pelvis", "hip_r"), atol=EXACT)
     np.testing.assert_allclose(apply(left, bones.hip.socket), person.point("pelvis", "hip_l"), atol=EXACT)
@@ -79,11 +87,11 @@ def test_no_fitted_knee_axis_moves_a_bone(without: str, bones: Landmarked) -> No
     model = replace(model, landmarks={k: v for k, v in model.landmarks.items() if not k.startswith(without)})
     names = ("knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.thigh.front", "knee_r.thigh.trans", "knee_r.shank.front")
     moved = model.with_parameters(model.parameters.with_joint(names, np.array([0.03, -0.5, 0.3, -0.2, 0.2])))
-    before, after = (fitted_bones(bones, bone_landmarks(m), 1.7) for m in (model, moved))
+    before, after = (fitted_bones(bones, person_landmarks(m), 1.7) for m in (model, moved))
     for a, b in zip(before, after, strict=True):
         np.testing.assert_array_equal(a.place, b.place)
     marks = joint_marks(model.nominal, moved.parameters, {})
-    knee = knee_axes(bones, bone_landmarks(moved), marks)[0]
+    knee = knee_axes(bones, person_landmarks(moved), marks)[0]
     assert knee.fitted is not None and knee.fitted.medial.distance > 0.03
     assert not knee.fitted.medial.inside and "past both condyles" in knee_words(knee)[0]
 
@@ -93,7 +101,7 @@ def marks_through(
 ) -> tuple[JointMark, ...]:
     """Knee marks through the condyles' centres, moved by `shift` (m)."""
     marks = []
-    for side, mirror in (("r", np.ones(3)), ("l", MEDIAL)):
+    for side, mirror in MIRROR.items():
         place = place_of_femur(bones, person, side)
         centres = apply(place, np.array([bones.condyles.medial.centre, bones.condyles.lateral.centre]) * mirror)
         axis = (centres[1] - centres[0]) / np.linalg.norm(centres[1] - centres[0])
@@ -139,7 +147,10 @@ def test_an_axis_outside_the_circle_is_not_through_the_condyle(
     """The shaft is bone as well, above and between the condyles."""
     (knee, _) = knee_axes(bones, person, marks_through(bones, person, shift))
     assert knee.fitted is not None
-    ends = [replace(end, inside=end.within or shift[1] > 0) for end in (knee.fitted.medial, knee.fitted.lateral)]
+    ends = [
+        replace(end, inside=end.distance <= end.radius or shift[1] > 0)
+        for end in (knee.fitted.medial, knee.fitted.lateral)
+    ]
     knee = replace(knee, fitted=replace(knee.fitted, medial=ends[0], lateral=ends[1]))
     assert words in knee_words(knee)[0] and words in knee_brief(knee)[0]
 
@@ -207,7 +218,7 @@ def test_what_a_knee_stands_on_is_told(bones: Landmarked) -> None:
         KneeEvidence.NOMINAL: (none, "proves nothing"),
     }
     for evidence, (landmarks, words) in cases.items():
-        person = bone_landmarks(replace(model, landmarks=dict(landmarks)))
+        person = person_landmarks(replace(model, landmarks=dict(landmarks)))
         assert set(person.knees.values()) == {evidence} and person.complete
         knee = knee_axes(bones, person, joint_marks(model.nominal, model.parameters, {}))[0]
         assert words in evidence_words(knee) and knee_words(knee)[0].startswith("Not fitted")
@@ -222,16 +233,7 @@ def test_a_page_holds_bones_and_says_where_they_are_from(scene: Scene, bones: La
 
 
 def test_a_page_without_bones_says_how_to_get_them(scene: Scene) -> None:
-    from gaitcal.page.body_meshes import body_meshes
-
     assert "gaitcal[bones]" in json.loads(scene_json(scene, body_meshes()))["bones"]["why"]
-
-
-def test_an_older_scene_says_that_it_has_no_landmarks(scene: Scene, bones: Landmarked) -> None:
-    from gaitcal.page.body_meshes import body_meshes
-
-    held = json.loads(scene_json(replace(scene, landmarks=None), body_meshes(), bones))["bones"]
-    assert "calibrate again" in held["why"] and "meshes" not in held
 
 
 def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
@@ -246,16 +248,16 @@ def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
         bones_of_folder(folder)
 
 
-def test_a_folder_in_millimetres_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("bone", "message"),
+    [
+        (replace(made.femur(), vertices=1e3 * made.femur().vertices), "allowed: 0.2 to 0.7 m"),
+        (made.fibula(), "on its surface"),
+    ],
+    ids=["in millimetres", "of another shape"],
+)
+def test_a_femur_that_is_none_is_told(bone: Mesh, message: str, tmp_path: Path) -> None:
     folder = made.folder_of_bones(tmp_path / "Geometry")
-    bone = made.femur()
-    (folder / "r_femur.stl").write_bytes(made.stl(replace(bone, vertices=1e3 * bone.vertices)))
-    with pytest.raises(InputError, match="allowed: 0.2 to 0.7 m"):
-        bones_of_folder(folder)
-
-
-def test_a_femur_of_another_shape_is_told(tmp_path: Path) -> None:
-    folder = made.folder_of_bones(tmp_path / "Geometry")
-    (folder / "r_femur.stl").write_bytes(made.stl(made.fibula()))
-    with pytest.raises(InputError, match="on its surface"):
+    (folder / "r_femur.stl").write_bytes(made.stl(bone))
+    with pytest.raises(InputError, match=message):
         landmarked(bones_of_folder(folder))

@@ -9,17 +9,16 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from gaitcal.page.sections.blocks import number
-from gaitcal.page.sections.error_bars import expected_errors
-from gaitcal.page.sections.monte_carlo import PART, monte_carlo_blocks, with_monte_carlo
-from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.monte_carlo import PART, expected_errors, monte_carlo_blocks, with_monte_carlo
+from gaitcal.page.page_data import calibration_page_data
+from gaitcal.page.plain_data import number
 from gaitcal.published.case import nominal_case
 from gaitcal.published.draw import LEG_TORQUES
 from gaitcal.published.protocol import MonteCarloSettings, Plan, ReactionFrame, Varied
 from gaitcal.published.statistics import expect, levels_of, statistics
 from gaitcal.published.study import MonteCarloStudy
 from tests.fake_result import HOSTILE, fake_calibration
-from tests.page.sections.walked import headings, rows_of, tables, walked, words
+from tests.page.walked_blocks import headings, rows_of, tables, walked, words
 from tests.published.test_statistics import made_up
 
 RMS = 1.5
@@ -120,7 +119,7 @@ def test_parameters_are_ranked_by_their_part_of_the_variance(
 def test_a_study_joins_the_sheet_and_replaces_an_earlier_one(
     study: MonteCarloStudy, contributions: pd.DataFrame
 ) -> None:
-    sheet = calibration_sheet(fake_calibration())
+    sheet = calibration_page_data(fake_calibration())
     before = json.dumps(sheet)
     first = with_monte_carlo(sheet, study, marker_rms=RMS, contributions=contributions)
     assert json.dumps(sheet) == before, "the sheet that was given stays as it is"

@@ -1,21 +1,21 @@
-"""Bones laid over a person's landmarks: for every bone an affine map from its own frame to a segment's.
+"""Bones laid over a person's landmarks.
 
-With y the direction between the two ends of a bone, z to its right across y (`segment_frames.frame_yz`), R the axes in
-the bone and R' those in the person, and b, b' the lower ends,
+For every bone an affine map from its own frame to a segment's. With y the direction between the two ends of a bone, z
+to its right across y (`segment_frames.frame_yz`), R the axes in the bone and R' those in the person, and b, b' the
+lower ends,
 
     p' = b' + R' diag(l, l, w) R^T (p - b),      l = ratio of the lengths, w = ratio of the widths across y.
 
 So both ends and the turn about the length are the person's. In the sagittal plane a bone is scaled alike in both
 directions: round condyles stay round. The slope of the epicondyles against the length stays the bone's, since
 palpation tells it worse than anatomy does: two markers 10 mm apart in height are 7 degrees; what remains between
-epicondyle and marker is told (`Placed.misfit`). The pelvis has four landmarks in space (both hips, mid-ASIS, mid-PSIS)
-and the affine map that meets them all. The foot is scaled alike in all directions, about the ankle.
+epicondyle and marker is `KneeAxis.misfit`. The pelvis has four landmarks in space (both hips, mid-ASIS, mid-PSIS) and
+the affine map that meets them all. The foot is scaled alike in all directions, about the ankle.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -24,10 +24,9 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import frame_yz, unit
-from gaitcal.page.body_meshes import FittedMesh
-from gaitcal.page.bones.bone_files import BoneMeshes
-from gaitcal.page.bones.bone_landmarks import (
-    MEDIAL,
+from gaitcal.page.body_meshes import FOOT_OF_HEIGHT, FittedMesh
+from gaitcal.page.bone_files import BoneMeshes
+from gaitcal.page.bone_landmarks import (
     Condyles,
     HipBone,
     LongBone,
@@ -41,6 +40,8 @@ from gaitcal.page.bones.bone_landmarks import (
     shank_bones,
 )
 
+MIRROR = {"r": np.ones(3), "l": np.array([1.0, 1.0, -1.0])}
+"""From a bone of the right side to that of a side."""
 CARTILAGE = 0.004
 """m between the bones of the knee: twice the 2 mm of cartilage of a healthy tibia and femur (Cohen et al. 1999)."""
 TALUS_IN_FOOT = np.array([0.04877, 0.04195, -0.00792])
@@ -50,9 +51,8 @@ SHOULDER_IN_TRUNK = np.array([0.003155, 0.3715, 0.17])
 """m: frames of the bodies to each other in Rajagopal et al. (2016), in which these bones are drawn."""
 _TOE_TIP_OF_HEIGHT = 0.131
 """Of body height: markers of heel and toe further apart than this stand on the tip of the foot, nearer ones on the
-second metatarsal's head (foot length 0.152 of body height, Drillis and Contini 1966; the head at 0.73 of it)."""
+second metatarsal's head (the head at 0.73 of the foot's length, Drillis and Contini 1966)."""
 _HEAD_OF_METATARSAL = 0.73
-_FOOT_OF_HEIGHT = 0.152
 _ALLOWED_FOOT = (0.8, 1.25)
 """Of the length that goes with body height; a foot by its markers beyond that is drawn by height."""
 
@@ -62,28 +62,12 @@ class Landmarked:
     """Bones with the landmarks found on them."""
 
     bones: BoneMeshes
+    femur: LongBone
+    condyles: Condyles
+    hip: HipBone
+    shank: ShankBones
 
-    @cached_property
-    def femur(self) -> LongBone:
-        """Head and epicondyles."""
-        return long_bone(self.bones.meshes["femur"])
-
-    @cached_property
-    def condyles(self) -> Condyles:
-        """Of the femur."""
-        return condyles(self.bones.meshes["femur"])
-
-    @cached_property
-    def hip(self) -> HipBone:
-        """Right half of the pelvis."""
-        return hip_bone(self.bones.meshes["pelvis"], self.femur.head.radius)
-
-    @cached_property
-    def shank(self) -> ShankBones:
-        """Tibia and fibula."""
-        return shank_bones(self.bones.meshes["tibia"], self.bones.meshes["fibula"])
-
-    @cached_property
+    @property
     def foot_length(self) -> float:
         """M, from heel to the end of the toes."""
         foot = self.bones.meshes["foot"].vertices[:, 0]
@@ -99,10 +83,13 @@ def landmarked(bones: BoneMeshes) -> Landmarked:
     InputError
         A bone does not show its landmarks: another shape, unit or direction than it should have.
     """
-    found = Landmarked(bones)
+    femur, tibia, fibula, pelvis = (bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis"))
     try:
-        _ = found.condyles, found.shank
-        check_directions(bones.meshes["femur"], found.hip, bones.meshes["tibia"], bones.meshes["fibula"])
+        thigh = long_bone(femur)
+        found = Landmarked(
+            bones, thigh, condyles(femur), hip_bone(pelvis, thigh.head.radius), shank_bones(tibia, fibula)
+        )
+        check_directions(femur, found.hip, tibia, fibula)
     except NoLandmark as error:
         raise InputError(
             f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m",
@@ -141,9 +128,9 @@ def apply(place: Array, points: Array) -> Array:
     return out
 
 
-def of_side(place: Array, side: str) -> Array:
+def _of_side(place: Array, side: str) -> Array:
     """The map for the mesh of the right bone, from the map for the mirrored one on the left."""
-    return place if side == "r" else np.column_stack([place[:, :3] * MEDIAL, place[:, 3]])
+    return place if side == "r" else np.column_stack([place[:, :3] * MIRROR[side], place[:, 3]])
 
 
 def _shifted(place: Array, offset: Array) -> Array:
@@ -153,9 +140,7 @@ def _shifted(place: Array, offset: Array) -> Array:
 
 def place_of_femur(bones: Landmarked, person: PersonLandmarks, side: str) -> Array:
     """(3, 4), from the femur of that side (the left one mirrored) to the thigh."""
-    bone, mirror = bones.femur, np.ones(3) if side == "r" else MEDIAL
-    s = 1.0 if side == "r" else -1.0
-    thigh = f"thigh_{side}"
+    bone, mirror, s, thigh = bones.femur, MIRROR[side], 1.0 if side == "r" else -1.0, f"thigh_{side}"
     across = person.point(thigh, "epicondyle_lat") - person.point(thigh, "epicondyle_med")
     return _between(
         _Ends(bone.head.centre * mirror, bone.middle * mirror, s * (bone.lateral - bone.medial) * mirror),
@@ -165,10 +150,14 @@ def place_of_femur(bones: Landmarked, person: PersonLandmarks, side: str) -> Arr
 
 def place_of_shank(bones: Landmarked, person: PersonLandmarks, side: str) -> Array:
     """(3, 4), from tibia and fibula of that side to the shank: the plateau lies under the condyles."""
-    mirror, s, shank = (np.ones(3) if side == "r" else MEDIAL), (1.0 if side == "r" else -1.0), f"shank_{side}"
-    bone, pair = bones.shank, bones.condyles
-    femur = place_of_femur(bones, person, side)
-    long = float(np.linalg.norm(femur[:, 1]))
+    bone, pair, mirror, s, shank = (
+        bones.shank,
+        bones.condyles,
+        MIRROR[side],
+        1.0 if side == "r" else -1.0,
+        f"shank_{side}",
+    )
+    long = float(np.linalg.norm(place_of_femur(bones, person, side)[:, 1]))
     # Behind the epicondyles by as much as the condyles' centres are; upright, as the static trial stands.
     behind = 0.5 * float(pair.medial.centre[0] + pair.lateral.centre[0]) - float(bones.femur.middle[0])
     knee = person.point(shank, "knee") + [long * behind, -long * pair.drop - CARTILAGE, 0.0]
@@ -184,52 +173,55 @@ def _place_of_pelvis(bones: Landmarked, person: PersonLandmarks) -> Array:
     """(3, 4), from the pelvis to the pelvis: hips, mid-ASIS and mid-PSIS meet theirs."""
     bone, flat = bones.hip, np.array([1.0, 1.0, 0.0])
     right, left = (person.point("pelvis", f"hip_{side}") for side in SIDES)
-    middle, asis = 0.5 * (right + left), person.point("pelvis", "asis")
-    socket = bone.socket * flat
-    own = [bone.socket - socket, bone.asis * flat - socket]
-    theirs = [right - middle, asis - middle]
+    middle, socket = 0.5 * (right + left), bone.socket * flat
+    of_bone = [bone.socket - socket, bone.asis * flat - socket]
+    of_person = [right - middle, person.point("pelvis", "asis") - middle]
     if "pelvis/psis" in person.points:
-        own.append(bone.psis * flat - socket)
-        theirs.append(person.point("pelvis", "psis") - middle)
+        of_bone.append(bone.psis * flat - socket)
+        of_person.append(person.point("pelvis", "psis") - middle)
     else:  # across the two others, as long as mid-hip to mid-ASIS makes it
-        own.append(np.cross(unit(own[0]), own[1]))
-        theirs.append(np.cross(unit(theirs[0]), theirs[1]))
-    turn = np.column_stack(theirs) @ np.linalg.inv(np.column_stack(own))
+        of_bone.append(np.cross(unit(of_bone[0]), of_bone[1]))
+        of_person.append(np.cross(unit(of_person[0]), of_person[1]))
+    turn = np.column_stack(of_person) @ np.linalg.inv(np.column_stack(of_bone))
     return np.column_stack([turn, middle - turn @ socket])
 
 
 def _place_of_foot(bones: Landmarked, person: PersonLandmarks, side: str, height: float) -> Array:
     """(3, 4), from the foot of that side to the foot: ankle on ankle, upright, along the line of heel and toe."""
     segment = f"foot_{side}"
-    up, line = person.point(segment, "up"), person.point(segment, "heel_to_toe")
-    apart = float(np.linalg.norm(line))
-    usual = _FOOT_OF_HEIGHT * height
+    up, apart = person.point(segment, "up"), float(np.linalg.norm(person.point(segment, "heel_to_toe")))
+    usual = FOOT_OF_HEIGHT * height
     length = apart if apart > _TOE_TIP_OF_HEIGHT * height else apart / _HEAD_OF_METATARSAL
-    low, high = _ALLOWED_FOOT
-    if not low * usual <= length <= high * usual:
+    if not _ALLOWED_FOOT[0] * usual <= length <= _ALLOWED_FOOT[1] * usual:
         length = usual
-    x = np.array([1.0, 0.0, 0.0])
-    turn = frame_yz(np.zeros(3), up, np.cross(x, up)).rotation
+    turn = frame_yz(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
     scaled = turn * (length / bones.foot_length)
-    ankle = TALUS_IN_FOOT * (np.ones(3) if side == "r" else MEDIAL)
-    return np.column_stack([scaled, person.point(segment, "ankle") - scaled @ ankle])
+    return np.column_stack([scaled, person.point(segment, "ankle") - scaled @ (TALUS_IN_FOOT * MIRROR[side])])
 
 
 def _place_of_trunk(person: PersonLandmarks) -> Array:
     """(3, 4) of spine and ribs, from the lumbar joint to the shoulders."""
-    shoulders = [person.point("head_trunk", f"shoulder_{side}") for side in SIDES]
-    middle, lumbar = 0.5 * (shoulders[0] + shoulders[1]), person.point("head_trunk", "lumbar")
+    right, left = (person.point("head_trunk", f"shoulder_{side}") for side in SIDES)
     return _between(
         _Ends(SHOULDER_IN_TRUNK * [1.0, 1.0, 0.0], np.zeros(3), SHOULDER_IN_TRUNK * [0.0, 0.0, 2.0]),
-        _Ends(middle, lumbar, shoulders[0] - shoulders[1]),
+        _Ends(0.5 * (right + left), person.point("head_trunk", "lumbar"), right - left),
     )
+
+
+def _place_of_head(skull: Array, trunk: Array, vertex: Array) -> Array:
+    """(3, 4): the neck's root where the trunk's map has it, the top of the skull at the vertex; alike in all axes."""
+    root = np.array([0.0, SHOULDER_IN_TRUNK[1] + 0.04, 0.0])
+    rise = float((vertex - apply(trunk, root)) @ unit(trunk[:, 1]))
+    scale = rise / float(skull[:, 1].max() - root[1])
+    turn = np.column_stack([unit(trunk[:, k]) for k in range(3)]) * scale
+    return np.column_stack([turn, apply(trunk, root) - turn @ root])
 
 
 def fitted_bones(bones: Landmarked, person: PersonLandmarks, height: float) -> tuple[FittedMesh, ...]:
     """All bones of a person in their segments; `height` (m) of the person."""
     there = bones.bones.meshes
     pelvis = _place_of_pelvis(bones, person)
-    out = [("pelvis", "pelvis", pelvis), ("pelvis", "pelvis", of_side(pelvis, "l")), ("sacrum", "pelvis", pelvis)]
+    out = [("pelvis", "pelvis", pelvis), ("pelvis", "pelvis", _of_side(pelvis, "l")), ("sacrum", "pelvis", pelvis)]
     trunk = _place_of_trunk(person)
     out += [(bone, "head_trunk", trunk) for bone in ("ribs", "spine", "thoracic spine", "lumbar spine")]
     if "skull" in there:
@@ -237,27 +229,15 @@ def fitted_bones(bones: Landmarked, person: PersonLandmarks, height: float) -> t
         out += [(bone, "head_trunk", head) for bone in ("neck", "skull", "jaw")]
     for side in SIDES:
         femur, shank = place_of_femur(bones, person, side), place_of_shank(bones, person, side)
-        out.append(("femur", f"thigh_{side}", of_side(femur, side)))
-        out += [(bone, f"shank_{side}", of_side(shank, side)) for bone in ("tibia", "fibula")]
-        out += _foot_bones(bones, person, side, height)
+        out.append(("femur", f"thigh_{side}", _of_side(femur, side)))
+        out += [(bone, f"shank_{side}", _of_side(shank, side)) for bone in ("tibia", "fibula")]
+        out += _foot_bones(bones, person, side, height) if "foot" in there else []
         out += _arm_bones(bones, person, side)
     return tuple(FittedMesh(bone, segment, place) for bone, segment, place in out if bone in there)
 
 
-def _place_of_head(skull: Array, trunk: Array, vertex: Array) -> Array:
-    """(3, 4): the neck's root where the trunk's map has it, the top of the skull at the vertex; alike in all axes."""
-    root = np.array([0.0, SHOULDER_IN_TRUNK[1] + 0.04, 0.0])
-    along = unit(trunk[:, 1])
-    rise = float((vertex - apply(trunk, root)) @ along)
-    scale = rise / float(skull[:, 1].max() - root[1])
-    turn = np.column_stack([unit(trunk[:, k]) for k in range(3)]) * scale
-    return np.column_stack([turn, apply(trunk, root) - turn @ root])
-
-
 def _foot_bones(bones: Landmarked, person: PersonLandmarks, side: str, height: float) -> list[tuple[str, str, Array]]:
-    if "foot" not in bones.bones.meshes:
-        return []
-    foot = of_side(_place_of_foot(bones, person, side, height), side)
+    foot = _of_side(_place_of_foot(bones, person, side, height), side)
     into_talus = person.points[f"talus_{side}/foot"]
     talus = _shifted(foot, TALUS_IN_FOOT)
     moved = np.column_stack([into_talus[:, :3] @ talus[:, :3], apply(into_talus, talus[:, 3])])
@@ -269,7 +249,7 @@ def _foot_bones(bones: Landmarked, person: PersonLandmarks, side: str, height: f
 
 
 def _arm_bones(bones: Landmarked, person: PersonLandmarks, side: str) -> list[tuple[str, str, Array]]:
-    there, mirror = bones.bones.meshes, np.ones(3) if side == "r" else MEDIAL
+    there, mirror = bones.bones.meshes, MIRROR[side]
     upper, fore, right = f"upper_arm_{side}", f"forearm_hand_{side}", np.array([0.0, 0.0, 1.0])
     out = []
     if "humerus" in there:
@@ -279,12 +259,12 @@ def _arm_bones(bones: Landmarked, person: PersonLandmarks, side: str) -> list[tu
         wide = float(np.linalg.norm(ends[0] - ends[1])) / length * abs(float(bone.lateral[2] - bone.medial[2]))
         across = right * (bone.lateral[2] - bone.medial[2])
         place = _between(_Ends(bone.head.centre * mirror, bone.middle * mirror, across), _Ends(*ends, right * wide))
-        out.append(("humerus", upper, of_side(place, side)))
+        out.append(("humerus", upper, _of_side(place, side)))
     if "ulna" in there:
         lower = there["ulna"].vertices
         end = lower[lower[:, 1] < lower[:, 1].min() + 0.01].mean(axis=0) * mirror
         ends = person.point(fore, "elbow"), person.point(fore, "wrist")
         wide = float(np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(end))
-        place = of_side(_between(_Ends(np.zeros(3), end, right), _Ends(*ends, right * wide)), side)
+        place = _of_side(_between(_Ends(np.zeros(3), end, right), _Ends(*ends, right * wide)), side)
         out += [("ulna", fore, place), ("radius", fore, _shifted(place, RADIUS_IN_ULNA))]
     return out

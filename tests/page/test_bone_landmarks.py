@@ -8,10 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.page.body_meshes import Mesh
-from gaitcal.page.bones.bone_files import fitted_ball, installed_bones, is_inside, volume, with_fewer_triangles
-from gaitcal.page.bones.bone_landmarks import NoLandmark, condyles, hip_bone, long_bone, shank_bones
-from gaitcal.page.bones.placement import landmarked
-from tests.page.bones import made_bones as made
+from gaitcal.page.bone_files import installed_bones, with_fewer_triangles
+from gaitcal.page.bone_landmarks import (
+    NoLandmark,
+    condyles,
+    fitted_ball,
+    hip_bone,
+    is_inside,
+    long_bone,
+    shank_bones,
+    volume,
+)
+from gaitcal.page.bone_placement import landmarked
+from tests.page import made_bones as made
 
 FLAT_FACES = 2e-4
 """m: a ball of flat triangles is that much smaller than the ball, and the points of a speck lie beside its pole."""

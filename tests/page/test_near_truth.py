@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.page.sections.blocks import Block, number
-from gaitcal.page.sections.sections import result_sections
+from gaitcal.page.page_data import result_sections
+from gaitcal.page.plain_data import Block, number
 from gaitcal.session.result import Calibration
 from gaitcal.session.truth_errors import CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
 from tests.fake_result import FRAMES, fake_calibration
-from tests.page.sections.walked import headings, rows_of, tables, walked, words
+from tests.page.walked_blocks import headings, rows_of, tables, walked, words
 
 TRUE, FITTED, NOMINAL = 60.0, 58.0, 59.0
 """mm, of the right hip's place forward."""

@@ -13,11 +13,10 @@ from gaitcal.findings import Severity
 from gaitcal.gait.moments import parameter_words
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from gaitcal.page.sections.blocks import number
-from gaitcal.page.sections.joints import joint_blocks
-from gaitcal.page.sections.sections import walks_of
-from gaitcal.page.sections.summary import Answer, answers
-from gaitcal.page.sections.trust import trial_fits
+from gaitcal.page.fit import marker_fits
+from gaitcal.page.joints import joint_blocks
+from gaitcal.page.plain_data import number
+from gaitcal.page.summary import answers
 from gaitcal.session.parameter_words import blind_spots, counts_sentence, joint_groups, range_of_motion
 from gaitcal.session.result import Calibration, Stage
 from gaitcal.session.trial_result import RmsErrors
@@ -33,8 +32,8 @@ def whole() -> Calibration:
     return fake_calibration()
 
 
-def answered(calibration: Calibration) -> dict[str, Answer]:
-    return {a.question: a for a in answers(calibration, walks_of(calibration))}
+def answered(calibration: Calibration) -> dict[str, dict[str, str]]:
+    return {card["question"]: card for card in answers(calibration)}
 
 
 def with_final(calibration: Calibration, **changes: np.ndarray) -> Calibration:
@@ -56,8 +55,8 @@ def test_the_verdict_follows_from_error_over_floor(whole: Calibration, floor: fl
     by_joints = replace(walk, floor=lower, joint_floor=replace(walk.joint_floor, errors=nearer))
     for trial in (by_joints, replace(walk, floor=nearer, joint_floor=None)):
         answer = answered(replace(whole, trials=(trial, *others)))["Does the model follow the markers?"]
-        assert answer.verdict == verdict
-        assert f"this is {6.0 / (5.0 * floor):.2f} times that" in answer.text
+        assert answer["verdict"] == verdict
+        assert f"this is {6.0 / (5.0 * floor):.2f} times that" in answer["text"]
 
 
 def test_a_ratio_is_error_over_floor() -> None:
@@ -72,18 +71,18 @@ def test_the_largest_change_is_told(whole: Calibration) -> None:
     tau = walk.loads.final.tau.copy()
     tau[:, COORDINATE_INDEX["hip_adduction_l"]] *= 2.0
     answer = answered(with_final(whole, tau=tau))["Did calibration change the joint moments?"]
-    assert "left hip adduction" in answer.text
+    assert "left hip adduction" in answer["text"]
 
 
 @pytest.mark.parametrize(("part", "factor"), [("residual_force", 20.0), ("residual_moment", 60.0)])
 def test_one_residual_above_its_limit_is_beyond_its_errors(whole: Calibration, part: str, factor: float) -> None:
-    assert answered(whole)["Do motion and ground forces agree?"].verdict == "within its errors"
+    assert answered(whole)["Do motion and ground forces agree?"]["verdict"] == "within its errors"
     final = whole.trials[0].loads
     assert final is not None
     larger = with_final(whole, **{part: factor * getattr(final.final, part)})
     larger = replace(larger, trials=(held(larger.trials[0]), *larger.trials[1:]))
     answer = answered(larger)["Do motion and ground forces agree?"]
-    assert (answer.verdict, answer.tone) == ("beyond its errors", "look")
+    assert (answer["verdict"], answer["tone"]) == ("beyond its errors", "look")
     loads = larger.trials[0].loads
     assert loads is not None and loads.expected is not None
     (told,) = beyond_expected("walk", loads.expected, trunk_seen=True)
@@ -98,14 +97,16 @@ def test_numbers_are_set_with_minus_signs_and_thin_spaces() -> None:
 
 
 def test_markers_with_little_weight_come_last_and_the_worst_first(whole: Calibration) -> None:
-    walk, *others = whole.trials
+    walk = whole.trials[0]
     errors = walk.calibrated.errors
     size = np.linspace(1.0, 2.0, len(errors.labels))
     weight = np.ones(len(errors.labels))
     weight[-1] = 0.5
     weighted = replace(walk.calibrated, errors=replace(errors, distance=errors.distance * size, weight=weight))
-    person = replace(whole, trials=(replace(walk, calibrated=weighted), *others))
-    assert [m.label for m in trial_fits(person)[0].markers] == [*reversed(errors.labels[:-1]), errors.labels[-1]]
+    assert [m.label for m in marker_fits(replace(walk, calibrated=weighted))] == [
+        *reversed(errors.labels[:-1]),
+        errors.labels[-1],
+    ]
 
 
 def test_a_change_is_fitted_minus_nominal(whole: Calibration) -> None:

@@ -14,17 +14,17 @@ import pytest
 from gaitcal import cycles
 from gaitcal.faults.verdict import judge
 from gaitcal.gait.moments import parameter_words
-from gaitcal.page.sections.blocks import LONGEST_NAME, number
-from gaitcal.page.sections.error_bars import peak_error
-from gaitcal.page.sections.sections import result_sections, trial_sections
-from gaitcal.page.sections.summary import gait_numbers
-from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.page_data import calibration_page_data, result_sections
+from gaitcal.page.plain_data import LONGEST_NAME, number
+from gaitcal.page.summary import gait_numbers
+from gaitcal.page.trial_data import trial_sections
+from gaitcal.page.trust import peak_error
 from gaitcal.results.summary import summary
 from gaitcal.session.parameter_words import SHORTER_UNITS
 from gaitcal.session.result import Calibration
 from gaitcal.session.tables import parameter_table
 from tests.fake_result import HOSTILE, Names, fake_calibration, with_phase
-from tests.page.sections.walked import KINDS, every, headings, rows_of, shown, tables, walked, words
+from tests.page.walked_blocks import KINDS, every, headings, rows_of, shown, tables, walked, words
 
 PRESETS = {"clinician", "fit", "joints", "trust", "provenance"}
 
@@ -36,7 +36,7 @@ def whole() -> Calibration:
 
 @pytest.fixture(scope="module")
 def sheet(whole: Calibration) -> dict[str, Any]:
-    return calibration_sheet(whole)
+    return calibration_page_data(whole)
 
 
 def test_every_block_is_of_a_known_kind_with_plain_data(sheet: dict[str, Any]) -> None:
@@ -140,8 +140,8 @@ def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(whol
     frame = round(peak.time * 100.0)
     assert moment[frame] == pytest.approx(peak.value * mass)
     assert peak.error * mass == pytest.approx(loads.errors.knee_adduction[frame, 1])
-    assert sum(peak.alone(share) ** 2 for _, share in peak.sources) == pytest.approx(peak.error**2)
-    shares = [share for _, share in peak.sources]
+    assert sum(peak.alone(share) ** 2 for share in peak.shares.values()) == pytest.approx(peak.error**2)
+    shares = list(peak.shares.values())
     assert shares == sorted(shares, reverse=True)
 
 
@@ -169,7 +169,7 @@ def test_peaks_are_told_with_their_sources_the_largest_first(sheet: dict[str, An
     ],
 )
 def test_what_is_not_there_is_said_or_left_out(without: dict[str, bool], there: str, missing: str) -> None:
-    made = calibration_sheet(fake_calibration(**without))  # type: ignore[arg-type]
+    made = calibration_page_data(fake_calibration(**without))  # type: ignore[arg-type]
     text = words(every(made))
     assert there in text
     assert missing not in text
@@ -177,7 +177,7 @@ def test_what_is_not_there_is_said_or_left_out(without: dict[str, bool], there: 
 
 
 def test_no_trial_at_all() -> None:
-    made = calibration_sheet(fake_calibration(gait=False, isolated=False))
+    made = calibration_page_data(fake_calibration(gait=False, isolated=False))
     assert "nothing was fitted" in words(made["sections"]["fit"])
     assert "clinician" not in made["sections"]
 
@@ -194,12 +194,12 @@ def test_a_refused_leg_is_told(whole: Calibration) -> None:
 
 
 def test_hostile_and_long_names_are_data_and_folders_stay_private() -> None:
-    made = calibration_sheet(fake_calibration(Names(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE)))
+    made = calibration_page_data(fake_calibration(Names(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE)))
     text = json.dumps([made["sections"], made["lines"], [t["sections"] for t in made["trials"]]], ensure_ascii=False)
     assert "\u202e" not in text, "nothing turns the writing direction"
     assert '<script>alert(\\"x\\")</script>' in text, "a name is shown as it is"
     assert "/home/somebody" not in text
-    long = calibration_sheet(fake_calibration(Names("x" * 5000, "y" * 5000, "z" * 5000)))
+    long = calibration_page_data(fake_calibration(Names("x" * 5000, "y" * 5000, "z" * 5000)))
     assert all(len(text) < 60 + 4 * LONGEST_NAME for text in headings(every(long)))
     (table,) = tables(long["sections"]["fit"], "Trial")
     assert all(len(shown(row[0])) <= LONGEST_NAME for row in table["rows"])
@@ -229,7 +229,7 @@ def test_the_same_result_gives_the_same_sections(whole: Calibration) -> None:
 
 
 def test_what_did_not_converge_is_said_first(whole: Calibration) -> None:
-    made = calibration_sheet(with_phase(whole, False))
+    made = calibration_page_data(with_phase(whole, False))
     assert made["lines"][0]["tone"] == "poor" and made["lines"][0]["text"].startswith("Not converged")
     assert made["sections"]["trust"][0]["tone"] == "bad"
 
@@ -241,8 +241,8 @@ def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     assert f"to {number(rms)} mm RMS (walk)" in agrees["text"] and "within what their errors explain" in agrees["text"]
     assert "Moments count throughout 1 of 2 right and 0 of 1 left strides" in counts["text"]
     sound = replace(whole, verdict=judge((), ["walk"]))
-    assert calibration_sheet(sound)["lines"][0]["tone"] == "good"
-    without = calibration_sheet(fake_calibration(plates=False))["lines"][2]
+    assert calibration_page_data(sound)["lines"][0]["tone"] == "good"
+    without = calibration_page_data(fake_calibration(plates=False))["lines"][2]
     assert without == {"tone": "plain", "text": "Angles alone count, no moments: there are no force plates."}
 
 
