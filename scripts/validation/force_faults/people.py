@@ -56,7 +56,7 @@ class Person:
             motion = tracked_motion(prepared.body, self.parameters)
         else:
             turned = turn_to_progression(trial.recording, forward_direction(self.model, trial.recording))
-            prepared = replace(before, recording=turned)
+            prepared = replace(before, recording=turned, in_room=trial.recording)
         return evidence_of(prepared, motion, self.model, self.parameters, self.settings)
 
 
@@ -65,7 +65,9 @@ def evidence_of(
 ) -> ForceEvidence | None:
     """What `gaitcal calibrate` looks at."""
     reactions = measured_reactions(prepared, model, parameters, motion, settings)
-    return force_evidence(prepared, prepared.recording, model, parameters, motion, reactions)
+    return force_evidence(
+        replace(prepared, recording=prepared.in_room), prepared.recording, model, parameters, motion, reactions
+    )
 
 
 def person(name: str, study: Study) -> Person:
