@@ -24,7 +24,7 @@ from gaitcal.cohort.columns import ANGLES, MEASURED, NAMES, UNITS
 from gaitcal.cohort.outcome import Cell
 from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement
-from gaitcal.gait.symmetry import LEAST_VALID
+from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.io.lock import MANIFEST, read_object
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.stride_files import ENSEMBLE

@@ -13,7 +13,7 @@ from gaitcal.io.external_loads import loads_tables
 from gaitcal.io.recording import Recording
 from gaitcal.io.snapshot import Snapshot, sha256_of
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.joint_centres import HipCentre
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.present_markers import complete_static, worn

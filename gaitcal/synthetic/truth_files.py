@@ -8,7 +8,7 @@ from typing import Final
 
 from gaitcal.arrays import Array
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.joint_centres import HipCentre
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.study_file import TruthTable
 from gaitcal.study.truth import MOMENTS, MOTION, landmarks_text, moments_text, motion_text

@@ -21,10 +21,10 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.cohort.person_evidence import PersonEvidence, parts_of
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_NAMES
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.session import session_of
