@@ -65,9 +65,8 @@ def evidence_of(
 ) -> ForceEvidence | None:
     """What `gaitcal calibrate` looks at."""
     reactions = measured_reactions(prepared, model, parameters, motion, settings)
-    return force_evidence(
-        replace(prepared, recording=prepared.in_room), prepared.recording, model, parameters, motion, reactions
-    )
+    read = replace(prepared, recording=prepared.in_room)
+    return force_evidence(read, prepared.recording, model, parameters, motion, reactions)
 
 
 def person(name: str, study: Study) -> Person:
