@@ -54,7 +54,7 @@ class MovingTrial(StudyTrial):
     Its recording is turned so that x is forward.
     """
 
-    in_room: Recording
+    in_file_axes: Recording
     """The recording in the axes of its file."""
     bandwidth: Bandwidth
     body: TrialProblem
@@ -228,7 +228,9 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
             if joint is None:
                 raise
     read = {f.name: getattr(turned, f.name) for f in fields(turned)}
-    return MovingTrial(**read, in_room=trial.recording, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints)
+    return MovingTrial(
+        **read, in_file_axes=trial.recording, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints
+    )
 
 
 def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:

@@ -186,7 +186,7 @@ def diagnose_forces(session: Session) -> ForceDiagnosis:
     if impossible_bodies(parameters.inertial):
         return ForceDiagnosis()
     evidence = (
-        force_evidence(replace(t, recording=t.in_room), t.recording, model, parameters, t.motion, t.reactions)
+        force_evidence(replace(t, recording=t.in_file_axes), t.recording, model, parameters, t.motion, t.reactions)
         for t in session.trials
         if t.reactions is not None
     )

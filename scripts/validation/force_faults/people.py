@@ -56,7 +56,7 @@ class Person:
             motion = tracked_motion(prepared.body, self.parameters)
         else:
             turned = turn_to_progression(trial.recording, forward_direction(self.model, trial.recording))
-            prepared = replace(before, recording=turned, in_room=trial.recording)
+            prepared = replace(before, recording=turned, in_file_axes=trial.recording)
         return evidence_of(prepared, motion, self.model, self.parameters, self.settings)
 
 
@@ -65,7 +65,7 @@ def evidence_of(
 ) -> ForceEvidence | None:
     """What `gaitcal calibrate` looks at."""
     reactions = measured_reactions(prepared, model, parameters, motion, settings)
-    read = replace(prepared, recording=prepared.in_room)
+    read = replace(prepared, recording=prepared.in_file_axes)
     return force_evidence(read, prepared.recording, model, parameters, motion, reactions)
 
 
