@@ -227,10 +227,8 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
         except InputError:  # the pelvis is not seen in an isolated trial
             if joint is None:
                 raise
-    read = {f.name: getattr(turned, f.name) for f in fields(turned)}
-    return MovingTrial(
-        **read, in_file_axes=trial.recording, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints
-    )
+    read = {f.name: getattr(turned, f.name) for f in fields(turned)} | {"in_file_axes": trial.recording}
+    return MovingTrial(**read, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints)
 
 
 def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
