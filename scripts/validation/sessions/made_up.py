@@ -29,8 +29,14 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.session import session_of
 from gaitcal.study.study import nominal_of
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.motion import (
+    TrueMotion,
+    marker_noise,
+    standing_pose,
+    static_motion,
+    synthetic_markers,
+    two_strides,
+)
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.error_bars import coverage
