@@ -115,10 +115,11 @@ def strides_measured(
     """
     of_feet = {side: events.of(side) for side in SIDES}
     places: dict[str, Array] = {}  # side -> (nf, 2) m, forward and to the right; NaN where no marker shows the foot
-    for k, side in enumerate(SIDES if feet is not None else ()):
-        lost = (unseen or {}).get(f"foot_{side}", np.zeros(len(time), dtype=bool))
-        against_ground = feet.heel[:, k] - (time - time[0])[:, None] * feet.ground
-        places[side] = np.where(lost[:, None], np.nan, against_ground[:, [0, 2]])
+    if feet is not None:
+        for k, side in enumerate(SIDES):
+            lost = (unseen or {}).get(f"foot_{side}", np.zeros(len(time), dtype=bool))
+            against_ground = feet.heel[:, k] - (time - time[0])[:, None] * feet.ground
+            places[side] = np.where(lost[:, None], np.nan, against_ground[:, [0, 2]])
 
     def heel(side: str, when: float) -> Array:
         return resample(time, places[side], np.array([when]))[0]

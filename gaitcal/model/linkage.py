@@ -156,7 +156,8 @@ def _joint(row: _Row, side: str) -> Joint:
 
     before, after = parameters(parent, in_parent, 1.0), parameters(child, in_child, -1.0)
     elements = (*before, *map(motion, motions.split(", ")), *after)
-    return Joint(sided(kind), *(of_side(_OF_SHORT[short].name, side) for short in (parent, child)), elements)
+    above, below = (of_side(_OF_SHORT[short].name, side) for short in (parent, child))
+    return Joint(sided(kind), above, below, elements)
 
 
 JOINTS: tuple[Joint, ...] = (

@@ -341,7 +341,8 @@ def trial_problem(
         moves = chain.support[: len(chain.coordinates)] > 0  # (nq, ns)
         held = tuple(np.array(chain.coordinates)[moves[:, s]].tolist())[len(ROOT_SUFFIXES) :]
         # what moves all that moves the carrier lies beyond it, seen from the root
-        weight[~(moves >= moves[:, [s]]).all(axis=0)[index]] = 0.0
+        beyond = np.asarray((moves >= moves[:, [s]]).all(axis=0))
+        weight[~beyond[index]] = 0.0
         on_root = (index == s) & (weight > 0).any(axis=1)
     if on_root.sum() < FEWEST_MARKERS:
         found = ", ".join(np.array(labels)[on_root]) or "none"
