@@ -78,7 +78,8 @@ MEASURES: Final = {
     "double_support_percent": "%",
     "single_support": "s",
     "single_support_percent": "%",
-}  # Name -> unit, in the order of tables; `_percent` is of the stride
+}
+"""Name -> unit, in the order of tables; `_percent` is of the stride."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -242,7 +242,7 @@ class SecondaryMotion:
 
     amounts: dict[str, Array]
     """Coordinate -> (4, nf) m, rad: slides along x and y, then turns about x and y, before the coordinate moves."""
-    regressors: dict[str, tuple[Array, Array]]  # Coordinate -> (nf,) of each of `BENDS`: d amount / d variable
+    regressors: dict[str, tuple[Array, Array]]  # coordinate -> (nf,) of each of `BENDS`: d amount / d variable
 
     def frames(self, part: slice | IntArray) -> SecondaryMotion:
         """The same for some frames."""

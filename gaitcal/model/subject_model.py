@@ -140,7 +140,7 @@ class MarkerPlacement:
     """Tracking markers, fixed in their segments."""
 
     labels: tuple[str, ...]
-    segments: tuple[str, ...]  # Name of the segment of each marker
+    segments: tuple[str, ...]  # name of the segment of each marker
     local: Array  # (nm, 3) m, in the segment frame
     weight: Array  # (nm,) >= 0; a marker with weight 0 is reported but does not pull
 

@@ -76,7 +76,7 @@ SHOULDER_BELOW_ACROMION = 0.17
 """Of the distance between the acromia, along the trunk: Rab, Petuskey and Bagley, Gait & Posture 15 (2002)."""
 SHOULDER_UP, SHOULDER_OUT = 0.3519, 0.165  # m from the lumbar joint in the nominal subject
 _WORDS = {"c7": "C7", "t10": "T10", "jugular_notch": "jugular notch", "xiphoid": "xiphoid"}
-MIDLINE = tuple(_WORDS)  # Landmarks in the trunk's sagittal plane
+MIDLINE = tuple(_WORDS)  # landmarks in the trunk's sagittal plane
 _UP = np.array([0.0, 1.0, 0.0])
 
 

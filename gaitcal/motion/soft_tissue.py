@@ -121,7 +121,7 @@ class SoftTissue:
     """
 
     groups: tuple[SegmentTissue, ...]
-    secondary: SecondaryColumns | None = None  # Variables of the chain, before the columns of segments
+    secondary: SecondaryColumns | None = None  # variables of the chain, before the columns of segments
 
     @cached_property
     def keys(self) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.soft_tissue import COMPONENTS, LEAST_SPREAD, SegmentTissue, SoftTissue, secondary_columns, together
 from gaitcal.motion.trial_problem import TrialProblem
-from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
+from tests.derivatives import Array, central_differences, perturbed_parameters, seeded_trial
 
 FREE = ("hip_r.pelvis.ant", "hip_r.thigh.sup", "knee_r.thigh.front")
 SEGMENTS = ("pelvis", "thigh_r", "shank_r")
@@ -28,9 +28,7 @@ SECOND_ORDER = 1e-6
 
 def trial_with_tissue(seed: int) -> tuple[TrialProblem, Array, Array]:
     """A trial off its minimum with two regressors on thigh and shank, its nodes, and z."""
-    rng = np.random.default_rng(seed)
-    parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, free=FREE, segments=SEGMENTS, frames=20, nodes=7)
+    rng, _, problem, nodes = seeded_trial(seed, free=FREE, segments=SEGMENTS, frames=20, nodes=7)
     groups = tuple(
         SegmentTissue(
             segment=s,
@@ -75,9 +73,7 @@ def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> No
 
 
 def test_a_part_of_a_trial_has_its_markers_alone() -> None:
-    rng = np.random.default_rng(5)
-    parameters = perturbed_parameters(rng)
-    problem, _ = random_trial(rng, parameters)
+    _, _, problem, _ = seeded_trial(5)
     part = problem.part("thigh_r", ("thigh_r", "shank_r"))
     assert part.chain.segments == ("thigh_r", "shank_r")
     assert part.labels == tuple(
@@ -98,9 +94,7 @@ LEG = ("pelvis", "thigh_r", "shank_r", "talus_r", "foot_r")
 
 def leg_trial(seed: int, frames: int, nodes: int) -> tuple[TrialProblem, Array, Array]:
     """A leg whose knee does more than flex, its nodes, and the angle of the knee."""
-    rng = np.random.default_rng(seed)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, segments=LEG, frames=frames, nodes=nodes)
+    _, _, problem, true = seeded_trial(seed, segments=LEG, frames=frames, nodes=nodes)
     angle = problem.basis.evaluate(true)[:, problem.chain.coordinates.index("knee_angle_r")]
     (columns,) = secondary_columns("gait", [{"knee_angle_r": angle}])
     return replace(problem, tissue=SoftTissue((), columns)), true, angle

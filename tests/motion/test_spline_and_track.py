@@ -21,7 +21,7 @@ from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from scripts.tools.benchmark import memory
-from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
+from tests.derivatives import Array, assert_derivative, seeded_trial
 from tests.motion.test_marker_equations import dense
 
 
@@ -59,9 +59,7 @@ def test_effective_cutoff_is_where_the_fit_passes_71_percent() -> None:
 
 @pytest.mark.parametrize("zero", [False, True])
 def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
-    rng = np.random.default_rng(8)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, frames=80, nodes=12)
+    _, parameters, problem, true = seeded_trial(8, frames=80, nodes=12)
     constants = problem.constants(parameters)
     if zero:
         start = np.zeros_like(true)
@@ -76,9 +74,7 @@ def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
 @given(st.floats(-np.pi, np.pi), st.integers(0, 2**31))
 @settings(max_examples=10)
 def test_any_heading_is_tracked(heading: float, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    parameters = perturbed_parameters(rng)
-    problem, _ = random_trial(rng, parameters, frames=50, nodes=8)
+    _, parameters, problem, _ = seeded_trial(seed, frames=50, nodes=8)
     turn = axis_rotation(1, heading)
     turned = np.einsum("ij,mjf->mif", turn, problem.data.measured) + np.array([3.0, 0.0, -2.0])[None, :, None]
     problem = problem.with_measured(turned)
@@ -108,9 +104,7 @@ EXACT = DescentSettings(gain=1e-13)
 
 def misplaced_trial() -> tuple[TrialProblem, ChainConstants, Array]:
     """Markers of little weight 0.3 m from where the model has them, as on arms held otherwise in the static trial."""
-    rng = np.random.default_rng(40)
-    parameters = perturbed_parameters(rng)
-    problem, _ = random_trial(rng, parameters, frames=60, nodes=10)
+    rng, parameters, problem, _ = seeded_trial(40, frames=60, nodes=10)
     local, weight = problem.data.local.copy(), problem.data.weight.copy()
     wrong = np.arange(len(local)) % 3 == 0
     local[wrong] += 0.3 * rng.normal(size=(int(wrong.sum()), 3))
@@ -124,9 +118,7 @@ def misplaced_trial() -> tuple[TrialProblem, ChainConstants, Array]:
 
 def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
     """With weights that change and markers that are missing."""
-    rng = np.random.default_rng(41)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, frames=25, nodes=7)
+    rng, parameters, problem, true = seeded_trial(41, frames=25, nodes=7)
     weight = rng.uniform(0.2, 2.0, problem.data.weight.shape) * (rng.random(problem.data.weight.shape) > 0.2)
     problem, constants = problem.with_weight(weight), problem.constants(parameters)
     nodes = true + rng.normal(0, 0.05, true.shape)
@@ -138,9 +130,7 @@ def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
 
 
 def test_free_joint_parameters_are_refused() -> None:
-    rng = np.random.default_rng(43)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, free=gait_parameters("r"), frames=25, nodes=7)
+    _, parameters, problem, true = seeded_trial(43, free=gait_parameters("r"), frames=25, nodes=7)
     with pytest.raises(ValueError, match="no joint parameter may be free"):
         problem.equations(true, problem.constants(parameters), curved=True)
 
@@ -157,9 +147,7 @@ def test_tracking_ends_where_gauss_newton_does_not() -> None:
 
 
 def test_well_placed_markers_need_no_curvature() -> None:
-    rng = np.random.default_rng(42)
-    parameters = perturbed_parameters(rng)
-    problem, _ = random_trial(rng, parameters, frames=60, nodes=10)
+    rng, parameters, problem, _ = seeded_trial(42, frames=60, nodes=10)
     measured = problem.data.measured + rng.normal(0, 0.002, problem.data.measured.shape)
     problem = replace(problem, data=replace(problem.data, measured=measured))
     constants = problem.constants(parameters)
@@ -174,9 +162,7 @@ FEW = 14
 
 
 def noisy_trial() -> tuple[TrialProblem, object, Array]:
-    rng = np.random.default_rng(30)
-    parameters = perturbed_parameters(rng)
-    problem, _ = random_trial(rng, parameters, frames=80, nodes=10)
+    rng, parameters, problem, _ = seeded_trial(30, frames=80, nodes=10)
     measured = problem.data.measured + rng.normal(0, 0.005, problem.data.measured.shape)
     problem = replace(problem, data=replace(problem.data, measured=measured))
     constants = problem.constants(parameters)
@@ -221,9 +207,7 @@ SLOPE_GIB = 0.3
 
 @pytest.mark.parametrize("first_damping", [0.0, 1e-3])
 def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, first_damping: float) -> None:
-    rng = np.random.default_rng(6)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters)
+    rng, parameters, problem, true = seeded_trial(6)
     constants = problem.constants(parameters)
     settings = DescentSettings(first_damping=first_damping)
     start = true + rng.normal(0, 0.3, true.shape)  # far enough off that some steps are refused
@@ -236,9 +220,7 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
 
 
 def test_no_factor_is_held_while_the_next_matrix_is_formed(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(6)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters)
+    rng, parameters, problem, true = seeded_trial(6)
     constants, alive = problem.constants(parameters), weakref.WeakSet[BandFactor]()
     made, formed = BandFactor.__init__, TrialProblem.equations
     held: list[int] = []
