@@ -30,7 +30,7 @@ from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import Recording
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.session.prepare import measured_reactions, prepare_trial
+from gaitcal.session.session import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 

@@ -11,8 +11,8 @@ import pytest
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
 from gaitcal.model.outliers import without_outliers
-from gaitcal.session.prepare import prepare_trial
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.session.session import prepare_trial
+from gaitcal.study.study import Study, cleaned, nominal_of
 from tests.faults.spoilt import moved, put, sound_study, with_trial
 from tests.real_studies import REAL, write_study
 
@@ -35,7 +35,7 @@ def test_a_marker_two_metres_off_is_told_and_left_out_throughout(sound: Study, l
     told = [f for f in check_study(spoilt) if f.topic == "strays"]
     assert len(told) == 1 and told[0].severity is Severity.WARNING
     assert f"'{label}' is metres away" in told[0].cause and "208 of 208 frames (0.00-1.03 s)" in told[0].found
-    walk = next(t for t in spoilt.trials if t.name == "walk")
+    walk = next(t for t in cleaned(spoilt).trials if t.name == "walk")
     fitted = prepare_trial(walk, nominal_of(spoilt), spoilt.settings).recording
     assert label not in fitted.labels and label in fitted.notes[-1]
 

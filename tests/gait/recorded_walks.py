@@ -12,7 +12,7 @@ from gaitcal.dynamics.ground_reactions import foot_points, ground_reactions, uns
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.session.prepare import prepare_trial
+from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, nominal_of
 
 PEOPLE = {

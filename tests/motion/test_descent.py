@@ -17,7 +17,7 @@ from gaitcal.motion.track import SharedTrials, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.published.draw import refit
 from gaitcal.published.joint_recovery import step_together
-from gaitcal.published.settings import RefitSettings
+from gaitcal.published.protocol import RefitSettings
 from tests.derivatives import Array, seeded_trial
 
 KNEE = ("knee_r.thigh.sup", "knee_r.shank.sup")
