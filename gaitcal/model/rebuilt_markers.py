@@ -263,6 +263,5 @@ def _filled(
         markers = np.concatenate([static.markers, path[:, None]], axis=1)
         return replace(static, labels=(*static.labels, marker.label), markers=markers)
     markers, k = static.markers.copy(), static.labels.index(marker.label)
-    gaps = ~np.isfinite(markers[:, k]).all(axis=1)
-    markers[gaps, k] = path[gaps]
+    markers[:, k] = np.where(np.isfinite(markers[:, k]).all(axis=1, keepdims=True), markers[:, k], path)
     return replace(static, markers=markers)
