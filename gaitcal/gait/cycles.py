@@ -300,9 +300,9 @@ def conventions_of(strides: pd.DataFrame) -> dict[str, tuple[str, str]]:
     """
     if not any(name in strides for name in TOLD):
         return {str(name): (unit_of(str(name)), "") for name in strides["variable"].unique()}
-    told = strides.reindex(columns=["variable", *TOLD]).fillna("").drop_duplicates()
+    columns = strides.reindex(columns=["variable", *TOLD]).fillna("").drop_duplicates()
     out: dict[str, tuple[str, str]] = {}
-    for variable, unit, positive in told.itertuples(index=False, name=None):
+    for variable, unit, positive in columns.itertuples(index=False, name=None):
         now = (unit or unit_of(variable), positive)
         before = out.setdefault(variable, now)
         if before != now:

@@ -100,7 +100,7 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         return marker_set
     seen = _seen(static)
     landmarks: dict[str, tuple[str, ...]] = {}
-    told: list[str] = []
+    choices: list[str] = []
     notes: list[str] = []
     for name in marker_set.landmarks:
         options = marker_set.options(name)
@@ -116,7 +116,7 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         landmarks[name] = chosen
         if len(options) > 1 and seen.issuperset(chosen):
             instead = f", as {', '.join(options[0])} are not worn" if name in REQUIRED and chosen != options[0] else ""
-            told.append(f"{name} is {', '.join(chosen)}{instead}")
+            choices.append(f"{name} is {', '.join(chosen)}{instead}")
     whole = _devices(static, marker_set)
     for label, parts in marker_set.knee_device.items():
         if label in whole or _on_rod(static, label, parts[0]):
@@ -134,7 +134,7 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         alternatives={},
         knee_device={},
         devices=tuple(m for parts in marker_set.knee_device.values() for m in parts),
-        notes=(*([f"landmarks of the set that have alternatives: {'; '.join(told)}"] if told else []), *notes),
+        notes=(*([f"landmarks of the set that have alternatives: {'; '.join(choices)}"] if choices else []), *notes),
         tracking=tracking,
         static_only=static_only,
         optional={},

@@ -125,8 +125,8 @@ def rebuild_lost(
                 standing[label] = best.place
     for marker in found:
         static = _filled(static, marker, window, standing, marker_set)
-    told = [f"markers that this trial lost: {'; '.join(marker.words for marker in found)}"] if found else []
-    return Rebuilding(static=static.with_notes(*told), markers=tuple(found), left=left)
+    notes = [f"markers that this trial lost: {'; '.join(marker.words for marker in found)}"] if found else []
+    return Rebuilding(static=static.with_notes(*notes), markers=tuple(found), left=left)
 
 
 def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:
