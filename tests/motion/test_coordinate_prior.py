@@ -12,11 +12,11 @@ from gaitcal.calibration.joint_estimate import free_of
 from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import axis_rotation
+from gaitcal.model.linkage import LUMBAR
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.motion.coordinate_prior import (
     DEVIATION,
-    LUMBAR,
     WALLS,
     CoordinatePrior,
     about_posture,
