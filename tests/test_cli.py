@@ -36,6 +36,7 @@ ORDER = (
     "export",
     "figures",
     "view",
+    "report",
 )
 FILES = (
     "summary.json",

@@ -33,6 +33,7 @@ EXAMPLES: Final[Mapping[str, str]] = {
     "export": "gaitcal export result --format osim,urdf",
     "figures": "gaitcal figures result --only knee_adduction --width 85mm",
     "view": "gaitcal view result",
+    "report": "gaitcal report result --pdf report.pdf",
     "compare": "gaitcal compare before after --out difference",
     "explain": "gaitcal explain GC-020",
 }

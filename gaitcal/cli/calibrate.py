@@ -34,20 +34,18 @@ from gaitcal.results.page_files import PAGE
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.draft import STUDY, Draft, draft_text, settings_text, study_of
-from gaitcal.session.draft_lines import draft_notes
+from gaitcal.session.draft import STUDY, Draft, draft_notes, draft_text, files_of, settings_text, study_of
 from gaitcal.session.drafting import rejected_forces, without_faulty_trials
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.session.result import TrialResult
-from gaitcal.session.source import files_of
 from gaitcal.session.trial_result import analyse
 from gaitcal.study.joint_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import Side, Trial, load_study_file
-from gaitcal.study.study_trial import StudyTrial, read_trial
+from gaitcal.study.study_trial import StudyTrial, cleaned_trial, read_trial
 from gaitcal.synthetic.subject import synthesize
-from gaitcal.synthetic.truth_files import CURVES, PARAMETERS
+from gaitcal.synthetic.truth import CURVES, PARAMETERS
 
 
 def _inputs(source: Path | Draft, priors: Path | None) -> tuple[Path, ...]:
@@ -235,7 +233,7 @@ def _read(path: Path, options: FurtherOptions, saved: SavedResult) -> StudyTrial
             "filter_hz": _filter_of(options.filter_hz),
         }
     )
-    return read_trial(trial, saved.rename, saved.marker_set)
+    return cleaned_trial(read_trial(trial, saved.rename, saved.marker_set), saved.marker_set.segment_of)
 
 
 def _check(trial: StudyTrial, saved: SavedResult) -> tuple[Finding, ...]:

@@ -18,12 +18,21 @@ from gaitcal.faults.study import check_file, check_study
 from gaitcal.faults.verdict import stopping
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.atomic import atomic_text, real_path
-from gaitcal.session.draft import NEEDED, STUDY, Draft, draft_text, missing_options, missing_words, study_of
-from gaitcal.session.draft_lines import doubtful_lines, marker_set_line
+from gaitcal.session.draft import (
+    NEEDED,
+    STUDY,
+    Draft,
+    doubtful_lines,
+    draft_text,
+    marker_set_line,
+    missing_options,
+    missing_words,
+    own_study,
+    study_of,
+)
 from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
-from gaitcal.session.source import own_study
 from gaitcal.study.study import nominal_of
 
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)
@@ -143,7 +152,7 @@ def _asked(folder: Folder, options: Options, console: Console) -> Draft:
 
 
 def _answered(options: Options, field: str, answer: str) -> Options:
-    name = NEEDED[field].removeprefix("--")
+    name = NEEDED[field].split()[0].removeprefix("--")
     value: object = answer.lower() if field == "sex" else float(answer.replace(",", "."))
     out = replace(options, **{name: value})  # type: ignore[arg-type]
     return options_of(out.mass, out.height, out.sex, out.age)

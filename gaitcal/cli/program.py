@@ -265,6 +265,16 @@ def view(
 
 
 @command
+def report(
+    console: "Console", result: Result, pdf: told.Pdf = None, comments: told.Comments = None, normal: Normal = None
+) -> None:
+    """A gait report on paper: verdict, steps, sheets of angles and moments, what not to trust, comments; A4, PDF."""
+    from gaitcal.cli.view import print_report
+
+    print_report(result, pdf, comments, normal, console)
+
+
+@command
 def compare(
     console: "Console",
     result: Result,

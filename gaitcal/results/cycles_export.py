@@ -81,6 +81,17 @@ class _Result:
     """Trial -> table of moment vectors."""
 
 
+def strides_in_convention(folder: Path, convention: Convention, model: SubjectModel) -> pd.DataFrame:
+    """The strides of the result in `folder` in another convention, as `write_cycles_export` writes them.
+
+    Raises
+    ------
+    InputError
+        The result is damaged, or has no strides.
+    """
+    return in_convention(_read_whole(folder, convention.frame, model)[0], convention)
+
+
 def write_cycles_export(
     folder: Path, convention: Convention, target: Path, model: SubjectModel
 ) -> tuple[int, Snapshot]:
@@ -93,16 +104,19 @@ def write_cycles_export(
     InputError
         The result is damaged, or has no strides.
     """
-    frame = convention.frame
+    found, snapshot = _read_whole(folder, convention.frame, model)
+    table = in_convention(found, convention)
+    write_csv(table, target, (*found.comments, *HEADER, *convention.lines))
+    return len(table), snapshot
+
+
+def _read_whole(folder: Path, frame: MomentFrame, model: SubjectModel) -> tuple[_Result, Snapshot]:
     names = [CYCLES, SUMMARY]
     if frame is not MomentFrame.COORDINATES:
         names += sorted(path.relative_to(folder).as_posix() for path in (folder / VECTOR_FOLDER).glob("*.csv"))
     if not (folder / CYCLES).exists():
         raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
-    found, snapshot = read_whole(folder, names, lambda: _read(folder, frame, model))
-    table = in_convention(found, convention)
-    write_csv(table, target, (*found.comments, *HEADER, *convention.lines))
-    return len(table), snapshot
+    return read_whole(folder, names, lambda: _read(folder, frame, model))
 
 
 def made_with_another_model(folder: Path, digest: str | None) -> tuple[str, ...]:

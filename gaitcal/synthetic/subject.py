@@ -26,10 +26,17 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, isolated_motion, standing_pose, static_motion, two_strides
-from gaitcal.synthetic.truth_files import TRUTH, write_truth
+from gaitcal.synthetic.motion import (
+    TrueMotion,
+    isolated_motion,
+    marker_noise,
+    residual_free_wrench,
+    standing_pose,
+    static_motion,
+    synthetic_markers,
+    two_strides,
+)
+from gaitcal.synthetic.truth import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
 
 POSITION_BOUND = 0.010

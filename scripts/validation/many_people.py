@@ -25,20 +25,18 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.cohort.columns import COLUMNS
-from gaitcal.cohort.mean_curves import GAP
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes, keep, kept, state_file
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.tables import write_tables
+from gaitcal.cohort.row import COLUMNS, GAP
+from gaitcal.cohort.run import write_tables
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
-from gaitcal.synthetic.measurements import marker_noise
-from gaitcal.synthetic.motion import standing_pose, static_motion, two_strides
+from gaitcal.synthetic.motion import marker_noise, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.subject import EXACT_PLATES, on_the_floor, recording_of, synthetic_model
 
 STANDING = 60

@@ -25,8 +25,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_evidence import LEG_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_root
-from gaitcal.cohort.cohort_priors import Rules, learn_cohort, priors_words
-from gaitcal.cohort.person_evidence import PersonEvidence
+from gaitcal.cohort.learn_priors import Rules, learn_cohort, priors_words
+from gaitcal.cohort.learning import PersonEvidence
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI, Kind
 from gaitcal.study.joint_prior import CohortPriors, joint_prior
 from scripts.validation.harness import commas

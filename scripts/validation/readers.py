@@ -39,9 +39,7 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model, save_model
 from gaitcal.model.nominal import published_model
 from gaitcal.study.study_file import load_study_file
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import synthetic_markers
-from gaitcal.synthetic.motion import gait_motion, static_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, static_motion, synthetic_markers
 from scripts.validation.harness import side_by_side
 
 SHARED = ("--jobs", "--seed")

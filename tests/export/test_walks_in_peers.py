@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.synthetic.measurements import synthetic_markers
+from gaitcal.synthetic.motion import synthetic_markers
 from tests.export.mechanics import FORCE_TOLERANCE, IK_TOLERANCE, POSITION_TOLERANCE, PRINTED, State, our_forces
 from tests.export.peers import (
     Answers,

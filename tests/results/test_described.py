@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.cohort.cohort_priors import COLUMNS as PRIORS_COLUMNS
-from gaitcal.cohort.tables import FAILURE_COLUMNS, TIME_COLUMNS
+from gaitcal.cohort.learn_priors import COLUMNS as PRIORS_COLUMNS
+from gaitcal.cohort.run import FAILURE_COLUMNS, TIME_COLUMNS
 from gaitcal.compare.curve_differences import CURVE_COLUMNS
 from gaitcal.compare.difference import COLUMNS as DIFFERENCE_COLUMNS
 from gaitcal.gait.cycles import CYCLE_COLUMNS

@@ -21,15 +21,14 @@ from gaitcal.figures.sheet import SheetTrial
 from gaitcal.io.csv import write_markers_csv
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
-from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.calibration import json_text
 from gaitcal.results.summary import summary
 from gaitcal.results.truth import write_truth
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration
-from gaitcal.session.truth_comparison import with_truth
+from gaitcal.session.truth_comparison import settings_sentence, sums, two_marker_segments, with_truth
 from gaitcal.session.truth_errors import TruthErrors
-from gaitcal.session.truth_words import settings_sentence, sums, two_marker_segments
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
@@ -142,7 +141,7 @@ def test_the_page_draws_and_tells_it(known: Calibration) -> None:
     assert "How near the truth" in page
     for total in sums(known, errors(known)):
         assert total.words in page
-    gait = next(trial for trial in calibration_sheet(known)["trials"] if trial["name"] == "gait")
+    gait = next(trial for trial in calibration_page_data(known)["trials"] if trial["name"] == "gait")
     drawn = {(curve["base"], curve["side"], curve["kind"]) for curve in gait["curves"] if curve["truth"] is not None}
     assert {("knee_angle", "r", "angle"), ("knee_adduction", "l", "moment")} <= drawn
 
@@ -274,7 +273,6 @@ def test_intervals_and_directions() -> None:
     assert curve.rms == pytest.approx(np.sqrt((1.9**2 + 2.0**2) / 2))
     assert curve.nominal_rms == pytest.approx(np.sqrt(12.5))
     for directions in (("front", "trans"), ("trans", "sag")):
-        gap = _angle(directions)
-        assert gap(np.array([0.0, 0.0]), np.array([0.0, 5.0])) == pytest.approx(5.0)
-        assert gap(np.array([20.0, 0.0]), np.array([17.0, 0.0])) == pytest.approx(3.0)
+        assert _angle(directions, np.array([0.0, 0.0]), np.array([0.0, 5.0])) == pytest.approx(5.0)
+        assert _angle(directions, np.array([20.0, 0.0]), np.array([17.0, 0.0])) == pytest.approx(3.0)
     assert _distance(np.array([0.0, 3.0]), np.array([4.0, 0.0])) == 5.0

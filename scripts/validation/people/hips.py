@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.model.joint_centres import HipCentre, hip_centre
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.segment_frames import HipCentre, hip_centre
 from scripts.validation.people.calibrated import LEG, Fit, fitted, wide_hips
 from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
 
