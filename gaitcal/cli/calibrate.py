@@ -28,9 +28,7 @@ from gaitcal.faults.study import check_further, check_study
 from gaitcal.faults.verdict import Judgement, judge
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.io.atomic import require_room
-from gaitcal.io.lock import ResultKind
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import PAGE
 from gaitcal.results.saved import SavedResult, load_result

@@ -31,8 +31,7 @@ from gaitcal.cohort.outcome import kept
 from gaitcal.cohort.people import Cohort
 from gaitcal.compare.parameter_differences import told_parameters
 from gaitcal.errors import InputError
-from gaitcal.io.atomic import amended
-from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.io.result_folder import MANIFEST, amended, read_object
 from gaitcal.io.toml import package_version
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.results.cycles_export import trial_files

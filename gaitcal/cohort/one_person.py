@@ -14,9 +14,7 @@ from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import stopping
 from gaitcal.findings import STUDY
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.io.atomic import require_room
-from gaitcal.io.lock import ResultKind
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.results.calibration import write_results
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import (

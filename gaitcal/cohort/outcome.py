@@ -29,11 +29,9 @@ from gaitcal.errors import GaitcalError, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.io.atomic import atomic_file, atomic_text
 from gaitcal.io.csv import plates_file
-from gaitcal.io.external_loads import tables_there
-from gaitcal.io.lock import MANIFEST, read_object
-from gaitcal.io.snapshot import SELF, sha256_of
-from gaitcal.io.toml import MAX_BYTES, package_version
-from gaitcal.io.validation import read_validated
+from gaitcal.io.opensim_files import tables_there
+from gaitcal.io.result_folder import MANIFEST, SELF, read_object, sha256_of
+from gaitcal.io.toml import MAX_BYTES, package_version, read_validated
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import ENSEMBLE

@@ -25,8 +25,9 @@ from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.toml import package_version
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.packing import floats
-from gaitcal.page.sheet.rows import joint_of, sheet_rows
+from gaitcal.page.page_data import coordinate_rows
+from gaitcal.page.plain_data import floats
+from gaitcal.page.trial_data import joint_of
 from gaitcal.page.view import write_cohort_page
 
 
@@ -187,7 +188,7 @@ def _variables(common: CommonSettings, means: Mapping[str, float]) -> list[dict[
     bands = {} if common.normal is None else read_normal_bands(common.normal)
     mass, height = means.get("mass_kg", 70.0), means.get("height_m", 1.7)
     body = Subject(name="", mass=mass, height=height, sex="male")
-    words = {row["base"]: row for joint in sheet_rows() for row in joint["rows"]}
+    words = {row["base"]: row for joint in coordinate_rows() for row in joint["rows"]}
     out = []
     for name in VARIABLES:
         base, kind = coordinate_of(name), kind_of(name)

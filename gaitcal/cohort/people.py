@@ -22,9 +22,9 @@ from pydantic import Field, field_validator
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, alike, nearest
 from gaitcal.io.csv import is_force_header, read_header
-from gaitcal.io.lock import MANIFEST, PEOPLE, read_object
-from gaitcal.io.toml import require_file
-from gaitcal.io.validation import Table, read_validated, shown, validated
+from gaitcal.io.result_folder import MANIFEST, read_object
+from gaitcal.io.snapshot import PEOPLE
+from gaitcal.io.toml import Table, read_validated, require_file, shown, validated
 from gaitcal.session.draft import STUDY
 from gaitcal.session.folder import MARKER_ENDINGS
 from gaitcal.session.person_facts import NOTHING_SAID, Options

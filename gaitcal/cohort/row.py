@@ -30,7 +30,7 @@ from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.cycles import Kind, kind_of
 from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
-from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.stride_files import ENSEMBLE

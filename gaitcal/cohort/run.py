@@ -39,9 +39,18 @@ from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import Cohort, CohortPerson
 from gaitcal.cohort.row import COLUMNS, NAMES
 from gaitcal.errors import InputError
-from gaitcal.io.atomic import amended, real_path
-from gaitcal.io.lock import MANIFEST, UNFINISHED, ResultKind, read_object
-from gaitcal.io.snapshot import FILES, HASHES, SELF, self_hash, sha256_of
+from gaitcal.io.atomic import UNFINISHED, real_path
+from gaitcal.io.result_folder import (
+    FILES,
+    HASHES,
+    MANIFEST,
+    SELF,
+    ResultKind,
+    amended,
+    read_object,
+    self_hash,
+    sha256_of,
+)
 from gaitcal.io.toml import package_version
 from gaitcal.published.workers import LocalProcesses, Workers, alone
 

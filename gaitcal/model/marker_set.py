@@ -29,8 +29,7 @@ from pydantic import BeforeValidator, Field
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.recording import Recording
-from gaitcal.io.toml import models_path, toml_table, toml_value
-from gaitcal.io.validation import Table, read_validated, require_known, shown
+from gaitcal.io.toml import Table, models_path, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.linkage import LEG_SEGMENTS, SIDES, of_side
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
 

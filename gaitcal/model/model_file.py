@@ -18,8 +18,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
-from gaitcal.io.toml import toml_value
-from gaitcal.io.validation import Table, read_validated, require_known, shown
+from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_value
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel

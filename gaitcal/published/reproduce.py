@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitcal.io.lock import MANIFEST
+from gaitcal.io.result_folder import MANIFEST
 from gaitcal.io.toml import package_version
 from gaitcal.published import draw_sensitivity as refits
 from gaitcal.published import noise_sensitivity as phase_one

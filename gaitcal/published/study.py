@@ -31,9 +31,8 @@ import pyarrow.parquet as pq
 
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, InputError
-from gaitcal.io.atomic import atomic_file, atomic_text, disk_errors
-from gaitcal.io.lock import UNFINISHED, locked
-from gaitcal.io.snapshot import SELF, self_hash
+from gaitcal.io.atomic import UNFINISHED, atomic_file, atomic_text, disk_errors
+from gaitcal.io.result_folder import SELF, locked, self_hash
 from gaitcal.io.toml import package_version
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.draw import COLUMNS, DrawResult, MonteCarloContext, draw

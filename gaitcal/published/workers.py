@@ -27,7 +27,7 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, InputError
 from gaitcal.io.atomic import disk_errors
-from gaitcal.io.lock import locked
+from gaitcal.io.result_folder import locked
 
 TRIES = 3
 """Processes of this machine that may die over a task before it is given up."""

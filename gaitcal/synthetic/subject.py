@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.atomic import atomic_directory
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.force_plate import point_and_torque
-from gaitcal.io.lock import MANIFEST, ResultKind
 from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters, is_physical, symmetric_set

@@ -24,7 +24,7 @@ from gaitcal.cohort.people import Cohort, CohortPerson, read_cohort
 from gaitcal.cohort.run import mark
 from gaitcal.compare.shared_model import require_fit_to_share
 from gaitcal.errors import InputError, UsageError
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.results.saved import load_result
 from gaitcal.results.sessions import load_session

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.c3d.layout import facts_of
 from gaitcal.io.formats import read_recording
+from gaitcal.io.labels import facts_of
 from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
 from gaitcal.model.chain import axis_rotation

@@ -16,7 +16,7 @@ from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.page.browser import Page
 from tests.page.test_accessible import FAULTS, SETTLED, SIZES, SMALL, TARGET, UNNAMED
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Visit = Callable[..., Page]
 NAMES = """[...document.querySelectorAll('.people-table tbody tr')]
@@ -252,14 +252,14 @@ def test_nobody_in_groups_is_everyone(visit: Visit, tmp_path: Path) -> None:
     assert none.console == []
 
 
-@pytest.fixture(params=["light", "dark"])
+@pytest.fixture
 def scheme(request: pytest.FixtureRequest, _browser: Page) -> Iterator[str]:
     _browser.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": request.param}])
     yield request.param
     _browser.send("Emulation.setEmulatedMedia", features=[])
 
 
-@pytest.mark.parametrize("width", SIZES)
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)], indirect=["scheme"])
 def test_everybody_can_use_it(visit: Visit, cohort: Path, scheme: str, width: int) -> None:
     page = visit(cohort, width, SIZES[width], phone=width < 760)
     page.run("gaitcal.choices.set({shown: [0], sort: '-speed', group: 'a'})")

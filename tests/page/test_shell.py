@@ -11,10 +11,10 @@ import pytest
 
 from gaitcal.page.scene import Scene
 from tests.page.browser import Page
-from tests.page.plain_sheet import page_of
+from tests.page.made_page import plain_page
 from tests.page.test_browser import DRAWN, THERE, paused, stage, until
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Visit = Callable[..., Page]
 FRAME = 0.005
@@ -27,7 +27,7 @@ TABS = "[...document.querySelectorAll('[role=tab]')]"
 @pytest.fixture(scope="module")
 def shown(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("shell") / "result.html"
-    path.write_text(page_of(scene), encoding="utf-8")
+    path.write_text(plain_page(scene), encoding="utf-8")
     return path
 
 
@@ -203,8 +203,8 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     page.run(THERE)
     assert page.run("gaitcal.stage.viewer.camera.fov") == 10
     assert {"fitted", "nominal"} < set(state(page, "layers")), "its axes are seen"
-    opacity = """Object.fromEntries(gaitcal.faults.meshes.filter(m => m.skin && m.mesh.visible)
-        .map(({ mesh, segment }) => [gaitcal.faults.segments[segment], mesh.material.opacity]))"""
+    opacity = """Object.fromEntries(gaitcal.body.meshes.filter(m => m.skin && m.mesh.visible)
+        .map(({ mesh, segment }) => [gaitcal.body.segments[segment], mesh.material.opacity]))"""
     near = page.run(opacity)
     assert near["thigh_r"] == near["shank_r"] > 2 * near["pelvis"] and "thigh_l" not in near
     page.press("Escape")
