@@ -25,9 +25,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gaitcal.cohort.page import PAGE
-from scripts.validation.cohorts.many_people import write_people
-from scripts.validation.cohorts.page_of_many import copy_people, look_at
 from scripts.validation.harness import commas, judged, say
+from scripts.validation.many_people import copy_people, look_at, write_people
 
 TABLES = (
     "people.csv",
@@ -195,7 +194,7 @@ def page(folder: Path, sizes: Sequence[int]) -> bool:
     for people in sizes:
         out = folder / f"copies{people}"
         copy_people(few, people, out)
-        words = [sys.executable, "-m", "scripts.validation.cohorts.page_of_many", str(out), str(people)]
+        words = [sys.executable, "-m", "scripts.validation.many_people", str(out), str(people)]
         told = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
         peaks.append(told["mebibytes"])
         print(f"{people} people: tables and page written in {told['seconds']} s, {told['mebibytes']:.0f} MiB at most")

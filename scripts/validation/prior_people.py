@@ -4,11 +4,14 @@ The published person's linkage is changed by what the population says, its joint
 nominal, and then made as tall as the person is. As both segments of a joint have their frames from one static posture,
 what is told of them in those frames goes together. Markers move as in `gaitcal synthesize`: slow waves of up to
 10 mm, none in the static trial. Frames are thinned to 100 Hz in the walk, 33 Hz in isolated trials.
+
+Populations of people that the program does not know: how the joints of their linkage deviate from nominal ones.
 """
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -24,12 +27,12 @@ from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JP_NAMES
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.session import session_of
-from gaitcal.study.joint_prior import JointPrior, Person
+from gaitcal.study.joint_prior import HEIGHT, STEP, JointPrior, Person, mirror
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.study.study_trial import Role
@@ -43,7 +46,62 @@ from gaitcal.synthetic.motion import (
     two_strides,
 )
 from gaitcal.synthetic.truth import in_static_frames
-from scripts.validation.priors.populations import POSITION, Draw
+
+POSITION = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
+Draw = Callable[[np.random.Generator, Person], Array]
+"""(98,) m, rad: deviations of a new person."""
+
+
+def scaled(millimetres: float, degrees: float) -> Array:
+    """(98,) m, rad."""
+    return np.where(POSITION, 1e-3 * millimetres, np.deg2rad(degrees))
+
+
+def both_sides(values: Array) -> Array:
+    """(98,) the same on both sides."""
+    reflected = mirror(JP_NAMES)
+    return 0.5 * (values + reflected @ values) * np.where(_paired(), np.sqrt(2.0), 1.0)
+
+
+def _paired() -> Array:
+    return np.array([p.joint[-2:] in ("_r", "_l") for p in JOINT_PARAMETERS])
+
+
+def offset(rng: np.random.Generator) -> Draw:
+    """Everybody deviates by nearly the same: uniform within 10 mm and 10 deg; their own spread is 2 mm and 2 deg."""
+    common = both_sides(rng.uniform(-1.0, 1.0, len(JP_NAMES)) * scaled(10.0, 10.0))
+    return lambda own, person: common + own.normal(size=len(common)) * scaled(2.0, 2.0)
+
+
+def wide(rng: np.random.Generator) -> Draw:
+    """No deviation in common; each parameter independent, uniform within 10 mm and 10 deg as `synthesize --perturb`."""
+    return lambda own, person: own.uniform(-1.0, 1.0, len(JP_NAMES)) * scaled(10.0, 10.0)
+
+
+def structured(rng: np.random.Generator) -> Draw:
+    """Three traits move many parameters of both sides together (4 mm, 4 deg each), size moves them by 4 mm and 3 deg
+    for 10 cm, an offset by 4 mm and 4 deg; their own spread is 1.5 mm, 1.5 deg.
+    """
+    count = len(JP_NAMES)
+    traits = np.array([both_sides(rng.normal(size=count) * scaled(4.0, 4.0)) for _ in range(3)])
+    size = both_sides(rng.normal(size=count) * scaled(4.0, 3.0))
+    common = both_sides(rng.normal(size=count) * scaled(4.0, 4.0))
+
+    def draw(own: np.random.Generator, person: Person) -> Array:
+        by_size = (person.height - HEIGHT) / STEP * size
+        out: Array = common + by_size + own.normal(size=3) @ traits + own.normal(size=count) * scaled(1.5, 1.5)
+        return out
+
+    return draw
+
+
+POPULATIONS: dict[str, Callable[[np.random.Generator], Draw]] = {
+    "offset": offset,
+    "wide": wide,
+    "structured": structured,
+}
+"""Of a generator that makes the population, what draws its people."""
+
 
 HEIGHTS = (1.50, 1.90)
 """m."""
