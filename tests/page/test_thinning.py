@@ -64,6 +64,7 @@ def test_what_stays_are_the_same_values_at_their_times() -> None:
     assert len(script_json({"trials": [short]})) < 1_200_000
 
 
+@pytest.mark.slow
 def test_long_trials_of_two_results_stay_under_the_limit() -> None:
     model = subject_model()
     trial = walking_trial(model, long_motion(10_000), "long", None)
