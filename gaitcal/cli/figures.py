@@ -22,8 +22,7 @@ from gaitcal.gait.cycles import Kind
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import counted
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.io.atomic import amended
-from gaitcal.io.lock import put_back, read_object
+from gaitcal.io.result_folder import amended, put_back, read_object
 from gaitcal.io.snapshot import read_whole
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, read_page_data

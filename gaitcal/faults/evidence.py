@@ -30,7 +30,7 @@ from gaitcal.gait.moments import joint_words
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.outliers import Stray
+from gaitcal.model.outliers import Outlier
 from gaitcal.model.rebuilt_markers import Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
@@ -53,7 +53,7 @@ class TrialEvidence:
     """Nominal; None where the static trial gives none."""
     stance: Stance | None = None
     """The static posture of pelvis and legs; None where there is no model."""
-    strays: tuple[Stray, ...] = ()
+    strays: tuple[Outlier, ...] = ()
     """Markers that the recording lacks where they were metres away from the body."""
     rebuilding: Rebuilding | None = None
     """Of the static trial that makes the model: markers that it lost, and what other trials gave back."""

@@ -40,8 +40,8 @@ from gaitcal.faults import standing as several_statics
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.stance import Stance
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings

@@ -32,9 +32,9 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.model.joint_centres import JointWidths
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX
+from gaitcal.model.segment_frames import JointWidths
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.body_meshes import Mesh, joint_centre, upright_poses, vertex_above_lumbar, wrist
 

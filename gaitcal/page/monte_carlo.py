@@ -17,8 +17,8 @@ from gaitcal.gait.moments import SIDE_WORDS, capitalised, parameter_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.page.plain_data import Block, beside, cell, fold, heading, named, number, rounded, table, text
 from gaitcal.page.summary import KNEE_ADDUCTION
-from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.draw import TORQUE_WORDS, TORQUES
+from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.published.statistics import expect, variance_shares
 from gaitcal.published.study import MonteCarloStudy
 

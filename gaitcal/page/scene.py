@@ -3,7 +3,7 @@
 A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the folder of the result, and
 shown from that file alone.
 
-A joint lies in the two segments that it connects. Its frames (`export/joint_frames.py`) hold its constants, those
+A joint lies in the two segments that it connects. Its frames (`export/osim.py`) hold its constants, those
 before the first coordinate in the parent and those after the last in the child:
 
     centre = translation of X            axis = sign * R[:, axis of the coordinate next to that segment]
@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.export.joint_frames import frames_of
+from gaitcal.export.osim import frames_of
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain, forward, segment_poses

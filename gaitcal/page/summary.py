@@ -9,8 +9,7 @@ import numpy as np
 
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.faults.verdict import Judgement
-from gaitcal.gait.cycles import POINTS, normalise, usable
-from gaitcal.gait.gait_event import source_words
+from gaitcal.gait.cycles import POINTS, normalise, source_words, usable
 from gaitcal.gait.moments import (
     SIDE_WORDS,
     MomentNumbers,
@@ -22,8 +21,8 @@ from gaitcal.gait.moments import (
     moment_of,
 )
 from gaitcal.gait.normal_bands import Bands
+from gaitcal.gait.spatiotemporal import LEAST_VALID, StridePeaks, stride_peaks
 from gaitcal.gait.strides import TURNING, Layout, layout, strides_of, turns
-from gaitcal.gait.symmetry import LEAST_VALID, StridePeaks, stride_peaks
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.plain_data import Block, fold, heading, named, number, text, visible

@@ -33,7 +33,7 @@ import numpy as np
 
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, InputError
-from gaitcal.gait.symmetry import LEAST_VALID
+from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.io.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bone_files import BoneMeshes, installed_bones

@@ -13,10 +13,9 @@ from gaitcal.export.motion_files import write_external_loads, write_mot, write_s
 from gaitcal.export.osim import write_osim
 from gaitcal.export.robot_files import write_mjcf, write_urdf
 from gaitcal.gait.normal_bands import Bands
-from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.lock import MANIFEST, ResultKind
+from gaitcal.io.opensim_files import write_trc
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.io.toml import package_version
-from gaitcal.io.trc_mot import write_trc
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
 from gaitcal.model.parameters import impossible_bodies

@@ -23,7 +23,7 @@ from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.strides import TURNING
-from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.toml import read_toml
 from gaitcal.model.coordinates import senses_of
 from gaitcal.model.linkage import SIDES

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.lock import MANIFEST, read_object
-from gaitcal.io.snapshot import read_whole, sha256_of
+from gaitcal.io.result_folder import MANIFEST, read_object, sha256_of
+from gaitcal.io.snapshot import read_whole
 from gaitcal.page.page_data import PAGE_DATA, doubted, followed_by, only, read_page_data, renamed, write_page_data
 from gaitcal.page.scene import Scene
 from gaitcal.page.scene_file import load_scene, save_scene

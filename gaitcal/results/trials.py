@@ -11,9 +11,17 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Verdict
-from gaitcal.io.atomic import also_at, atomic_directory, disk_errors
-from gaitcal.io.lock import MANIFEST, ResultKind, locked, read_object
-from gaitcal.io.snapshot import listed, sha256_of
+from gaitcal.io.atomic import disk_errors
+from gaitcal.io.result_folder import (
+    MANIFEST,
+    ResultKind,
+    also_at,
+    atomic_directory,
+    listed,
+    locked,
+    read_object,
+    sha256_of,
+)
 from gaitcal.io.toml import package_version
 from gaitcal.page.page_data import PAGE_DATA, doubted, further_page_data, merged, only, read_page_data
 from gaitcal.page.provenance import Origin

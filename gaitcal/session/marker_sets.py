@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 from functools import cache
 
 from gaitcal.errors import other_side
-from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
+from gaitcal.model.marker_set import REQUIRED, MarkerSet, built_in_sets, load_marker_set
 
 FEWEST_LABELS = 6
 """Markers of pelvis and legs that a file shares with a set of which it is."""

@@ -27,7 +27,7 @@ from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.outliers import without_strays
+from gaitcal.model.outliers import without_outliers
 from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.segment_frames import across
 
@@ -235,7 +235,7 @@ def movement(
     posture : the recording's own, where the person stands in it.
     reference : of the static trial, whose segments turn in this one; None where there is none.
     """
-    recording, _ = without_strays(recording, marker_set.segment_of)
+    recording, _ = without_outliers(recording, marker_set.segment_of)
     time = recording.time
     if posture is not None and posture.throughout:
         words = f"still to {1e3 * posture.speed:.0f} mm/s, upright, {time[-1] - time[0]:.1f} s"

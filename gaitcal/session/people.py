@@ -26,9 +26,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import other_side
 from gaitcal.faults.evidence import LIGHT
 from gaitcal.io.recording import Recording
-from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.marker_set import REQUIRED, MarkerSet
 from gaitcal.session.movement import Standing, standing
 
 APART_M = 0.015

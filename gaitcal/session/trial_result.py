@@ -38,9 +38,8 @@ from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.gait.events import TrialEvents, trial_events
 from gaitcal.gait.moments import segment_words
-from gaitcal.gait.spatiotemporal import strides_measured
+from gaitcal.gait.spatiotemporal import stride_findings, strides_measured
 from gaitcal.gait.strides import facing, pelvis_angles
-from gaitcal.gait.symmetry import stride_findings
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Source
 from gaitcal.model.parameters import Parameters, impossible_bodies

@@ -9,15 +9,16 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.io.external_loads import loads_tables
+from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording
-from gaitcal.io.snapshot import Snapshot, sha256_of
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.snapshot import Snapshot
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors

@@ -19,15 +19,15 @@ import numpy as np
 from gaitcal.arrays import Array, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.external_loads import loads_tables
 from gaitcal.io.formats import read_recording
+from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.outliers import Stray, without_strays
-from gaitcal.model.segment_frames import unit
+from gaitcal.model.outliers import Outlier, without_outliers
+from gaitcal.model.segment_frames import off_line, unit
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.model.trunk import IN_A_PLANE, spread_off_line
+from gaitcal.model.trunk import IN_A_PLANE
 from gaitcal.study.study_file import Trial
 
 OTHER_UNIT = 100.0
@@ -63,7 +63,7 @@ class StudyTrial:
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
     """`file` and, where forces have one of their own, `forces`."""
-    strays: tuple[Stray, ...] | None = None
+    strays: tuple[Outlier, ...] | None = None
     """Markers that were left out where they were metres away from the body; None: not looked for yet."""
 
 
@@ -71,7 +71,7 @@ def cleaned_trial(trial: StudyTrial, segment_of: Mapping[str, str]) -> StudyTria
     """The trial without markers metres away from the body; `segment_of`: label -> segment."""
     if trial.strays is not None:
         return trial
-    recording, strays = without_strays(trial.recording, segment_of)
+    recording, strays = without_outliers(trial.recording, segment_of)
     return replace(trial, recording=recording, strays=strays)
 
 
@@ -217,7 +217,7 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
     known = np.flatnonzero(seen_mask(measured).all(axis=1))
-    if len(pelvis) < IN_A_PLANE or spread_off_line(local) < SINGULAR or not len(known):
+    if len(pelvis) < IN_A_PLANE or off_line(local) < SINGULAR or not len(known):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
     centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
     turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.cohort.cohort_file import read_cohort, read_page_data
-from gaitcal.cohort.people import people_in, safe_name
+from gaitcal.cohort.people import people_in, read_cohort, safe_name
 from gaitcal.errors import InputError
+from gaitcal.page.page_data import read_page_data
 from gaitcal.session.draft import settings_text
 
 

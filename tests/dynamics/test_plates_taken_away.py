@@ -16,7 +16,7 @@ from gaitcal.faults import body_size
 from gaitcal.faults.contacts import feet_of
 from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Severity
-from gaitcal.io.filters import resample_wrench
+from gaitcal.io.force_plate import resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.session.session import measured_reactions, prepare_trial

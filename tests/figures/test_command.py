@@ -24,8 +24,7 @@ from gaitcal.figures.report import Told, report_charts
 from gaitcal.figures.sheet import SheetTrial, unpacked
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.lock import ResultKind, refuse_others
+from gaitcal.io.result_folder import ResultKind, atomic_directory, refuse_others
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, write_page_data
 from gaitcal.page.plain_data import lengths
 from gaitcal.results.cycles import read_cycles

@@ -13,7 +13,7 @@ import pytest
 
 from gaitcal import ensemble
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
-from gaitcal.gait.symmetry import LEAST_VALID
+from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.model.coordinates import senses_of
 from gaitcal.page.page_data import coordinate_rows
 from gaitcal.page.plain_data import base64_of, lengths

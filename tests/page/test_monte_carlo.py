@@ -13,8 +13,8 @@ from gaitcal.page.monte_carlo import PART, expected_errors, monte_carlo_blocks, 
 from gaitcal.page.page_data import calibration_page_data
 from gaitcal.page.plain_data import number
 from gaitcal.published.case import nominal_case
-from gaitcal.published.leg_torques import LEG_TORQUES
-from gaitcal.published.settings import MonteCarloSettings, Plan, ReactionFrame, Varied
+from gaitcal.published.draw import LEG_TORQUES
+from gaitcal.published.protocol import MonteCarloSettings, Plan, ReactionFrame, Varied
 from gaitcal.published.statistics import expect, levels_of, statistics
 from gaitcal.published.study import MonteCarloStudy
 from tests.fake_result import HOSTILE, fake_calibration

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from gaitcal.explanations.explanation import PARTS
-from gaitcal.gait.symmetry import Average, counting, measure_means
+from gaitcal.gait.spatiotemporal import Average, counting, measure_means
 from gaitcal.page.page_data import SHOWN_MEASURES
 from gaitcal.page.view import SCRIPTS
 from tests.page.browser import Page

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gaitcal.page.page_data import calibration_page_data, curves_left_out, script_json, thinned
-from gaitcal.page.plain_data import GAP, base64_of, floats, lengths
+from gaitcal.page.page_data import calibration_page_data, curves_left_out, thinned
+from gaitcal.page.plain_data import GAP, base64_of, floats, lengths, script_json
 from gaitcal.page.scene import person_scene
 from gaitcal.page.view import Shown, page_html, sentences
 from tests.fake_result import fake_calibration

@@ -12,10 +12,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from gaitcal.cli.application import app
-from gaitcal.gait.cycles import GaitCycle, normalise
+from gaitcal.gait.cycles import EventSource, GaitCycle, GaitEvent, normalise
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.events import TrialEvents
-from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.io.labels import FootMoment
 from gaitcal.results.cycles import read_cycles
 from tests.kept import kept_folder

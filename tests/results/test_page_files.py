@@ -17,8 +17,7 @@ from typer.testing import CliRunner
 
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.io.lock import MANIFEST
-from gaitcal.io.snapshot import HASHES, SELF, listed, self_hash, sha256_of
+from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, listed, self_hash, sha256_of
 from gaitcal.page.page_data import read_page_data
 from gaitcal.page.scene_file import load_scene
 from gaitcal.results.calibration import write_results

@@ -21,16 +21,22 @@ from gaitcal.compare.session import Common
 from gaitcal.compare.shared_model import JointKnowledge, joined
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.session import session_of
 from gaitcal.study.study import nominal_of
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.motion import (
+    TrueMotion,
+    marker_noise,
+    standing_pose,
+    static_motion,
+    synthetic_markers,
+    two_strides,
+)
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.error_bars import coverage

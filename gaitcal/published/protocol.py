@@ -1,40 +1,26 @@
-"""What a Monte Carlo study varies, and how far (Reinbolt et al. 2007, section on Monte Carlo analyses).
+"""The published study (Reinbolt et al. 2007) as settings: its printed figures, and what its Monte Carlo study varies.
 
 Levels are per cent of the bounds; at 100 % joint positions move by up to 10 mm, orientations by up to 10 degrees,
 inertial parameters by up to 10 % of themselves, and marker noise has amplitudes of up to 10 mm.
 
-All problems for one draw of the noise (or none): what is repeated over noise seeds.
-
-Randomness enters by `generators` alone: the noise of each problem and the random inertial seeds have generators of
-their own, spawned from the seed and the number of the draw.
+Printed figures are in `published_results.json`, parameters by the names of this project.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import Enum
+from functools import cache
+from importlib.resources import files
+from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.inertial_calibration import TorqueScale
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, gait_parameters, leg_parameters
-from gaitcal.published.inertial_recovery import (
-    NOISELESS_DECAY,
-    RANDOM_SEEDS,
-    InertialRecovery,
-    ThirdStep,
-    gait_equations,
-    random_seed,
-    recover_inertia,
-    third_step,
-)
-from gaitcal.published.joint_recovery import JointRecovery, recover_joints, synthetic_problem, true_model
-from gaitcal.published.published import PROBLEMS
-from gaitcal.runtime import with_one_blas_thread
 
 PUBLISHED_LEVELS = (25, 50, 75, 100)
 PUBLISHED_DRAWS = 5000
@@ -155,71 +141,79 @@ class Plan:
         return self.draws * len(self.cells)
 
 
+PROBLEMS: tuple[str, ...] = ("hip", "knee", "ankle", "full leg")
+"""Columns of Table I: three isolated trials and gait."""
+SIDE = "l"
+"""The paper's leg is the left one: only then do the signs of Table II fit frames with z to the right."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class SeedResult:
-    """Phases 1 to 3 for one draw of the noise."""
+class JointParameterRow:
+    """A row of Table II: difference from the true (synthetic) and from the nominal (experimental) value, mm or deg."""
 
-    joints: dict[str, JointRecovery]
-    """By problem."""
-    residual_before: tuple[float, float]
-    """N, N·m: true inertial parameters with the joints and motion of phase 1."""
-    correct: InertialRecovery
-    """Phase 2 from the correct seed."""
-    single_pass: InertialRecovery
-    """The same without re-seeding."""
-    random: tuple[InertialRecovery, ...]
-    """Phase 2 from random seeds."""
-    scales: dict[TorqueScale, InertialRecovery]
-    """Phase 2 from the correct seed, for each normalisation of torques."""
-    third: ThirdStep | None
-    """Only with noise."""
+    name: str
+    """Of the joint parameter, left leg."""
+    title: str
+    """As the paper has it."""
+    unit: str
+    single_joint: tuple[float, float]
+    """Synthetic and experimental."""
+    full_leg: tuple[float, float]
+    """Synthetic and experimental."""
 
 
-@with_one_blas_thread
-def noiseless(seed: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
-    """Everything without noise; random inertial seeds from `seed`."""
-    return _run(None, np.random.SeedSequence([seed, 0]), random_seeds)
+@dataclass(frozen=True, kw_only=True)
+class InertialParameterRow:
+    """A row of Table IV: difference from the true (synthetic) or nominal (experimental) value, kg, mm, kg mm^2."""
+
+    name: str
+    """Of the symmetric inertial parameter: `thigh.com.sup`."""
+    title: str
+    """As the paper has it."""
+    unit: str
+    correct_seed: float
+    random_seeds: tuple[float, float]
+    """Mean and standard deviation."""
+    experimental: float
+    note: str = ""
 
 
-@with_one_blas_thread
-def noisy_draw(seed: int, draw: int, random_seeds: int = RANDOM_SEEDS) -> SeedResult:
-    """Everything with the noise of one draw (0, 1, ...) under `seed`."""
-    noise, seeds = generators(seed, draw)
-    return _run(noise, seeds, random_seeds)
+@cache
+def _content() -> dict[str, Any]:
+    path = files("gaitcal.published") / "published_results.json"
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return content
 
 
-def generators(seed: int, draw: int) -> tuple[tuple[np.random.Generator, ...], np.random.SeedSequence]:
-    """The noise of each problem, and what random inertial seeds come from, for one draw (0, 1, ...) under `seed`."""
-    sequence = np.random.SeedSequence([seed, 1, draw])
-    return tuple(np.random.default_rng(s) for s in sequence.spawn(len(PROBLEMS))), sequence.spawn(1)[0]
+def table_one(row: str, quantity: str) -> dict[str, float | None]:
+    """Problem -> figure, for a row of Table I (`synthetic_with_noise`, ...) and `marker_distance_mm`, `position_mm`,
+    `orientation_deg`.
+    """
+    return dict(zip(PROBLEMS, _content()["table_I"][row][quantity], strict=True))
 
 
-def noisy_draws(seed: int, draws: int, jobs: int = -1, random_seeds: int = RANDOM_SEEDS) -> list[SeedResult]:
-    """Draws 0 to `draws` - 1 under `seed`, in order, whatever the number of processes (-1: one for every core)."""
-    if jobs == 1:
-        return [noisy_draw(seed, draw, random_seeds) for draw in range(draws)]
-    tasks = (delayed(noisy_draw)(seed, draw, random_seeds) for draw in range(draws))
-    results: list[SeedResult] = Parallel(n_jobs=jobs)(tasks)
-    return results
+def table_two() -> tuple[JointParameterRow, ...]:
+    """Table II, 27 rows."""
+    return tuple(JointParameterRow(**row) for row in _content()["table_II"])
 
 
-def _run(noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSequence, random_seeds: int) -> SeedResult:
-    """Phases 1 to 3; `noise`: a generator for each of `PROBLEMS`, or none."""
-    problems = {p: synthetic_problem(p, noise[k] if noise is not None else None) for k, p in enumerate(PROBLEMS)}
-    joints = recover_joints(problems)
-    gait, truth = joints["full leg"], true_model().parameters.inertial
-    equations = {scale: gait_equations(gait.parameters, gait.nodes, scale) for scale in TorqueScale}
-    usual = equations[TorqueScale.BODY_HEIGHT]
-    decay = 1.0 if noise is not None else NOISELESS_DECAY
-    streams = map(np.random.default_rng, seeds.spawn(random_seeds))
-    starts = [random_seed(rng, with_held=noise is not None) for rng in streams]
-    scales = {scale: recover_inertia(scaled, truth) for scale, scaled in equations.items()}
-    return SeedResult(
-        joints=joints,
-        residual_before=usual.rms(truth),
-        correct=scales[TorqueScale.BODY_HEIGHT],
-        single_pass=recover_inertia(usual, truth, reseed=False),
-        random=tuple(recover_inertia(usual, start, decay=decay) for start in starts),
-        scales=scales,
-        third=third_step(problems["full leg"], gait) if noise is not None else None,
-    )
+def table_three(row: str) -> list[Any]:
+    """Force N, torque N·m, then inertia kg mm^2, mass kg, mass centre mm; each [mean, sd] for the random seeds."""
+    figures: list[Any] = _content()["table_III"][row]
+    return figures
+
+
+def table_four() -> tuple[InertialParameterRow, ...]:
+    """Table IV, 37 rows; `foot.com.sup` was held and is no variable."""
+    return tuple(InertialParameterRow(**row) for row in _content()["table_IV"])
+
+
+def cpu_seconds(problem: str) -> tuple[float, float]:
+    """Shortest and longest published time, s: `isolated`, `gait` or `inertial` (3.4 GHz Pentium 4)."""
+    shortest, longest = _content()["cpu_s"][problem]
+    return float(shortest), float(longest)
+
+
+def text(name: str) -> Any:
+    """A figure from the prose: see `published_results.json`."""
+    return _content()[name]

@@ -1,4 +1,4 @@
-"""Results appear whole or not at all, whatever ends the run, and replace nothing but results of their own kind."""
+"""Results appear whole or not at all, by one writer at a time, and replace nothing but results of their own kind."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,10 +19,21 @@ from typer.testing import CliRunner
 
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.io import lock
-from gaitcal.io.atomic import amended, atomic_directory, atomic_file, atomic_text, file_in_place, require_room
-from gaitcal.io.lock import KEPT, MANIFEST, OLD, ResultKind
-from gaitcal.io.snapshot import listed, sha256_of
+from gaitcal.io import result_folder
+from gaitcal.io.atomic import atomic_file, atomic_text
+from gaitcal.io.result_folder import (
+    KEPT,
+    MANIFEST,
+    OLD,
+    ResultKind,
+    amended,
+    atomic_directory,
+    file_in_place,
+    listed,
+    locked,
+    require_room,
+    sha256_of,
+)
 from gaitcal.results.cycles import read_cycles
 
 
@@ -92,7 +104,7 @@ def test_what_a_killed_run_left_is_put_right_by_the_next(tmp_path: Path) -> None
     assert names(tmp_path) == ["out"]
 
 
-@pytest.mark.parametrize("words", ["export", "figures", "view", "montecarlo", "compare", "dynamics"])
+@pytest.mark.parametrize("words", ["export", "figures", "view", "montecarlo", "compare", "dynamics", "read_cycles"])
 def test_who_reads_after_a_kill_puts_the_hidden_result_back_and_says_so(
     tmp_path: Path, words: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -100,8 +112,12 @@ def test_who_reads_after_a_kill_puts_the_hidden_result_back_and_says_so(
     target = tmp_path / "out"
     write_result(target, "one")
     target.rename(tmp_path / f"{OLD}out")
-    further = {"compare": [str(target)], "dynamics": ["walk.c3d"]}.get(words, [])
-    CliRunner().invoke(app, [words, str(target), *further])
+    if words == "read_cycles":
+        with pytest.raises(InputError):
+            read_cycles(target)
+    else:
+        further = {"compare": [str(target)], "dynamics": ["walk.c3d"]}.get(words, [])
+        CliRunner().invoke(app, [words, str(target), *further])
     assert result(target) == "one"
     assert names(tmp_path) == ["out"]
     assert "the earlier result is back" in caplog.text
@@ -113,7 +129,7 @@ def test_a_result_that_is_being_replaced_while_it_is_read_is_the_new_one(
     """The writer is between its two renames when the reader looks, and has ended when the reader has the lock."""
     target = tmp_path / "out"
     write_result(target, "new")
-    held = lock.locked
+    held = result_folder.locked
 
     @contextmanager
     def late(folder: Path) -> Iterator[None]:
@@ -124,35 +140,38 @@ def test_a_result_that_is_being_replaced_while_it_is_read_is_the_new_one(
     target.rename(tmp_path / "new")
     write_result(target, "one")
     target.rename(tmp_path / f"{OLD}out")
-    monkeypatch.setattr(lock, "locked", late)
-    lock.put_back(target)
+    monkeypatch.setattr(result_folder, "locked", late)
+    result_folder.put_back(target)
     assert (result(target), names(tmp_path), caplog.text) == ("new", ["out"], "")
 
 
-def test_a_table_of_strides_that_is_asked_for_puts_the_hidden_result_back(tmp_path: Path) -> None:
-    write_result(tmp_path / "out", "one")
-    (tmp_path / "out").rename(tmp_path / f"{OLD}out")
-    with pytest.raises(InputError):
-        read_cycles(tmp_path / "out")
-    assert names(tmp_path) == ["out"]
+REPLACE = """
+import sys
+from pathlib import Path
+from gaitcal.io.result_folder import ResultKind, atomic_directory
+n = 0
+while True:
+    n += 1
+    with atomic_directory(Path(sys.argv[1]), ResultKind.CALIBRATION) as folder:
+        (folder / "manifest.json").write_text('{"gaitcal": "0"}')
+        (folder / "motion").mkdir()
+        (folder / "motion/walk.mot").write_text(f"{n}\\n" * 1000)
+    n == 1 and print(n, flush=True)
+"""
 
 
 def test_kill_at_any_moment_leaves_a_whole_result(tmp_path: Path) -> None:
-    """A loop that replaces a result as fast as it can, killed at 12 different moments."""
+    """A loop that replaces a result as fast as it can, killed at six different moments."""
     target = tmp_path / "out"
-    code = (
-        "import sys; from tests.io.test_atomic import write_result; from pathlib import Path; n = 0\n"
-        "while True: n += 1; write_result(Path(sys.argv[1]), f'{n}\\n' * 1000); n == 1 and print(n, flush=True)\n"
-    )
     write_result(target, "0\n" * 1000)
     (target / "montecarlo").mkdir()
     (target / "montecarlo/draws").write_text("hours")
-    for number in range(12):
-        process = subprocess.Popen([sys.executable, "-c", code, str(target)], stdout=subprocess.PIPE)
+    for number in range(6):
+        process = subprocess.Popen([sys.executable, "-c", REPLACE, str(target)], stdout=subprocess.PIPE)
         assert process.stdout is not None
         with process.stdout as stream:
             stream.readline()
-        time.sleep(0.003 * number)
+        time.sleep(0.007 * number)
         process.kill()
         process.wait()
         require_room(target, ResultKind.CALIBRATION)
@@ -218,9 +237,9 @@ def test_only_the_same_kind_is_replaced(there: ResultKind, tmp_path: Path) -> No
     write_result(tmp_path / "out", "one", there)
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert (manifest["kind"], manifest["files"]) == (there.value, ["motion/walk.mot"])
-    for coming in set(ResultKind) - {there}:
-        told = rf"another kind of result \({there.value}, this would be {coming.value}\)"
-        assert_refused(tmp_path / "out", coming, told)
+    coming = ResultKind.COHORT if there is not ResultKind.COHORT else ResultKind.EXAMPLE
+    told = rf"another kind of result \({there.value}, this would be {coming.value}\)"
+    assert_refused(tmp_path / "out", coming, told)
     write_result(tmp_path / "out", "two", there)
     assert result(tmp_path / "out") == "two"
 
@@ -355,3 +374,118 @@ def test_the_manifest_learns_of_it(tmp_path: Path) -> None:
         (stage / "report.html").write_text("newer")
     with pytest.raises(InputError, match="damaged"):  # a damaged manifest does not become sound by this
         listed(out)
+
+
+# ----------------------------------------------------------------------------------------------- one writer at a time
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from gaitcal.io.result_folder import locked
+with locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(float(sys.argv[2]))
+"""
+COUNT = """
+import sys, time
+from pathlib import Path
+from gaitcal.io.result_folder import locked
+path = Path(sys.argv[1])
+for _ in range(40):
+    with locked(path.parent):
+        number = int(path.read_text())
+        time.sleep(0.001)
+        path.write_text(str(number + 1))
+"""
+
+
+def holder(folder: Path, seconds: float) -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder), str(seconds)], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    with process.stdout as stream:
+        assert stream.readline() == "held\n"
+    return process
+
+
+def test_no_change_of_several_processes_is_lost(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/number").write_text("0")
+    command = [sys.executable, "-c", COUNT, str(tmp_path / "out/number")]
+    for process in [subprocess.Popen(command) for _ in range(3)]:
+        assert process.wait() == 0
+    assert (tmp_path / "out/number").read_text() == "120"
+    assert names(tmp_path) == ["out"]
+
+
+def test_it_is_told_while_waiting_and_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(result_folder, "NOTICE_S", 0.1)
+    process = holder(tmp_path / "out", 60)
+    try:
+        told = "out: is being written by another process"
+        with pytest.raises(InputError, match=told), locked(tmp_path / "out", wait_s=0.5):
+            pass
+        assert "is being written by another process; waiting" in caplog.text
+        with locked(tmp_path / "other", wait_s=0.0), locked(tmp_path / "out", "another purpose", wait_s=0.0):
+            pass
+    finally:
+        process.kill()
+        process.wait()
+    with locked(tmp_path / "out", wait_s=0.0):  # the killed process holds it no longer
+        pass
+    assert names(tmp_path) == []
+
+
+def test_again_within_and_in_another_thread(tmp_path: Path) -> None:
+    others: list[str] = []
+
+    def other() -> None:
+        try:
+            with locked(tmp_path / "out", wait_s=0.1):
+                others.append("had it too")
+        except InputError as error:
+            others.append(str(error))
+
+    with locked(tmp_path / "out"), locked(tmp_path / "out"):
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+    assert "is being written by" in others[0]
+    assert names(tmp_path) == []
+
+
+def test_parts_of_a_result_have_its_lock_and_other_folders_of_such_names_their_own(tmp_path: Path) -> None:
+    result = tmp_path / "result"
+    (result / "dynamics").mkdir(parents=True)
+    process = holder(result, 60)
+    try:
+        with locked(result / "dynamics", wait_s=0.0):
+            pass  # a folder of the user's that is called so
+        (result / MANIFEST).write_text('{"gaitcal": "0"}')
+        for part in ("dynamics", "montecarlo", "export"):
+            with pytest.raises(InputError, match="is being written by"), locked(result / part, wait_s=0.0):
+                pass
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS], ids=errno.errorcode.get)
+def test_a_file_system_without_locks_is_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, number: int
+) -> None:
+    """In one line; the work goes on."""
+
+    def none(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(pytest.importorskip("fcntl"), "flock", none)
+    with locked(tmp_path / "out"):
+        pass
+    (line,) = caplog.messages
+    assert "no locks; run one command at a time" in line
+    assert names(tmp_path) == []
