@@ -135,16 +135,16 @@ def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, everything
         "60 N do not count"
     )
     duration = page.run("gaitcal.trial.duration")
-    page.run("gaitcal.seek(gaitcal.trial.duration / 2)")
+    page.run("gaitcal.clock.seek(gaitcal.trial.duration / 2)")
     assert "translateX(50" in page.run("document.querySelector('.traced .cursor').style.transform")
     page.run(
         """(p => { p.scrollIntoView(); const b = p.getBoundingClientRect();
         const at = {clientX: b.left + 0.25 * b.width, clientY: b.top + 5, bubbles: true};
         p.dispatchEvent(new MouseEvent('click', at)); })
-        (document.querySelector('.traced .plot'))"""
+        (document.querySelector('.traced .u-over'))"""
     )
-    width = page.run("document.querySelector('.traced .plot').clientWidth")
-    assert page.run("gaitcal.seconds") == pytest.approx(0.25 * duration, abs=duration / width)
+    width = page.run("document.querySelector('.traced .u-over').clientWidth")
+    assert page.run("gaitcal.state.seconds") == pytest.approx(0.25 * duration, abs=duration / width)
 
 
 @pytest.mark.browser
