@@ -8,6 +8,7 @@ import re
 from typing import Any
 
 import numpy as np
+import pytest
 
 from gaitcal.page.page_data import calibration_page_data, curves_left_out, thinned
 from gaitcal.page.plain_data import GAP, base64_of, floats, lengths, script_json
