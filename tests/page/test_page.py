@@ -18,7 +18,7 @@ from gaitcal.page.body_meshes import BALLS, MESHES, Mesh, body_meshes, read_stl,
 from gaitcal.page.plain_data import GAP
 from gaitcal.page.scene import Scene, person_scene
 from gaitcal.page.scene_file import scene_json
-from gaitcal.page.view import write_view
+from gaitcal.page.view import SCRIPTS, write_view
 from gaitcal.synthetic.motion import gait_motion
 from tests.page.people import long_motion, subject_model, walking_trial
 
