@@ -7,7 +7,7 @@ Gaitcal.Axis = class {
     const known = values.filter(Number.isFinite);
     if (zero || !known.length) known.push(0);
     const [low, high] = [Math.min(...known), Math.max(...known)];
-    const pad = 0.05 * (high - low || 1);
+    const pad = 0.05 * (high - low || Math.abs(high) || 1);
     this.unit = Gaitcal.visible(unit);
     this.low = zero && low === 0 ? 0 : low - pad;
     this.high = high + pad;
