@@ -1,6 +1,6 @@
 """What speaks against a finished calibration: one finding for each thing that its own figures put in doubt.
 
-A segment without the markers it needs moves as a prior has it (`motion/undetermined.py`). What its mass does otherwise
+A segment without the markers it needs moves as a prior has it (`coordinate_prior.py`). What its mass does otherwise
 appears at the pelvis as force and moment that nothing explains: so long as the trunk is such a segment, the pelvis
 residual says how it moves, and nothing of masses. Torques of the legs are summed from the feet upwards and do not
 depend on it.
