@@ -27,7 +27,6 @@ from gaitcal.cohort.outcome import (
     COMPRESSION,
     STATE,
     STRIDES,
-    Cell,
     Outcome,
     Outcomes,
     Task,
@@ -37,7 +36,7 @@ from gaitcal.cohort.outcome import (
 )
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import Cohort, CohortPerson
-from gaitcal.cohort.row import COLUMNS, NAMES
+from gaitcal.cohort.row import COLUMNS, NAMES, Cell
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import UNFINISHED, real_path
 from gaitcal.io.result_folder import (

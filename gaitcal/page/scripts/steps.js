@@ -1,5 +1,5 @@
 "use strict";
-// The table of steps and phases. Which strides count, and how means are formed, is gaitcal/gait/symmetry.py.
+// The table of steps and phases. Which strides count, and how means are formed, is gaitcal/gait/spatiotemporal.py.
 
 Gaitcal.OF_BOTH_LEGS = ["step_width"];
 Gaitcal.OF_BOTH_FEET = ["step", "first_double", "second_double", "double", "single"];
