@@ -27,7 +27,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
-from gaitcal.model.linkage import SIDE_WORDS
+from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
 from gaitcal.page.bone_files import EXTRA
 from gaitcal.page.bone_landmarks import KneeEvidence, PersonLandmarks
@@ -50,6 +50,8 @@ _DAMAGE = (
 _BODY = "garments"
 """What files of this version call the body meshes."""
 _LANDMARKS = "landmarks/"
+EARLY = 0.005
+"""s: a trial whose first frame is later is said not to begin with its recording."""
 _JOINT_ARRAYS = (
     "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread", "axis_spread",
 )  # fmt: skip
@@ -213,7 +215,7 @@ def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None
         "capsules": sorted(set(used) & set(shapes.replaced)),
         "body": [_fitted(scene, fitted) for fitted in scene.body],
         "bones": _bones(scene, bones),
-        "trials": [_trial(trial, thin) for trial in scene.trials],
+        "trials": [_trial(scene, trial, thin) for trial in scene.trials],
     }
     return script_json(content)
 
@@ -237,8 +239,9 @@ def _thinning(scene: Scene, most_bytes: int) -> int:
     return max(1, -(-total // most_bytes))
 
 
-def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:
+def _trial(scene: Scene, trial: TrialScene, thin: int) -> dict[str, Any]:
     kept = slice(None, None, thin)
+    time = trial.time[kept] - trial.time[0]
     pelvis = trial.origins[kept, :1]
     measured = trial.measured[kept] - pelvis
     measured[~(np.abs(measured) < MARKER_RANGE_M).all(axis=2)] = np.nan
@@ -247,8 +250,8 @@ def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:
         "role": trial.role,
         "recorded": trial.recorded,
         "stride": trial.stride * thin,
-        "start": float(trial.time[0]),
-        "time": floats(trial.time[kept] - trial.time[0]),
+        "about": _about(scene, trial, time, trial.stride * thin),
+        "time": floats(time),
         "pelvis": floats(pelvis),
         "origins": lengths(trial.origins[kept] - pelvis),
         "turns": base64_of(np.rint(trial.turns[kept] * LARGEST).astype("<i2")),
@@ -257,9 +260,46 @@ def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:
         "forces": floats(trial.forces[kept]),
         "centres": floats(trial.pressure_centres[kept]),
         "hasForces": trial.has_forces,
-        "validLegs": base64_of(trial.valid_legs[kept].astype("<u1")),
+        "valid": {side: _spans(time, trial.valid_legs[kept, k]) for k, side in enumerate(SIDES)},
         "plates": floats(trial.plates),
     }
+
+
+def _about(scene: Scene, trial: TrialScene, time: Array, stride: int) -> str:
+    """A few lines on a trial; `time`: s, of the frames in the page, one in `stride` of those recorded."""
+    frames = f"{trial.recorded:,}".replace(",", "\u202f") + (" frame" if trial.recorded == 1 else " frames")
+    rate = f" at {(len(time) - 1) / time[-1] * stride:.0f} Hz" if time[-1] > 0 else ""
+    lines = [f"{trial.name} \u00b7 {frames}{rate}", f"{scene.mass:.1f} kg, {scene.height:.2f} m"]
+    if trial.time[0] > EARLY:
+        lines.append(f"begins at {trial.time[0]:.2f} s of the recording")
+    if stride > 1:
+        ending = "th" if stride % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(stride % 10, "th")
+        which = {2: "second", 3: "third"}.get(stride, f"{stride}{ending}")
+        lines.append(f"every {which} frame is in this page; poses between are interpolated")
+    return "\n".join(lines)
+
+
+def _spans(time: Array, valid: NDArray[np.bool_]) -> list[list[float]]:
+    """Begin and end, s, of each stretch of frames that are valid."""
+    edges = np.diff(np.r_[0, valid.astype(int), 0])
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return [[float(time[a]), float(time[b])] for a, b in zip(begins, ends, strict=True)]
+
+
+def _joint_words(joint: JointMark) -> tuple[str, str]:
+    """What a joint is called, and what is said of it where it is drawn."""
+    name, _, side = joint.joint.partition("_")
+    title = f"{SIDE_WORDS[side]} {name} joint" if side in SIDE_WORDS else f"{name} joint"
+    if not joint.fitted:
+        return title, f"{title}\nnot fitted: nominal"
+    moved = float(np.linalg.norm(joint.fitted_centre - joint.nominal_centre))
+    text = f"{title}\ncentre moved {1000 * moved:.1f} mm"
+    if np.isfinite(joint.nominal_axis).all() and np.isfinite(joint.fitted_axis).all():
+        cosine = min(1.0, float(joint.fitted_axis @ joint.nominal_axis))
+        text += f", axis turned {np.degrees(np.arccos(cosine)):.1f}\u00b0"
+    if np.isfinite(joint.centre_spread).all():
+        text += f"\nstandard error of the centre {1000 * np.linalg.norm(joint.centre_spread):.1f} mm"
+    return title, text
 
 
 def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
@@ -268,7 +308,9 @@ def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
         for first, second in (name.split("_") for name in _JOINT_ARRAYS)
     }
     segment = scene.segments.index(joint.segment)
-    return {"joint": joint.joint, "segment": segment, "fitted": joint.fitted, **places}
+    title, text = _joint_words(joint)
+    words = {"joint": joint.joint, "title": title, "text": text}
+    return {**words, "segment": segment, "fitted": joint.fitted, **places}
 
 
 def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:

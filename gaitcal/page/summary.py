@@ -216,9 +216,9 @@ def adduction_peaks(walks: Sequence[TrialResult], side: str) -> StridePeaks:
         for k, cycle in enumerate(strides_of(walk.events)[side], start=1):
             if walk.loads is None or not straight.get(k, True):
                 continue
-            counts = usable(time, walk.loads.reactions.valid_for(name), cycle)
-            laid = normalise(time, -moment_of(walk.loads.final, name), cycle)
-            values.append(np.where(counts, laid, np.nan))
+            valid = usable(time, walk.loads.reactions.valid_for(name), cycle)
+            external = normalise(time, -moment_of(walk.loads.final, name), cycle)
+            values.append(np.where(valid, external, np.nan))
             known = walk.loads.errors
             errors.append(np.full(POINTS, np.nan) if known is None else normalise(time, moment_of(known, name), cycle))
     shape = (len(values), POINTS)

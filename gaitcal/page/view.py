@@ -47,19 +47,17 @@ if TYPE_CHECKING:
     from gaitcal.session.result import Calibration
 
 SCRIPTS = (
-    "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js", "stage.js",
-    "state.js", "address.js", "clock.js", "timeline.js", "controls.js", "keys.js", "presets.js", "switches.js",
-    "sheet.js", "convention.js", "strides.js", "traces.js", "pen.js", "panel.js", "legend.js", "peaks.js", "papers.js",
-    "groups.js", "curves.js", "blocks.js", "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js",
-    "print.js", "page.js",
+    "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js",
+    "stage.js", "chosen.js", "state.js", "timeline.js", "controls.js", "keys.js", "switches.js", "statistics.js",
+    "sheet.js", "convention.js", "strides.js", "traces.js", "plot.js", "panel.js", "peaks.js", "curves.js", "blocks.js",
+    "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "print.js", "page.js",
 )  # fmt: skip
 """In the order in which they run: the body in 3-D; what is shown when; curves; tables; all together."""
 STYLES = ("page.css", "stage.css", "curves.css", "sections.css", "print.css")
 COHORT_SCRIPTS: Final = (
-    *("unpack.js", "blocks.js", "convention.js", "pictures.js", "verdict.js", "pen.js"),
-    *("cohort/people.js", "cohort/measures.js", "cohort/choices.js", "cohort/filters.js", "cohort/triage.js"),
-    *("cohort/chooser.js", "cohort/table.js", "cohort/distributions.js", "cohort/groups.js", "cohort/mean_panel.js"),
-    *("cohort/mean_curves.js", "cohort/failures.js", "cohort/cohort.js"),
+    *("dom.js", "unpack.js", "chosen.js", "statistics.js", "plot.js", "blocks.js", "pictures.js", "verdict.js"),
+    *("cohort/people.js", "cohort/choices.js", "cohort/filters.js", "cohort/triage.js", "cohort/table.js"),
+    *("cohort/distributions.js", "cohort/means.js", "cohort/cohort.js"),
 )
 """In the order in which they run: what `result.html` has too; people and what is chosen; each part; all together."""
 COHORT_STYLES: Final = ("page.css", "sections.css", "cohort.css")

@@ -30,7 +30,7 @@ SHOWN = 0.2
 POSING = """(() => { let best = Infinity;
     for (let turn = 0; turn < 10; turn++) {
         const start = performance.now();
-        for (let k = 0; k < 100; k++) gaitcal.seek(gaitcal.trial.duration * k / 100);
+        for (let k = 0; k < 100; k++) gaitcal.clock.seek(gaitcal.trial.duration * k / 100);
         best = Math.min(best, performance.now() - start);
     } return best; })()"""
 """ms that 100 poses take at best: only to be compared within one browser."""
@@ -56,7 +56,7 @@ def stage(page: Page) -> np.ndarray:
 
 
 def paused(page: Page, seconds: float = 0.6) -> Page:
-    page.run(f"gaitcal.play(false); gaitcal.seek({seconds}); {DRAWN}")
+    page.run(f"gaitcal.clock.play(false); gaitcal.clock.seek({seconds}); {DRAWN}")
     return page
 
 
@@ -89,11 +89,11 @@ def test_the_person_is_in_the_picture(visit: Visit, html: Path) -> None:
 @pytest.mark.slow
 def test_playing_moves_the_picture_and_the_slider(visit: Visit, html: Path) -> None:
     page = visit(html, fresh=True)
-    assert page.run("gaitcal.playing")
-    page.run("gaitcal.seek(0)")
+    assert page.run("gaitcal.state.playing")
+    page.run("gaitcal.clock.seek(0)")
     page.run(until("Number(document.getElementById('time').value) > 0.05"))
     page.run("document.getElementById('play').click()")
-    assert not page.run("gaitcal.playing")
+    assert not page.run("gaitcal.state.playing")
     first = stage(paused(page, 0.2))
     assert changed(first, stage(paused(page, 0.2))) == 0
     assert changed(first, stage(paused(page, 0.7))) > 2000
@@ -102,10 +102,10 @@ def test_playing_moves_the_picture_and_the_slider(visit: Visit, html: Path) -> N
 def test_slider_and_speed(visit: Visit, html: Path) -> None:
     page = paused(visit(html), 0.0)
     page.run("(s => { s.value = 0.5; s.dispatchEvent(new Event('input')); })(document.getElementById('time'))")
-    assert page.run("gaitcal.seconds") == pytest.approx(0.5, abs=1e-3)
+    assert page.run("gaitcal.state.seconds") == pytest.approx(0.5, abs=1e-3)
     assert page.run("document.getElementById('clock').textContent") == "0.50 s"
     page.run("(s => { s.value = '0.1'; s.dispatchEvent(new Event('change')); })(document.getElementById('speed'))")
-    assert page.run("gaitcal.speed") == 0.1
+    assert page.run("gaitcal.state.speed") == 0.1
 
 
 @pytest.mark.slow
@@ -130,7 +130,7 @@ def test_another_trial_says_what_it_lacks(visit: Visit, html: Path) -> None:
     assert page.console == []
 
 
-SIDES_SHOWN = """[...new Set([...gaitcal.stage.figure.bones.meshes, ...gaitcal.body.meshes,
+SIDES_SHOWN = """[...new Set([...gaitcal.stage.figure.bones.meshes, ...gaitcal.stage.figure.body.meshes,
     ...gaitcal.stage.figure.joints.parts.fitted]
     .filter(({ mesh }) => mesh.visible)
     .map(({ segment }) => /_([rl])$/.exec(gaitcal.result.scene.segments[segment])?.[1] ?? ""))].sort().join(" ")"""
@@ -158,7 +158,7 @@ def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path
 @pytest.mark.slow
 def test_an_address_that_names_a_knee_opens_there(visit: Visit, html: Path) -> None:
     page = visit(f"{html.as_uri()}?b#knee_l")  # another query, or it would be the same page
-    assert page.run("gaitcal.stage.near") == "knee_l" and not page.run("gaitcal.playing")
+    assert page.run("gaitcal.stage.near") == "knee_l" and not page.run("gaitcal.state.playing")
     page = visit(f"{html.as_uri()}?a#constructor")
     assert page.run("gaitcal.stage.near") is None and page.console == []
 
@@ -233,7 +233,7 @@ def test_ten_thousand_frames_stay_responsive(
     page_file = tmp_path / "view.html"
     scene = long_scene()
     write_page(tmp_path, scene, plain_data(scene))
-    view_command.run((tmp_path,), page_file, Console(quiet=False, verbose=False))
+    view_command.view_results((tmp_path,), page_file, Console(quiet=False, verbose=False))
     assert "long: the page holds 3334 of 10000 frames, one in 3; poses" in capsys.readouterr().out
     assert page_file.stat().st_size < LIMIT
     of_a_short_walk = visit(html).run(POSING)
@@ -242,16 +242,16 @@ def test_ten_thousand_frames_stay_responsive(
     assert changed(stage(paused(page, 1.0)), stage(paused(page, 1.2))) > 2000
     assert "every third frame" in page.run("document.getElementById('about').textContent")
     assert page.run(POSING) < 4 * of_a_short_walk
-    page.run("gaitcal.seek(gaitcal.trial.duration)")
-    assert page.run("gaitcal.person.x") > 50.0
+    page.run("gaitcal.clock.seek(gaitcal.trial.duration)")
+    assert page.run("gaitcal.stage.figure.place.x") > 50.0
     assert page.console == []
 
 
 def test_between_two_frames_the_pose_is_between(visit: Visit, html: Path, scene: Scene) -> None:
     page = paused(visit(html))
     time, origins = scene.trials[0].time, scene.trials[0].origins
-    page.run(f"gaitcal.seek({(time[50] + time[51]) / 2 - time[0]})")
-    where = page.run(f"gaitcal.body.groups[{scene.segments.index('foot_r')}].position.toArray()")
+    page.run(f"gaitcal.clock.seek({(time[50] + time[51]) / 2 - time[0]})")
+    where = page.run(f"gaitcal.stage.figure.body.groups[{scene.segments.index('foot_r')}].position.toArray()")
     assert where == pytest.approx((origins[50, 4] + origins[51, 4]) / 2, abs=1e-3)
 
 

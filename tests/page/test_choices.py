@@ -58,7 +58,7 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
     said = page.run("location.hash")
     assert "truth" not in said and "second" not in said, "what is as usual is not said"
     page = visit(f"{shown.as_uri()}?b{said}")
-    assert not page.run("gaitcal.playing")
+    assert not page.run("gaitcal.state.playing")
     for field, value in (
         ("preset", "joints"), ("axis", "time"), ("unit", "Nm"), ("signs", "clinical"), ("acting", "external"),
         ("nominal", True), ("norm", False), ("errors", False), ("truth", True), ("spread", "mean"), ("seconds", 0.25),
@@ -67,7 +67,7 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
     ):  # fmt: skip
         assert state(page, field) == value, field
     page = visit(f"{shown.as_uri()}?c#trial=no+plates&t=0.5")
-    assert page.run("gaitcal.trial.name") == "no plates" and page.run("gaitcal.seconds") == 0.5
+    assert page.run("gaitcal.trial.name") == "no plates" and page.run("gaitcal.state.seconds") == 0.5
     assert page.console == []
 
 

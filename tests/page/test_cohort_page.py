@@ -182,7 +182,7 @@ def test_columns_are_chosen_from_all(page: Page) -> None:
 def mean_of(page: Page, group: str) -> list[float]:
     """Mean, standard deviation and number of people of a group, of the first variable at the beginning."""
     script = f"""(found => found ? [found.mean[0], Number.isNaN(found.sd[0]) ? null : found.sd[0], found.people] : null)
-        (Gaitcal.groupMeans(gaitcal.people, gaitcal.choices, 0).get({group!r}))"""
+        (gaitcal.people.means(gaitcal.choices, 0).get({group!r}))"""
     return page.run(script)  # type: ignore[no-any-return]
 
 
@@ -196,7 +196,7 @@ def test_every_person_counts_the_same_and_refused_legs_do_not(page: Page) -> Non
     page.run("gaitcal.choices.set({legs: 'both', doubtful: false})")
     assert mean_of(page, "a") == [pytest.approx(150 * STEP), None, 1]
     page.run("gaitcal.choices.set({verdict: 'refused'})")
-    assert page.run("Gaitcal.groupMeans(gaitcal.people, gaitcal.choices, 0).size") == 0
+    assert page.run("gaitcal.people.means(gaitcal.choices, 0).size") == 0
 
 
 def test_a_ticked_person_is_drawn_over_the_means(page: Page) -> None:

@@ -71,7 +71,7 @@ def shown(
 
 
 def at_rest(page: Page) -> Page:
-    page.run(f"gaitcal.play(false); gaitcal.state.set({{ seconds: 0.3 }}); {STEADY}")
+    page.run(f"gaitcal.clock.play(false); gaitcal.state.set({{ seconds: 0.3 }}); {STEADY}")
     return page
 
 
@@ -148,7 +148,7 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
     for share in (0.1, 0.43, 0.77):
         page.move(*place(page, at, share))
         page.run(STEADY)
-        seconds = page.run("gaitcal.seconds")
+        seconds = page.run("gaitcal.state.seconds")
         assert np.abs(time - seconds).min() < ON_FRAME
         lead = page.run(f"{at}.lead")
         stride = next(
@@ -157,7 +157,7 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
         wanted = stride["start"] + share * (stride["stop"] - stride["start"])
         assert abs(seconds - wanted) < 0.6 * np.diff(time).mean() + 0.004  # half a frame, and a pixel of the pointer
         frame = int(np.abs(time - seconds).argmin())
-        assert page.run("gaitcal.body.groups[0].position.toArray()") == pytest.approx(
+        assert page.run("gaitcal.stage.figure.body.groups[0].position.toArray()") == pytest.approx(
             scene.trials[0].origins[frame, 0].tolist(), abs=1e-3
         )
         assert standing(page, at, lead) == pytest.approx(
@@ -178,7 +178,7 @@ def test_the_clock_moves_every_cursor(axis: str, page: Page) -> None:
     page.run(f"gaitcal.state.set({{ axis: '{axis}' }}); {STEADY}")
     wide = page.run(f"{panel('hip_flexion', 'angle')}.span.wide")
     for seconds in (0.3, 0.45, 0.62):
-        page.run(f"gaitcal.seek({seconds})")
+        page.run(f"gaitcal.clock.seek({seconds})")
         for base, kind in (("hip_flexion", "angle"), ("hip_flexion", "moment")):
             at = panel(base, kind)
             if axis == "time":
@@ -189,7 +189,7 @@ def test_the_clock_moves_every_cursor(axis: str, page: Page) -> None:
                 start, stop = next((a, b) for a, b in itertools.pairwise(STRIDES[0][side]) if a <= seconds <= b)
                 percent = 100 * (seconds - start) / (stop - start)
                 assert standing(page, at, side) == pytest.approx(percent, abs=100 * ON_LINE / wide)
-    page.run("gaitcal.seek(0.05)")  # before any stride: no cursor over the cycle, one over time
+    page.run("gaitcal.clock.seek(0.05)")  # before any stride: no cursor over the cycle, one over time
     hidden = page.run(f"{panel('hip_flexion', 'angle')}.cursors.r.style.transform") == "translateX(-99px)"
     assert hidden
 
@@ -224,10 +224,10 @@ def test_dragging_loops_whole_frames_and_a_press_ends_it(page: Page) -> None:
     lead = page.run(f"{at}.lead")
     start, stop = next((a, b) for a, b in itertools.pairwise(STRIDES[0][lead]) if a <= window[0] <= b)
     assert (np.array(window) - start) / (stop - start) == pytest.approx([0.2, 0.6], abs=0.03)
-    assert not page.run(f"{at}.looped.hidden")
+    assert page.run(f"{at}.plot.select.width") > 0
     mouse(page, "mousePressed", *begin)
     mouse(page, "mouseReleased", *begin)
-    assert page.run("gaitcal.state.window") is None and page.run(f"{at}.looped.hidden")
+    assert page.run("gaitcal.state.window") is None and page.run(f"{at}.plot.select.width") == 0
 
 
 @pytest.mark.slow
@@ -239,9 +239,9 @@ def test_a_title_brings_its_joint_near_and_escape_leaves(page: Page) -> None:
     page.run(f"{panel('hip_flexion', 'moment')}.root.focus(); 1")
     page.press("Enter")
     assert page.run("gaitcal.state.joint") in ("hip_r", "hip_l")
-    before = page.run("gaitcal.seconds")
+    before = page.run("gaitcal.state.seconds")
     page.press("ArrowRight")
-    assert 0 < page.run("gaitcal.seconds") - before < 0.02  # one frame, once
+    assert 0 < page.run("gaitcal.state.seconds") - before < 0.02  # one frame, once
     page.press("Escape")
     assert page.run("gaitcal.state.joint") is None
     assert page.run("document.querySelectorAll('.curve-group:is(.large, .dim)').length") == 0
@@ -363,22 +363,19 @@ def test_pelvis_angles_of_a_turning_stride_do_not_count(visit: Visit, walked: An
 
 @pytest.mark.slow
 def test_five_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
-    """Five trials with all frames that a page holds: a tick moves cursors alone; few points keep a curve's peaks."""
+    """Five trials with all frames that a page holds: a tick moves cursors alone."""
     scene = long_walks(5, 16)
     ends = float(scene.trials[0].time[-1])
     strikes = np.arange(0.1, ends, 0.9).tolist()
     sheet, _ = stridden(scene, {t: {"r": strikes, "l": [s + 0.4 for s in strikes[:-1]]} for t in range(5)})
     page = shown(visit, tmp_path, scene, sheet)
     page.run(f"gaitcal.state.set({{ axis: 'time' }}); {STEADY}")
-    tick, points, peak = page.run("""(() => { let best = Infinity;
+    tick = page.run("""(() => { let best = Infinity;
         for (let k = 0; k < 10; k++) { const begin = performance.now();
           for (let i = 0; i < 50; i++) { gaitcal.state.seconds = 0.01 * i; gaitcal.curves.tick(); }
           best = Math.min(best, (performance.now() - begin) / 50); }
-        const curve = gaitcal.curves.strides.trial.curve('hip_flexion', 'r', 'angle');
-        const most = (values) => values.reduce((a, b) => Math.max(a, b));
-        return [best, curve.whole().x.length, most(curve.whole().value) - most(curve.part('value'))]; })()""")
+        return best; })()""")
     assert tick < 5.0  # ms; 0.1 on an idle machine
-    assert points <= 2600 and peak == 0.0
     assert page.console == []
 
 

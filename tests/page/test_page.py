@@ -5,6 +5,7 @@ import hashlib
 import json
 import re
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from gaitcal.page.body_meshes import BALLS, MESHES, Mesh, body_meshes, read_stl,
 from gaitcal.page.plain_data import GAP
 from gaitcal.page.scene import Scene, person_scene
 from gaitcal.page.scene_file import scene_json
-from gaitcal.page.view import write_view
+from gaitcal.page.view import SCRIPTS, write_view
 from gaitcal.synthetic.motion import gait_motion
 from tests.page.people import long_motion, subject_model, walking_trial
 
@@ -70,6 +71,14 @@ def test_exactly_two_scripts_may_run_and_nothing_is_fetched(html: Path) -> None:
     assert "unsafe-eval" not in policy.group(1) and "script-src 'unsafe" not in policy.group(1)
     outside = re.sub(r"<script.*?</script", "", text, flags=re.DOTALL)
     assert not re.search(r"(src|href)\s*=|url\(|@import|https?:", outside)
+
+
+def test_no_two_scripts_define_the_same_name() -> None:
+    folder = files("gaitcal.page") / "scripts"
+    names = [
+        n for s in SCRIPTS for n in re.findall(r"^Gaitcal\.(\w+) =", (folder / s).read_text(encoding="utf-8"), re.M)
+    ]
+    assert sorted({n for n in names if names.count(n) > 1}) == []
 
 
 def test_nothing_of_this_machine_is_in_the_page(html: Path) -> None:

@@ -75,7 +75,7 @@ def test_damage_anywhere_is_an_error_or_harmless(scene: Scene, tmp_path: Path) -
     good = path.read_bytes()
     rng = np.random.default_rng(0)
     refused = 0
-    for _ in range(200):
+    for _ in range(60):
         content = bytearray(good)
         content[int(rng.integers(len(good)))] ^= int(rng.integers(1, 256))
         path.write_bytes(content if rng.random() < 0.8 else content[: int(rng.integers(len(good)))])
@@ -83,7 +83,7 @@ def test_damage_anywhere_is_an_error_or_harmless(scene: Scene, tmp_path: Path) -
             load_scene(path)
         except InputError:
             refused += 1
-    assert refused > 150
+    assert refused > 45
 
 
 @pytest.mark.parametrize(

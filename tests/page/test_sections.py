@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Callable
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,10 @@ import pytest
 from gaitcal.explanations.explanation import PARTS
 from gaitcal.gait.spatiotemporal import Average, counting, measure_means
 from gaitcal.page.page_data import SHOWN_MEASURES
-from gaitcal.page.view import SCRIPTS
 from tests.page.browser import Page
 from tests.page.made_page import HOSTILE, PRESETS, REFUSED, STRAIGHT, everything_page, measured_strides
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Visit = Callable[..., Page]
 A4_HEIGHT = (297.0 - 13.0 - 15.0) / 25.4 * 96.0
@@ -37,15 +37,6 @@ def text(page: Page, selector: str) -> list[str]:
     return list(page.run(f"[...document.querySelectorAll({selector!r})].map(e => e.textContent.trim())"))
 
 
-def test_no_two_scripts_define_the_same_name() -> None:
-    folder = files("gaitcal.page") / "scripts"
-    names = [
-        n for s in SCRIPTS for n in re.findall(r"^Gaitcal\.(\w+) =", (folder / s).read_text(encoding="utf-8"), re.M)
-    ]
-    assert sorted({n for n in names if names.count(n) > 1}) == []
-
-
-@pytest.mark.browser
 def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everything: Path) -> None:
     of = "#sections > :not(.of-trial, .reasons)"
     for preset in ("fit", "provenance"):
@@ -60,7 +51,6 @@ def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everyth
         assert not page.run("document.title").startswith("1")
 
 
-@pytest.mark.browser
 def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "fit")
     first = "#sections > .scroll"
@@ -81,8 +71,6 @@ def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Vis
     assert page.run(f"getComputedStyle(document.querySelector('{first} tbody td:last-child')).textAlign") == "left"
 
 
-@pytest.mark.slow
-@pytest.mark.browser
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, everything: Path, width: int) -> None:
     page = opened(visit, everything, "fit", width)
@@ -95,7 +83,6 @@ def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, everything
     assert page.run("[...document.querySelectorAll('#sections .scroll:not(.wide)')].every(s => s.tabIndex === -1)")
 
 
-@pytest.mark.browser
 def test_intervals_show_the_change_and_tell_the_values(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "joints")
     table = "document.querySelector('#sections > figure.picture .unseen table')"
@@ -115,7 +102,6 @@ def test_intervals_show_the_change_and_tell_the_values(visit: Visit, everything:
     assert [low - zero, high - zero] == pytest.approx([-4.9 * percent, -2.7 * percent], abs=0.01)
 
 
-@pytest.mark.browser
 def test_bars_are_as_long_as_their_totals(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "joints")
     lengths = page.run(
@@ -127,7 +113,6 @@ def test_bars_are_as_long_as_their_totals(visit: Visit, everything: Path) -> Non
     assert bars[2] / bars[0] == pytest.approx(0.034 / 0.042, abs=1e-3)
 
 
-@pytest.mark.browser
 def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "trust")
     words = text(page, ".of-trial .traced figcaption")
@@ -135,19 +120,18 @@ def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, everything
         "60 N do not count"
     )
     duration = page.run("gaitcal.trial.duration")
-    page.run("gaitcal.seek(gaitcal.trial.duration / 2)")
+    page.run("gaitcal.clock.seek(gaitcal.trial.duration / 2)")
     assert "translateX(50" in page.run("document.querySelector('.traced .cursor').style.transform")
     page.run(
         """(p => { p.scrollIntoView(); const b = p.getBoundingClientRect();
         const at = {clientX: b.left + 0.25 * b.width, clientY: b.top + 5, bubbles: true};
         p.dispatchEvent(new MouseEvent('click', at)); })
-        (document.querySelector('.traced .plot'))"""
+        (document.querySelector('.traced .u-over'))"""
     )
-    width = page.run("document.querySelector('.traced .plot').clientWidth")
-    assert page.run("gaitcal.seconds") == pytest.approx(0.25 * duration, abs=duration / width)
+    width = page.run("document.querySelector('.traced .u-over').clientWidth")
+    assert page.run("gaitcal.state.seconds") == pytest.approx(0.25 * duration, abs=duration / width)
 
 
-@pytest.mark.browser
 def test_what_is_unfolded_stays_so_in_another_trial(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "fit")
     page.run("document.querySelector('#sections > details').open = true; gaitcal.state.set({trial: 1})")
@@ -155,7 +139,6 @@ def test_what_is_unfolded_stays_so_in_another_trial(visit: Visit, everything: Pa
     assert text(page, ".of-trial > h2") == ["Trial walk 2, walking"]
 
 
-@pytest.mark.browser
 def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "clinician")
     assert text(page, "#verdict .lines li") == [
@@ -175,8 +158,6 @@ def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, everything
     assert text(page, ".reasons tbody tr")[1] == "walk 2✕refused✓trustworthy✕refused"
 
 
-@pytest.mark.slow
-@pytest.mark.browser
 def test_without_lines_the_sentence_stands_on_top(visit: Visit, tmp_path: Path) -> None:
     path = tmp_path / "page.html"
     path.write_text(everything_page(lines=[]), encoding="utf-8")
@@ -195,7 +176,6 @@ def close(values: list[float | None]) -> list[Any]:
     return [None if value is None else pytest.approx(value, rel=ROUNDING) for value in values]
 
 
-@pytest.mark.browser
 @pytest.mark.parametrize("off", [(), (2,), (0, 2)])
 def test_steps_are_those_of_python(visit: Visit, everything: Path, off: tuple[int, ...]) -> None:
     page = opened(visit, everything, "clinician")
@@ -213,7 +193,6 @@ def test_steps_are_those_of_python(visit: Visit, everything: Path, off: tuple[in
     assert len(text(page, "#steps tbody tr")) == len(found)
 
 
-@pytest.mark.browser
 def test_steps_leave_out_a_stride_that_is_off(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "clinician")
     count = "Gaitcal.stepsOf(gaitcal, 0).find(row => row.name === 'stride_time').right.n"
@@ -223,8 +202,6 @@ def test_steps_leave_out_a_stride_that_is_off(visit: Visit, everything: Path) ->
     assert page.run(count) == before - 1
 
 
-@pytest.mark.slow
-@pytest.mark.browser
 def test_two_pages_first_then_everything_of_all_trials(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "joints")
     page.send("Emulation.setEmulatedMedia", media="print")
@@ -248,8 +225,6 @@ def test_two_pages_first_then_everything_of_all_trials(visit: Visit, everything:
     assert page.console == []
 
 
-@pytest.mark.slow
-@pytest.mark.browser
 def test_printing_writes_pages_and_leaves_the_screen_as_it_was(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "clinician")
     panels = page.run("document.querySelectorAll('#curves .curve-panel').length")

@@ -8,6 +8,7 @@ import re
 from typing import Any
 
 import numpy as np
+import pytest
 
 from gaitcal.page.page_data import calibration_page_data, curves_left_out, thinned
 from gaitcal.page.plain_data import GAP, base64_of, floats, lengths, script_json
@@ -64,6 +65,7 @@ def test_what_stays_are_the_same_values_at_their_times() -> None:
     assert len(script_json({"trials": [short]})) < 1_200_000
 
 
+@pytest.mark.slow
 def test_long_trials_of_two_results_stay_under_the_limit() -> None:
     model = subject_model()
     trial = walking_trial(model, long_motion(10_000), "long", None)
