@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.cohort.people import people_in, read_cohort, safe_name
+from gaitcal.cohort.people import people_in, read_cohort, read_sheet, safe_name
 from gaitcal.errors import InputError
-from gaitcal.page.page_data import read_page_data
 from gaitcal.session.draft import settings_text
 
 
@@ -99,7 +98,7 @@ def test_a_session_of_the_table_names_an_only_one(folder: Path) -> None:
 def test_faults_of_the_table_are_one_line(tmp_path: Path, text: str, said: str) -> None:
     (tmp_path / "people.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=said):
-        read_page_data(tmp_path / "people.csv")
+        read_sheet(tmp_path / "people.csv")
 
 
 def test_other_columns_are_told_and_rows_may_repeat(folder: Path) -> None:

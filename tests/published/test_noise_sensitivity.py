@@ -167,7 +167,7 @@ def test_the_claim_follows_the_rank_sum_and_tells_both_p_with_errors() -> None:
     assert told.count("low rank sum p = ") == told.count("distance p = ") == 2
     assert told.count(" +- ") == 4
     assert "ordinary" not in told + claim(3.0, 1.0).claim
-    low = _Fixed(3 * [{}] * 200)
+    low = _Fixed(3 * RATES[1], [{}] * 200)
     assert low.low.p < 0.02 < low.joint.p  # low in every row, and not far in any
 
 

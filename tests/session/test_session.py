@@ -28,8 +28,8 @@ def study() -> Study:
 
 def test_every_trial_is_cleaned_once(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the checks, the nominal model and the calibration together."""
-    clean, seen = study_trial.without_strays, []
-    monkeypatch.setattr(study_trial, "without_strays", lambda r, s: seen.append(r) or clean(r, s))  # type: ignore[func-returns-value]
+    clean, seen = study_trial.without_outliers, []
+    monkeypatch.setattr(study_trial, "without_outliers", lambda r, s: seen.append(r) or clean(r, s))  # type: ignore[func-returns-value]
     calibrate(study, checked=check_study(study))
     assert len(seen) == len(study.trials)
 
