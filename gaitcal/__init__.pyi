@@ -1,6 +1,6 @@
 """Where the public names live: read by type checkers, and by `__init__.py` when a name is first used."""
 
-from .dynamics.ground_contact import GroundReactions as GroundReactions
+from .dynamics.ground_reactions import GroundReactions as GroundReactions
 from .dynamics.ground_reactions import ground_reactions as ground_reactions
 from .dynamics.inverse_dynamics import Moments as Moments
 from .dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics

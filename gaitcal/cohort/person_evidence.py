@@ -18,7 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, UPPER_PARAMETERS
+from gaitcal.calibration.joint_phases import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.compare.parameter_differences import told_parameters
 from gaitcal.study.joint_prior import JointPrior

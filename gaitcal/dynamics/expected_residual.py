@@ -38,7 +38,7 @@ from scipy.special import chdtri
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.axis_errors import TorqueErrors
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.io.filters import low_pass
 from gaitcal.io.recording import ForcePlate

@@ -9,11 +9,18 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, ground_velocity, sole_of
-from gaitcal.dynamics.off_sole import one_centre
-from gaitcal.dynamics.partly_carried import MOST_BESIDE
+from gaitcal.dynamics.foot_contact import (
+    FOOT_BREADTH,
+    RESTING,
+    SHORTEST,
+    UNDER_FOOT,
+    FootPoints,
+    distance_to_line,
+    ground_velocity,
+    sole_of,
+)
+from gaitcal.dynamics.off_sole import MOST_BESIDE, one_centre
 from gaitcal.dynamics.plate_errors import foot_tip, outline_known
-from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.filters import resample_wrench

@@ -35,11 +35,9 @@ from scipy.interpolate import CubicSpline
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.dynamics.expected_residual import TAU, USUAL
-from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.ground_reactions import foot_points, reactions_of_motion
+from gaitcal.dynamics.foot_contact import SHORTEST, UNDER_FOOT, FootPoints, distance_to_line
+from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
-from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
 from gaitcal.faults.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
 from gaitcal.faults.plate_forces import PlateForces
 from gaitcal.io.axes import ABOUT_Y

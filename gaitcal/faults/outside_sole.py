@@ -16,9 +16,8 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import near
+from gaitcal.dynamics.foot_contact import UNDER_FOOT, near
 from gaitcal.dynamics.off_sole import Loading, Place, divided_cause, divided_frames, places_of
-from gaitcal.dynamics.plate_steps import UNDER_FOOT
 from gaitcal.faults.contacts import FEET, Feet, Step, feet_of, steps
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.plates import PLATES_ELSEWHERE

@@ -24,7 +24,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.joint_moments import MomentFrame
 from gaitcal.errors import InputError
 from gaitcal.gait.conventions import Convention

@@ -17,19 +17,27 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
 from gaitcal.calibration.error_sources import ErrorSources, TrialScores, nominal_influence, whole_body_scores
 from gaitcal.calibration.inertial_calibration import (
+    ConsistentSettings,
     InertialFit,
     LoadedMotion,
+    LogChart,
     TorqueScale,
     equations_of,
     fit_published,
     torque_length,
 )
-from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
-from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
+from gaitcal.calibration.inertial_evidence import (
+    LoadedProblem,
+    PlateNoise,
+    fit_by_evidence,
+    residual_noise,
+    spread_of_the_rest,
+    stay_nominal,
+    unmeasured_stay,
+)
 from gaitcal.calibration.joint_phases import JointCalibration, Phase, parameters_for
-from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.study import check_study

@@ -19,11 +19,11 @@ from functools import partial
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.calibration.joint_evidence import calibrate_by_evidence
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
     JointTrial,
     PhaseSettings,
+    calibrate_by_evidence,
     calibrate_in_phases,
     parameters_for,
     sequential_phases,

@@ -30,8 +30,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.codes import Code
-from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.ground_reactions import reactions_of_motion
+from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity

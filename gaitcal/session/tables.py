@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.joint_kinetics import POWER_COORDINATES, POWERS, JointKinetics, component_of, power_name, power_of
 from gaitcal.dynamics.joint_moments import COMPONENTS, NET_JOINTS, VECTOR_FRAMES, MomentFrame
 from gaitcal.gait.cycles import GaitCycle

@@ -41,8 +41,7 @@ from gaitcal.calibration.torque_errors import ErringForces, joined
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
+from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.gait.moments import moment_names
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX

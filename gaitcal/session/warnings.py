@@ -26,7 +26,7 @@ from gaitcal.arrays import BoolArray
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.codes import Code
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.faults.bounds import impossible, large_changes
 from gaitcal.faults.force_diagnosis import ForceDiagnosis, force_findings

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gaitcal as gc
-from gaitcal.calibration.combined import FAR, arm_ambiguity, told, without_arms
+from gaitcal.calibration.identifiability import FAR, arm_ambiguity, told, without_arms
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.motion.start import starting_nodes
 from gaitcal.session.draft import study_of

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from gaitcal.calibration.combined import DESCENT, CombinedSettings, CombinedTrial, combined_fit
-from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
+from gaitcal.calibration.inertial_calibration import ConsistentSettings, LogChart
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model

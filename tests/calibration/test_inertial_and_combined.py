@@ -11,13 +11,13 @@ import pytest
 from gaitcal.calibration.combined import CombinedTrial, combined_fit
 from gaitcal.calibration.inertial_calibration import (
     LoadedMotion,
+    LogChart,
     RootEquations,
     TorqueScale,
     equations_of,
     fit_consistent,
     fit_published,
 )
-from gaitcal.calibration.inertial_chart import LogChart
 from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.io.recording import Recording

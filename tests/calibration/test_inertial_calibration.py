@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.calibration.inertial_calibration import fit_consistent, root_equations
-from gaitcal.calibration.inertial_chart import ConsistentSettings
+from gaitcal.calibration.inertial_calibration import ConsistentSettings, fit_consistent, root_equations
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.nominal import published_model

@@ -9,18 +9,28 @@ import pytest
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import nominal_influence
-from gaitcal.calibration.inertial_calibration import LoadedMotion, RootEquations, TorqueScale, by_inertial, equations_of
-from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
+from gaitcal.calibration.inertial_calibration import (
+    ConsistentSettings,
+    LoadedMotion,
+    LogChart,
+    RootEquations,
+    TorqueScale,
+    by_inertial,
+    equations_of,
+)
 from gaitcal.calibration.inertial_evidence import (
     STRONG,
+    LoadedProblem,
+    PlateNoise,
+    ResidualNoise,
     fit_by_evidence,
     log_bayes_factor,
+    residual_noise,
     spread_of_the_rest,
     stay_nominal,
 )
-from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, ResidualNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.model.nominal import published_model

@@ -11,8 +11,7 @@ import pytest
 from gaitcal.calibration.error_sources import source_of
 from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, calibrate_by_evidence
-from gaitcal.calibration.joint_phases import JointCalibration, JointTrial
+from gaitcal.calibration.joint_phases import LEG_PARAMETERS, JointCalibration, JointTrial, calibrate_by_evidence
 from gaitcal.calibration.joint_prior import GAIT
 from gaitcal.calibration.soft_tissue_artefact import SQUARES, beside, marker_covariance, task_regressors
 from gaitcal.dynamics.axis_errors import ErrorSource

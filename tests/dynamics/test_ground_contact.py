@@ -10,10 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.foot_contact import LANDING, LEAVING, RESTING, FootPoints, ground_velocity, sole_of
-from gaitcal.dynamics.ground_contact import GroundReactions, ground_reactions_on_feet, leg_of
+from gaitcal.dynamics.foot_contact import (
+    LANDING,
+    LEAVING,
+    RESTING,
+    FootPoints,
+    distance_to_line,
+    ground_velocity,
+    sole_of,
+)
+from gaitcal.dynamics.ground_reactions import GroundReactions, ground_reactions_on_feet, leg_of
 from gaitcal.dynamics.plate_errors import foot_tip, inside, outside, share_outside
-from gaitcal.dynamics.plate_steps import distance_to_line
 from gaitcal.io.filters import filter_plate, resample_wrench
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate

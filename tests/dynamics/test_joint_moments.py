@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal.dynamics.derivatives import force_derivatives
-from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import (
     POWER_JOINTS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.expected_residual import ResidualLimits, residual_limits, residual_magnitudes
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATES

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.io.toml import models_path
 from gaitcal.model.linkage import COORDINATES, SEGMENT_TABLE

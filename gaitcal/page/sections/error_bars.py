@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
-from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.gait.moments import coordinate_title, moment_of
 from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words, split_side

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_evidence import LEG_PARAMETERS
+from gaitcal.calibration.joint_phases import LEG_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_root
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI, Kind
 from scripts.validation.priors.people import Fit
