@@ -139,7 +139,7 @@ class ErringForces:
             found.add(ErrorSource.PLATES, squares(through @ wrong))
         if self.axes is not None and self.axes.columns:
             moving = _rate_moves(self.problem, self.axes, self._state[0], part)
-            turns = _segment_turns(self.axes, q)
+            turns = self.axes.segment_turns(q)
             found.add(ErrorSource.FRAMES, squares(told.moved(self.axes.torque_moves(q, v, a, wrenches), moving, turns)))
         return found
 
@@ -192,15 +192,6 @@ def _rate_moves(problem: TrialProblem, axes: AxisErrors, q: Array, part: slice) 
     moves = axes.rate_moves(q[wide], problem.basis.time[wide])[part.start - wide.start :][: part.stop - part.start]
     out: Array = np.where(problem.active[:, None], moves, 0.0)
     return out
-
-
-def _segment_turns(axes: AxisErrors, q: Array) -> dict[str, Array]:
-    """Segment -> (frames, k, 3) how far each column turns it."""
-    turns = {}
-    for segment, place, by in axes.segment_turns(q):
-        turns[segment] = np.zeros((len(q), len(axes.columns), 3))
-        turns[segment][:, place] = by
-    return turns
 
 
 def inertial_square_root(fit: InertialFit) -> Array:

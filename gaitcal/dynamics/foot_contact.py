@@ -1,18 +1,15 @@
-"""When a foot is on the ground, told by its motion and by the events of the file, and not by forces.
+"""Feet on the ground: when one rests, told by its motion and not by forces; its sole; and whose foot loads a plate.
 
 A heel or a toe that moves with the ground rests. A resting foot that no plate carries stands on the floor: what the
 ground does to it is not known. Resting begins up to 40 ms after the true contact and ends up to 90 ms before it (40
 contacts on plates of nine people), so that so much around it is unknown too. Where the file tells foot strikes and offs
 that agree with its own plates, they say it to the frame.
 
-The sole of a foot as cells of equal length, seen from above, and the part of it that lies beside force plates.
+The sole, seen from above, begins a little before the heel marker, which sits on the back of the heel, and ends at the
+tip of the foot; it is as wide as Winter (2009) gives the foot, less at heel and toes. Its cells count by their area.
 
-The sole begins a little before the heel marker, which sits on the back of the heel, and ends at the tip of the foot; it
-is as wide as Winter (2009) gives the foot, less at heel and toes. A cell counts by its area.
-
-Which foot a force plate carries: its loadings, each given to the foot under whose sole its centre of pressure lies.
-
-A loading that two feet make one after the other is divided where the first has left the ground and the second rests.
+A loading of a plate is of the foot under whose sole its centre of pressure lies; one that two feet make one after the
+other is divided where the first has left the ground and the second rests.
 """
 
 from __future__ import annotations
@@ -24,11 +21,10 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.dynamics.plate_errors import outside
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
-from gaitcal.io.intervals import runs
+from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import SIDES
@@ -129,9 +125,13 @@ def on_the_floor(resting: BoolArray, loaded: BoolArray, time: Array, events: Seq
             begin, end = float(time[run.start]), float(time[run.stop - 1])
             before, after = time[: run.start][loaded[: run.start, foot]], time[run.stop :][loaded[run.stop :, foot]]
             if run.start > 0:
-                begin = float(before[-1]) if carried[run.start - 1] else _strike(strikes, begin)
+                strike = _event_near(strikes, begin - SAME_EVENT, begin + BELIEVED, begin)
+                at_earliest = begin - LANDING if strike is None else strike
+                begin = float(before[-1]) if carried[run.start - 1] else at_earliest
             if run.stop < len(time):
-                end = float(after[0]) if carried[run.stop] else _off(offs, end)
+                off = _event_near(offs, end - BELIEVED, end + SAME_EVENT, end)
+                at_latest = end + LEAVING if off is None else off
+                end = float(after[0]) if carried[run.stop] else at_latest
             inner = (time > begin) & (time < end)
             inner[run.start] |= run.start == 0
             inner[run.stop - 1] |= run.stop == len(time)
@@ -139,16 +139,10 @@ def on_the_floor(resting: BoolArray, loaded: BoolArray, time: Array, events: Seq
     return out
 
 
-def _strike(strikes: Array, resting: float) -> float:
-    """s, when a foot that rests from `resting` (s) on struck the floor, by the file's strikes or at the earliest."""
-    close = strikes[(strikes >= resting - SAME_EVENT) & (strikes <= resting + BELIEVED)]
-    return float(close[np.abs(close - resting).argmin()]) if len(close) else resting - LANDING
-
-
-def _off(offs: Array, resting: float) -> float:
-    """s, when a foot that rests up to `resting` (s) left the floor, by the file's offs or at the latest."""
-    close = offs[(offs >= resting - BELIEVED) & (offs <= resting + SAME_EVENT)]
-    return float(close[np.abs(close - resting).argmin()]) if len(close) else resting + LEAVING
+def _event_near(times: Array, earliest: float, latest: float, contact: float) -> float | None:
+    """s, the event of a file nearest to the beginning or end of a contact (s); None where none lies between."""
+    close = times[(times >= earliest) & (times <= latest)]
+    return float(close[np.abs(close - contact).argmin()]) if len(close) else None
 
 
 def agree(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
@@ -159,10 +153,8 @@ def agree(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
             ends = {FootMoment.STRIKE: run.start > 0, FootMoment.OFF: run.stop < len(time)}
             for moment, inside in ends.items():
                 at = time[run.start if moment is FootMoment.STRIKE else run.stop - 1]
-                all_of_them = _times(events, side, moment)
-                if inside and len(all_of_them):
-                    gap = float(np.abs(all_of_them - at).min())
-                    gaps += [gap] if gap < SAME_EVENT else []
+                apart = np.abs(_times(events, side, moment) - at).tolist() if inside else []
+                gaps += sorted(gap for gap in apart if gap < SAME_EVENT)[:1]
     return bool(gaps) and max(gaps) <= BELIEVED
 
 
@@ -250,7 +242,6 @@ def sole_of(feet: FootPoints, foot: int, frames: slice) -> SoleCells:
     return SoleCells(cells=cells, share=area / area.sum(), resting=resting, rear=rear, forward=forward)
 
 
-SIDE_WORDS = ("right", "left")
 UNDER_FOOT = 0.15
 """m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
 SHORTEST = 0.05
@@ -258,21 +249,34 @@ SHORTEST = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
-    """One loading of one plate by one foot."""
+class Loading:
+    """One plate under load, given to one foot."""
 
+    plate: ForcePlate
     foot: int
     """0 right, 1 left."""
     frames: slice
-    plate: ForcePlate
+    point: Array
+    """(n, 3) m, centre of pressure at these frames."""
+    load: Array
+    """(n,) N, vertical force at these frames."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Loading):
+    """A loading of the tracked motion."""
+
     wrench: Array
     """(nf, 6) of the plate at all frames of the trial, not filtered."""
     words: str
     """Plate and time, for messages."""
 
-    def at(self, frames: slice) -> bool:
-        """Whether it lasts in some of these frames."""
-        return bool(self.frames.start < frames.stop and frames.start < self.frames.stop)
+    def wrench_in(self, frames: slice) -> Array:
+        """(n, 6) its wrench in some frames, zero outside of it."""
+        out = np.zeros((frames.stop - frames.start, 6))
+        first, last = max(self.frames.start, frames.start), min(self.frames.stop, frames.stop)
+        out[first - frames.start : last - frames.start] = self.wrench[first:last]
+        return out
 
 
 def steps_on(
@@ -285,40 +289,56 @@ def steps_on(
     wrench : (nf, 6) of the plate at the frames, not filtered.
     side : "r" or "l" where the study says whose plate it is; None: found.
     """
-    steps, findings = [], []
+    steps, findings = list[Step](), list[Finding]()
+    height = surface_height(plate)
     for stretch in runs(wrench[:, 1] > LOADED_N):
-        if time[stretch.stop - 1] - time[stretch.start] < SHORTEST:
+        if duration(time, stretch) < SHORTEST:
             continue
-        foot = {"r": 0, "l": 1}[side] if side else foot_under(wrench, stretch, feet)
+        foot = SIDES.index(side) if side else foot_under(wrench, stretch, feet)
         if foot is None:
-            findings.append(_under_neither(plate, _span(plate, time, stretch)))
+            findings.append(_under_neither(plate, f"plate {plate.name}, {spans(time, [stretch])}"))
             continue
-        parts = [(stretch, foot)] if side else _divided(wrench, stretch, foot, time, feet)
-        for frames, of in parts:
-            words = _span(plate, time, frames)
-            steps.append(Step(foot=of, frames=frames, plate=plate, wrench=wrench, words=words))
+        for frames, of in [(stretch, foot)] if side else _divided(wrench, stretch, foot, time, feet):
+            steps.append(
+                Step(
+                    foot=of,
+                    frames=frames,
+                    plate=plate,
+                    wrench=wrench,
+                    point=centre_on_ground(wrench[frames], height),
+                    load=wrench[frames, 1],
+                    words=f"plate {plate.name}, {spans(time, [frames])}",
+                )
+            )
     return steps, findings
+
+
+def surface_height(plate: ForcePlate) -> float:
+    """m, of the plane in which the centre of pressure lies."""
+    if plate.corners is not None and np.isfinite(plate.corners).all():
+        return float(plate.corners[:, 1].mean())
+    height = plate.point[np.nan_to_num(plate.force[:, 1]) > LOADED_N, 1]
+    return float(np.nanmedian(height)) if np.isfinite(height).any() else 0.0
 
 
 def foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
     """The foot whose heel-toe line is nearest to the centre of pressure, weighed by the load; None: far from both."""
-    distances = [np.average(_away(wrench, stretch, feet, k), weights=wrench[stretch, 1]) for k in range(len(FEET))]
+    distances = [np.average(_away(wrench, stretch, feet, k), weights=wrench[stretch, 1]) for k in range(len(SIDES))]
     best = int(np.argmin(distances))
     return best if distances[best] < UNDER_FOOT else None
 
 
 def _divided(wrench: Array, stretch: slice, foot: int, time: Array, feet: FootPoints) -> list[tuple[slice, int]]:
     """The stretch, or its two parts, each with the foot that made it."""
-    other = 1 - foot
-    resting: BoolArray = feet.resting
+    other, resting = 1 - foot, feet.resting
     gone = ~near(resting[:, foot], time)[stretch] & resting[stretch, other]
     away, mine = (_away(wrench, stretch, feet, k) for k in (other, foot))
-    taken = runs(gone & (away < np.minimum(mine, UNDER_FOOT)))
-    long = [run for run in taken if time[stretch.start + run.stop - 1] - time[stretch.start + run.start] >= SHORTEST]
-    if not long:
+    nearer = runs(gone & (away < np.minimum(mine, UNDER_FOOT)))
+    taken = [run for run in nearer if duration(time[stretch], run) >= SHORTEST]
+    if not taken:
         return [(stretch, foot)]
-    first, last = stretch.start + long[0].start, stretch.start + long[-1].stop
-    if not resting[stretch, foot][: long[0].start].any():  # the other foot was there first
+    first, last = stretch.start + taken[0].start, stretch.start + taken[-1].stop
+    if not resting[stretch, foot][: taken[0].start].any():  # the other foot was there first
         return [(slice(stretch.start, last), other), (slice(last, stretch.stop), foot)]
     return [(slice(stretch.start, first), foot), (slice(first, stretch.stop), other)]
 
@@ -337,10 +357,6 @@ def distance_to_line(point: Array, a: Array, b: Array) -> Array:
     return out
 
 
-def _span(plate: ForcePlate, time: Array, frames: slice) -> str:
-    return f"plate {plate.name}, {time[frames.start]:.2f}-{time[frames.stop - 1]:.2f} s"
-
-
 def _under_neither(plate: ForcePlate, span: str) -> Finding:
     return Finding(
         severity=Severity.WARNING,
@@ -355,4 +371,4 @@ def _under_neither(plate: ForcePlate, span: str) -> Finding:
 
 def meeting(steps: Sequence[Step], foot: int, frames: slice) -> list[Step]:
     """The steps of a foot that last in some of these frames."""
-    return [step for step in steps if step.foot == foot and step.at(frames)]
+    return [s for s in steps if s.foot == foot and s.frames.start < frames.stop and frames.start < s.frames.stop]

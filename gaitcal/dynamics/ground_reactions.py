@@ -4,12 +4,8 @@ A leg's torques need its own foot: on the ground wholly on plates that together 
 down and no plate carries it, where it rests partly beside its plates, where a plate carries both feet, or where the
 centre of pressure is not under it, the torques of that leg are not valid; those of the other leg may be. Pelvis, trunk
 and the fit of masses need both feet at once. Whether a foot is down at all is told by its motion, or by events
-(`foot_contact.py`). The size of the forces plays no part in this: residuals stay a check.
-
-Ground reactions of a trial: filtered as the settings say, assigned to the feet of the tracked motion.
-
-Where a leg segment shows no marker its motion is a guess of the splines: no torque of that leg follows from it, and
-these frames are not valid for it, nor for the whole body.
+(`foot_contact.py`). The size of the forces plays no part in this: residuals stay a check. Where a leg segment shows no
+marker its motion is a guess of the splines: these frames are not valid for that leg, nor for the whole body.
 """
 
 from __future__ import annotations
@@ -22,15 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import (
-    FOOT_BREADTH,
-    SIDE_WORDS,
-    FootPoints,
-    Step,
-    ground_velocity,
-    on_the_floor,
-    steps_on,
-)
+from gaitcal.dynamics.foot_contact import FOOT_BREADTH, FootPoints, Step, ground_velocity, on_the_floor, steps_on
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
 from gaitcal.dynamics.off_sole import beside_plates, off_sole_frames, shared_plates
 from gaitcal.dynamics.plate_errors import foot_tip
@@ -38,11 +26,12 @@ from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.filters import filter_plate, filterable, resample_wrench
 from gaitcal.io.force_plate import LOADED_N
-from gaitcal.io.intervals import runs, spans
+from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.chain import chain_of, forward, segment_poses
-from gaitcal.model.coordinates import LEG_COORDINATES
+from gaitcal.model.coordinates import LEG_COORDINATES, split_side
+from gaitcal.model.joint_centres import SIDE_WORDS
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
@@ -54,6 +43,19 @@ _OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in LEG_COORDINAT
 """How the names of what belongs to a leg begin."""
 SPLINE_ENDS = 2
 """Knot spans at either end of a trial whose accelerations nothing before or after supports; not valid."""
+FORCE_HZ = 50.0
+"""Filter of the plates unless told otherwise. RMS errors of leg torques on synthetic walks whose truth is known, true
+model, mean of three seeds, N·m (50 Hz, filtered like the motion, not filtered): impacts that shake the whole body
+2.16, 5.06, 2.64; the same under skin movement 3.46, 10.19, 3.78; impacts of the feet 3.83, 4.25, 4.10; no impacts
+1.52, 2.09, 1.66.
+"""
+SMOOTHED_ENDS = 0.5
+"""Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only; not valid."""
+CONTRADICTION = 0.25
+"""Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
+CONTRADICTED = "the plates' vertical force is not what the motion asks for"
+CONTRADICTION_S = 0.05
+"""s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +113,7 @@ class GroundReactions:
 
 def leg_of(name: str) -> str:
     """`r` or `l` of a coordinate or torque of a leg; empty for pelvis, trunk and arms."""
-    return name[-1] if name.startswith(_OF_LEG) and name[-2:-1] == "_" and name[-1] in SIDES else ""
+    return split_side(name)[1] if name.startswith(_OF_LEG) else ""
 
 
 def ground_reactions_on_feet(
@@ -135,17 +137,18 @@ def ground_reactions_on_feet(
     events : of the file, for feet beside all plates; used where they agree with the plates.
     """
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
-    notes: list[str] = []
-    findings: list[Finding] = []
+    notes, findings = list[str](), list[Finding]()
     known = np.full(len(time), bool(plates))
-    steps: list[Step] = []
+    used, steps = list[ForcePlate](), list[Step]()
     for plate in plates:
         raw = np.nan_to_num(resample_wrench(plate, time))
-        smooth = resample_wrench(_filtered(plate, cutoff), time)
+        filtered = plate if cutoff is None or not filterable(plate, cutoff) else filter_plate(plate, cutoff)
+        smooth = resample_wrench(filtered, time)
         known &= np.isfinite(smooth).all(axis=1)
         side = (assigned or {}).get(plate.name)
         if side == "none":
             continue
+        used.append(plate)
         found, unfit = steps_on(plate, raw, time, feet, side)
         findings += unfit
         for step in found:
@@ -153,11 +156,10 @@ def ground_reactions_on_feet(
             wrench[wide, step.foot] += np.nan_to_num(smooth[wide])
             loaded[step.frames, step.foot] = True
             how = "as the study says" if side else "by its centre of pressure"
-            notes.append(f"{step.words}: {SIDE_WORDS[step.foot]} foot, {how}")
+            notes.append(f"{step.words}: {SIDE_WORDS[SIDES[step.foot]]} foot, {how}")
         steps += found
     resting = feet.resting
     floor, at_most = (on_the_floor(resting, loaded, time, told) for told in (events, ()))
-    used = [plate for plate in plates if (assigned or {}).get(plate.name) != "none"]
     partly, beside = beside_plates(steps, used, time, feet, loaded)
     shared, both = shared_plates(steps, used, time, feet, at_most)
     off, unlike = off_sole_frames(steps, time, feet)
@@ -174,11 +176,6 @@ def ground_reactions_on_feet(
     )
 
 
-def _filtered(plate: ForcePlate, cutoff: float | None) -> ForcePlate:
-    """The plate filtered, where its sampling holds anything above `cutoff`."""
-    return plate if cutoff is None or not filterable(plate, cutoff) else filter_plate(plate, cutoff)
-
-
 def _widen(stretch: slice, pressed: BoolArray, time: Array, cutoff: float | None) -> slice:
     """A stretch with the tails that the filter makes, up to half way to the plate's next loading."""
     if cutoff is None:
@@ -191,22 +188,6 @@ def _widen(stretch: slice, pressed: BoolArray, time: Array, cutoff: float | None
     start = int(np.searchsorted(time, time[stretch.start] - tail))
     stop = int(np.searchsorted(time, time[stretch.stop - 1] + tail)) + 1
     return slice(max(start, low), min(stop, high))
-
-
-FORCE_HZ = 50.0
-"""Filter of the plates unless told otherwise. RMS errors of leg torques on synthetic walks whose truth is known, true
-model, mean of three seeds, N·m (50 Hz, filtered like the motion, not filtered): impacts that shake the whole body
-2.16, 5.06, 2.64; the same under skin movement 3.46, 10.19, 3.78; impacts of the feet 3.83, 4.25, 4.10; no impacts
-1.52, 2.09, 1.66.
-"""
-SMOOTHED_ENDS = 0.5
-"""Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only; not valid."""
-PELVIS_UP = COORDINATES.index("pelvis_ty")
-CONTRADICTION = 0.25
-"""Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
-CONTRADICTED = "the plates' vertical force is not what the motion asks for"
-CONTRADICTION_S = 0.05
-"""s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""
 
 
 @with_one_blas_thread
@@ -279,24 +260,21 @@ def reactions_of_motion(
     for segment, lost in unseen.items():
         valid &= ~lost
         legs[:, SIDES.index(segment[-1])] &= ~lost
-    filtered = _filter_words(recording, hz)
     ends_left_out = f"the first and last {ends:.2f} s are not valid: ends of the splines"
     contradictions = _contradictions(measured.wrench, valid, parameters, motion)
     return replace(
         measured,
         valid=valid,
         valid_legs=legs,
-        notes=(*measured.notes, ends_left_out, filtered),
-        findings=(*measured.findings, *unseen_findings(unseen, motion), *contradictions),
+        notes=(*measured.notes, ends_left_out, _filter_words(recording, hz)),
+        findings=(*measured.findings, *_unseen_findings(unseen, motion), *contradictions),
     )
 
 
 def _filter_words(recording: Recording, hz: float | None) -> str:
-    """How the forces were filtered."""
     plain = [plate.name for plate in recording.plates if hz is not None and not filterable(plate, hz)]
     if hz is None or len(plain) == len(recording.plates):
-        why = "" if hz is None else f": sampled at twice {hz:.4g} Hz or less"
-        return f"forces not filtered{why}"
+        return "forces not filtered" + ("" if hz is None else f": sampled at twice {hz:.4g} Hz or less")
     but = f"; not those of plate {', '.join(plain)}, sampled at twice that or less" if plain else ""
     return f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order){but}"
 
@@ -306,15 +284,13 @@ def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, mot
 
     To leave them out would make every residual look small by construction.
     """
-    none = np.zeros_like(wrench)
-    needed = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, none)[:, PELVIS_UP]
-    gap = np.abs(wrench[:, :, 1].sum(axis=1) - needed) / (parameters.mass * GRAVITY)
+    residual = Dynamics(parameters).residual_force(motion.q, motion.velocity, motion.acceleration, wrench)[:, 1]
+    gap = np.abs(residual) / (parameters.mass * GRAVITY)
     apart, time = np.zeros_like(valid), motion.time
     for run in runs(valid & (gap > CONTRADICTION), 2):
-        apart[run] = time[run.stop - 1] - time[run.start] >= CONTRADICTION_S
+        apart[run] = duration(time, run) >= CONTRADICTION_S
     if not apart.any():
         return []
-    where = spans(time, runs(apart), most=len(apart))
     most = 100 * float(gap[apart].max())
     return [
         Finding(
@@ -322,7 +298,7 @@ def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, mot
             topic="forces",
             where="",
             cause=CONTRADICTED,
-            found=f"{where}: it differs by up to {most:.0f} % of body weight",
+            found=f"{spans(time, runs(apart), most=len(apart))}: it differs by up to {most:.0f} % of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
             weight=most / (100 * CONTRADICTION),
             code=Code.FORCES_CONTRADICT,
@@ -375,30 +351,29 @@ def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
     return out
 
 
-def unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Finding]:
+def _unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Finding]:
     """What to say of `unseen_frames`: one line for the segments that are lost in the same frames."""
     lost_alike: dict[bytes, list[str]] = {}
     for segment, lost in frames.items():
         lost_alike.setdefault(lost.tobytes(), []).append(segment)
     findings = []
     for segments in lost_alike.values():
-        lost, names = frames[segments[0]], ", ".join(segments)
-        sides = {segment[-1] for segment in segments}
+        lost, sides = frames[segments[0]], {segment[-1] for segment in segments}
         leg = sides.pop() if len(sides) == 1 else ""
-        of_leg = " of this leg" if leg else ""
-        severity, found, cure = Severity.WARNING, f"no torque{of_leg} is valid", "label them, or leave the trial out"
-        if not lost.all():
-            severity, cure = Severity.INFO, "fill short gaps when labelling"
+        whole = bool(lost.all())
+        if whole:
+            found = f"no torque{' of this leg' if leg else ''} is valid"
+        else:
             found = f"{spans(motion.time, runs(lost))}: {int(lost.sum())} frames are not valid"
             found += " for this leg" if leg else ""
         findings.append(
             Finding(
-                severity=severity,
+                severity=Severity.WARNING if whole else Severity.INFO,
                 topic="markers",
                 where="",
-                cause=f"no marker of {names} with weight is seen",
+                cause=f"no marker of {', '.join(segments)} with weight is seen",
                 found=found,
-                cure=cure,
+                cure="label them, or leave the trial out" if whole else "fill short gaps when labelling",
                 leg=leg,
                 code=Code.UNSEEN_SEGMENT,
             )

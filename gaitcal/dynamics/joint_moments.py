@@ -32,16 +32,15 @@ besides c_i . d tau, with c_i = A^-T e_i.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray, cross
-from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.model.chain import chain_of, forward, jacobian, segment_poses
-from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, joint_elements, root_elements
+from gaitcal.arrays import Array, cross
+from gaitcal.dynamics.inverse_dynamics import FORCES, PlacedLinkage
+from gaitcal.model.chain import chain_of
+from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, joint_segments
 from gaitcal.model.parameters import JP_INDEX, Parameters
 
 
@@ -85,48 +84,37 @@ class NetJoint:
     """About z, x and y: in the sense of the coordinates, which mean the same on both sides."""
 
 
-_LEG = (
-    # joint, segments, turns in their order (a joint parameter without its joint), names about z x y, sign about z
-    ("hip", "pelvis thigh", "hip_flexion hip_adduction hip_rotation", "flexion adduction rotation", 1.0),
-    ("knee", "thigh shank", "knee_angle knee_adduction knee.shank.trans", "angle adduction rotation", -1.0),
-    (
-        "ankle",
-        "shank foot",
-        "talocrural.shank.front talocrural.shank.trans ankle_angle",
-        "angle inversion rotation",
-        1.0,
-    ),
-)
+_LEG = {
+    "hip": ("hip_flexion_{0} hip_adduction_{0} hip_rotation_{0}", "flexion adduction rotation"),
+    "knee": ("knee_angle_{0} knee_adduction_{0} knee_{0}.shank.trans", "angle adduction rotation"),
+    "ankle": ("talocrural_{0}.shank.front talocrural_{0}.shank.trans ankle_angle_{0}", "angle inversion rotation"),
+}
+"""Joint -> its turns in their order, and what moments about z, x and y are called."""
 _BACK = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
+_SIGNS = {e.name: e.sign for joint in JOINTS for e in joint.elements}
 
 
-def _net_joints() -> Iterator[NetJoint]:
-    for side in SIDES:
-        s = 1.0 if side == "r" else -1.0
-        for kind, segments, turns, components, sign in _LEG:
-            proximal, distal = (name if name == "pelvis" else f"{name}_{side}" for name in segments.split())
-            first, second, third = (_sided(turn, side) for turn in turns.split())
-            about_z, about_x, about_y = (f"{kind}_{component}_{side}" for component in components.split())
-            yield NetJoint(
-                name=f"{kind}_{side}",
-                proximal=proximal,
-                distal=distal,
-                turns=(first, second, third),
-                components=(about_z, about_x, about_y),
-                signs=(sign, s, s),
-            )
-    yield NetJoint(
-        name="lumbar", proximal="pelvis", distal="head_trunk", turns=_BACK, components=_BACK, signs=(1.0, 1.0, 1.0)
+def _joint_of_leg(kind: str, side: str) -> NetJoint:
+    segments, (turns, components) = joint_segments(f"{kind}_{side}"), _LEG[kind]
+    first, second, third = turns.format(side).split()
+    about_z, about_x, about_y = (f"{kind}_{component}_{side}" for component in components.split())
+    across = 1.0 if side == "r" else -1.0
+    return NetJoint(
+        name=f"{kind}_{side}",
+        proximal=segments[0],
+        distal=segments[-1],
+        turns=(first, second, third),
+        components=(about_z, about_x, about_y),
+        signs=(next(_SIGNS[t] for t in (first, second, third) if t in COORDINATES), across, across),
     )
 
 
-def _sided(turn: str, side: str) -> str:
-    """`knee.shank.trans` -> `knee_r.shank.trans`, `knee_angle` -> `knee_angle_r`."""
-    joint, dot, rest = turn.partition(".")
-    return f"{joint}_{side}{dot}{rest}"
-
-
-NET_JOINTS = tuple(_net_joints())
+NET_JOINTS = (
+    *(_joint_of_leg(kind, side) for side in SIDES for kind in _LEG),
+    NetJoint(
+        name="lumbar", proximal="pelvis", distal="head_trunk", turns=_BACK, components=_BACK, signs=(1.0, 1.0, 1.0)
+    ),
+)
 """Legs, right and left, then the back: the order of every array of joint moments."""
 HELD: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.turns if name in JP_INDEX)
 """Joint parameters among their turns, as `Dynamics` takes them."""
@@ -134,11 +122,6 @@ ALL_FORCES: tuple[str, ...] = (*FORCES, *HELD)
 """The 35 generalised forces that the moments follow from."""
 COMPONENTS: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.components)
 """Name of every component, joint by joint: `hip_flexion_r`, `knee_rotation_r`, `ankle_inversion_r`."""
-
-ORDER = tuple(
-    e.name for part in (root_elements("pelvis"), *(joint_elements(j, reactions=True) for j in JOINTS)) for e in part
-)
-"""Every turn and slide of the linkage, each after what moves it."""
 
 
 @dataclass(frozen=True)
@@ -159,18 +142,19 @@ class MomentSlopes:
 
 def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
     """At coordinates (nf, nq), with generalised forces (nf, 35); `free` are joint parameters to derive by."""
-    place = _Placed(parameters, q, (*free, *(name for name in HELD if name not in free)))
+    chain = chain_of(free=(*free, *(name for name in HELD if name not in free)), reactions=True)
+    placed = PlacedLinkage(chain, chain.constants(parameters.joint, parameters.zero_angles), q)
     nf, width = len(q), 3 * len(VECTOR_FRAMES)
     rows = width * len(NET_JOINTS)
-    wanted = np.array([place.names.index(n) for n in (*COORDINATES, *(n for n in place.chain.free if n in free))])
+    wanted = np.array([placed.names.index(n) for n in (*COORDINATES, *(n for n in chain.free if n in free))])
     values, by_force = np.empty((nf, rows)), np.zeros((nf, rows, len(ALL_FORCES)))
     by_variable = np.zeros((nf, rows, len(wanted)))
     by_turn = {segment: np.zeros((nf, rows, 3)) for joint in NET_JOINTS for segment in (joint.proximal, joint.distal)}
     for j, joint in enumerate(NET_JOINTS):
-        axes = np.stack([place.axis(name) for name in joint.turns], axis=1)  # (nf, 3, 3), an axis a row
+        axes = np.stack([placed.axis(name) for name in joint.turns], axis=1)  # (nf, 3, 3), an axis a row
         columns = [ALL_FORCES.index(name) for name in joint.turns]
         moment = np.asarray(np.linalg.solve(axes, forces[:, columns, None])[:, :, 0], dtype=np.float64)
-        e, g, h = _components(place.frames[joint.proximal], place.frames[joint.distal], moment)
+        e, g, h = _components(placed.frame(joint.proximal), placed.frame(joint.distal), moment)
         signs = np.tile(joint.signs, len(VECTOR_FRAMES))[:, None]
         e, g, h = (signs * x for x in (e, g, h))
         at = slice(width * j, width * (j + 1))
@@ -179,13 +163,13 @@ def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[s
         by_force[:, at, columns] = share
         by_turn[joint.proximal][:, at] += g
         by_turn[joint.distal][:, at] += h
-        above = np.flatnonzero(place.moves(joint.distal)[wanted])  # and so those that move the proximal segment
+        above = np.flatnonzero(placed.moves(joint.distal)[wanted])  # and so those that move the proximal segment
         own = wanted[above]
-        turning = place.turning[:, own].transpose(0, 2, 1)  # (nf, 3, variables)
-        found = (g @ turning) * place.moves(joint.proximal)[own] + h @ turning
+        turning = placed.columns[:, own, 3:].transpose(0, 2, 1)  # (nf, 3, variables)
+        found = (g @ turning) * placed.moves(joint.proximal)[own] + h @ turning
         for k, name in enumerate(joint.turns):
             lever = share[:, :, k, None] * cross(axes[:, k], moment)[:, None]
-            found -= (lever @ turning) * place.before(name, joint.distal)[own]
+            found -= (lever @ turning) * (placed.rank[own] < placed.rank[placed.names.index(name)])
         by_variable[:, at][:, :, above] = found
     split = len(COORDINATES)
     return MomentSlopes(values, by_force, by_variable[:, :, :split], by_variable[:, :, split:], by_turn)
@@ -208,34 +192,3 @@ def _components(proximal: Array, distal: Array, moment: Array) -> tuple[Array, A
     h = [still, cross(e[1], across)]
     h.append(np.stack([nothing, cross(third, cross(first, b)), cross(third, moment)], axis=1))
     return np.concatenate(e, axis=1), np.concatenate(g, axis=1), np.concatenate(h, axis=1)
-
-
-class _Placed:
-    """Axes of the turns and of the segments in the laboratory, and what moves what."""
-
-    def __init__(self, parameters: Parameters, q: Array, free: tuple[str, ...]) -> None:
-        self.chain = chain_of(free=free, reactions=True)
-        self.names = (*self.chain.coordinates, *self.chain.free)
-        constants = self.chain.constants(parameters.joint, parameters.zero_angles)
-        whole = np.zeros((len(q), len(self.chain.coordinates)))
-        whole[:, [self.names.index(name) for name in COORDINATES]] = q
-        poses = forward(self.chain, constants, whole)
-        self.turning: Array = jacobian(self.chain, constants, poses)[:, 3:].transpose(2, 0, 1)
-        """(nf, variables, 3) w_j; zero for those that slide."""
-        axes, _ = segment_poses(self.chain, constants, poses)
-        self.frames = dict(zip(self.chain.segments, axes.transpose(0, 3, 1, 2), strict=True))
-        self._rank = np.array([ORDER.index(name) for name in self.names])
-
-    def axis(self, name: str) -> Array:
-        """(nf, 3)."""
-        out: Array = self.turning[:, self.names.index(name)]
-        return out
-
-    def moves(self, segment: str) -> BoolArray:
-        """(variables,) which of them move a segment."""
-        return np.asarray(self.chain.support[:, self.chain.segments.index(segment)] > 0)
-
-    def before(self, name: str, distal: str) -> BoolArray:
-        """(variables,) which of them come before a turn, on the way to a segment beyond it."""
-        earlier: BoolArray = self._rank < self._rank[self.names.index(name)]
-        return self.moves(distal) & earlier

@@ -15,6 +15,7 @@ from gaitcal.dynamics.foot_contact import (
     SHORTEST,
     UNDER_FOOT,
     FootPoints,
+    Loading,
     distance_to_line,
     ground_velocity,
     sole_of,
@@ -26,7 +27,6 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.io.filters import resample_wrench
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.io.intervals import duration, runs, spans
-from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import SIDES
 
 FEET = ("right", "left")
@@ -37,21 +37,13 @@ LATE_S = 0.08
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
-    """A plate under load, and the foot whose line from heel to toe is nearest to the centre of pressure."""
+class Step(Loading):
+    """A plate under load, given to the foot whose line from heel to toe is nearest to the centre of pressure."""
 
-    plate: ForcePlate
-    frames: slice
-    foot: int
-    """0 right, 1 left."""
     distance: float
     """m, mean distance of the centre of pressure from that line, weighed by the load."""
     other: float
     """m, the same for the other foot."""
-    point: Array
-    """(nf, 3) m, centre of pressure at the frames."""
-    load: Array
-    """(nf,) N, vertical force at the frames."""
 
 
 class Feet:
