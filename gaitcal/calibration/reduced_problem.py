@@ -53,11 +53,6 @@ class Matrices:
     """(nn, nq) where they were formed."""
     eliminated: Elimination
 
-    @property
-    def hessian(self) -> Array:
-        """(np_t, np_t) reduced."""
-        return self.eliminated.hessian
-
     def serve(self, values: Array, nodes: Array) -> bool:
         """Whether another point is near enough."""
         far = max(np.abs(values - self.values).max(initial=0.0), np.abs(nodes - self.nodes).max(initial=0.0))
@@ -80,6 +75,11 @@ class TrialState:
     reduced_gradient: Array
     """(np_t,) half gradient."""
     converged: bool
+
+    @property
+    def hessian(self) -> Array:
+        """(np_t, np_t) reduced."""
+        return self.matrices.eliminated.hessian
 
 
 @dataclass(frozen=True)
@@ -262,7 +262,7 @@ class ReducedProblem:
         """Sum the trials up, and remember the point if it is the best."""
         hessian, gradient, cost = np.zeros((len(p), len(p))), np.zeros(len(p)), 0.0
         for trial, columns, share in zip(trials, self.columns, self.shares, strict=True):
-            hessian[np.ix_(columns, columns)] += share * trial.matrices.hessian
+            hessian[np.ix_(columns, columns)] += share * trial.hessian
             gradient[columns] += share * trial.reduced_gradient
             cost += share * trial.cost
         state = ReducedState(p=p.copy(), trials=trials, cost=cost, hessian=hessian, gradient=gradient)

@@ -15,7 +15,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedFit, CombinedSettings, CombinedTrial, combined_fit
-from gaitcal.calibration.error_sources import ErrorSources, TrialScores, nominal_influence, whole_body_scores
+from gaitcal.calibration.error_sources import ErrorSources, TrialScores, nominal_errors, whole_body_scores
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
     InertialFit,
@@ -148,7 +148,7 @@ def calibrate(
     if joint is not None:
         stages[Stage.JP] = parameters, motions
     progress("do motion and forces agree?")
-    influence = nominal_influence() if joint is None else joint.influence
+    influence = nominal_errors() if joint is None else joint.influence
     walks = [t for t in trials if t.joint is None]
     scores = {t.name: _scores(t, motions, parameters, influence) for t in walks}
     diagnosis = diagnose_forces(trials, nominal, parameters, motions, reactions, checked)

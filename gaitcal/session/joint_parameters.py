@@ -29,7 +29,8 @@ from gaitcal.calibration.joint_phases import (
     sequential_phases,
     simultaneous_phases,
 )
-from gaitcal.calibration.joint_prior import WEAK, prior_of_study, task_tissue
+from gaitcal.calibration.joint_prior import WEAK, prior_of_study
+from gaitcal.calibration.soft_tissue_artefact import task_tissue
 from gaitcal.findings import Finding
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, gait_parameters, leg_parameters

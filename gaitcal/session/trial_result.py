@@ -36,7 +36,7 @@ from gaitcal.calibration.error_sources import (
     marker_moves,
     whole_body_scores,
 )
-from gaitcal.calibration.joint_prior import tissue_of_walk
+from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
@@ -224,17 +224,8 @@ def _erring_forces(
     """The final moments with what may be wrong; None for impossible bodies, whose mass matrix has no meaning."""
     if impossible_bodies(parameters.inertial):
         return None
-    return ErringForces(
-        problem=problem,
-        nodes=motion.nodes,
-        parameters=parameters,
-        wrenches=reactions.wrench,
-        free=uncertainty.joint.free if uncertainty.joint else (),
-        moves=moves or marker_moves(problem, motion.nodes, parameters, uncertainty.joint),
-        inertial=uncertainty.inertial,
-        plates=plates,
-        axes=axes,
-    )
+    wrench, joint, inertial = reactions.wrench, uncertainty.joint, uncertainty.inertial
+    return ErringForces(problem, motion.nodes, parameters, wrench, joint, inertial, moves, plates, axes)
 
 
 def axis_deviations(settings: CalibrationSettings) -> Mapping[str, tuple[float, float, float]]:

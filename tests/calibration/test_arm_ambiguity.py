@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gaitcal as gc
-from gaitcal.calibration.identifiability import FAR, arm_ambiguity, told, without_arms
+from gaitcal.calibration.identifiability import LARGEST_ARM_TURN, ambiguous_arm_findings, arm_ambiguity, without_arms
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.motion.start import starting_nodes
 from gaitcal.session.draft import study_of
@@ -31,12 +31,12 @@ def test_an_arm_far_from_where_its_markers_begin(
     body, _ = random_trial(np.random.default_rng(4), PARAMETERS, frames=60, nodes=10)
     start = starting_nodes(body.chain, body.constants(PARAMETERS), body.data, body.basis)
     nodes = start.copy()
-    nodes[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += turn * FAR + whole
+    nodes[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += turn * LARGEST_ARM_TURN + whole
     turned = arm_ambiguity([body, body], [start, nodes], PARAMETERS)
     assert list(turned) == ([side] if found else [])
     if found:
-        assert turned[side] == pytest.approx(turn * FAR)
-        assert f"{np.rad2deg(turn * FAR):.0f} degrees" in told(turned)[0].found
+        assert turned[side] == pytest.approx(turn * LARGEST_ARM_TURN)
+        assert f"{np.rad2deg(turn * LARGEST_ARM_TURN):.0f} degrees" in ambiguous_arm_findings(turned)[0].found
 
 
 def test_only_joints_of_that_arm_stay() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.calibration.combined import CombinedSettings, CombinedTrial, combined_fit
-from gaitcal.calibration.error_sources import coordinate_standard_errors, marker_moves, trial_scores
+from gaitcal.calibration.error_sources import coordinate_standard_errors, marker_moves, whole_body_scores
 from gaitcal.model.parameters import Parameters, symmetric_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.descent import DescentSettings
@@ -36,12 +36,12 @@ def smoothed_trial() -> tuple[TrialProblem, Array]:
 def test_the_source_is_what_more_of_the_penalty_would_do() -> None:
     problem, nodes = smoothed_trial()
     assert problem.smoothing is not None
-    scores = trial_scores(problem, PARAMETERS, nodes)
-    plain = trial_scores(replace(problem, smoothing=None), PARAMETERS, nodes)
+    scores = whole_body_scores(problem, nodes, PARAMETERS, None)
+    plain = whole_body_scores(replace(problem, smoothing=None), nodes, PARAMETERS, None)
     assert scores.clusters == (*plain.clusters, "bandwidth/random")
     stiffer = replace(problem.smoothing, coupling=(1 + STEP) * problem.smoothing.coupling)
     change = (solved(replace(problem, smoothing=stiffer), nodes) - nodes) / STEP
-    source = -scores.nodes[:, -1].reshape(nodes.shape)
+    source = scores.nodes[:, -1].reshape(nodes.shape)
     np.testing.assert_allclose(source, change, rtol=0, atol=FIRST_ORDER * np.abs(change).max())
     assert np.abs(change).max() > 1e-5
 

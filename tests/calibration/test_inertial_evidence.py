@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import nominal_influence
+from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
     LoadedMotion,
@@ -84,7 +84,7 @@ def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
 
 
 def noise_of(trial: LoadedProblem, parameters: Parameters, plates: PlateNoise | None = None) -> ResidualNoise:
-    none = replace(nominal_influence(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    none = replace(nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
     chart = LogChart(parameters.inertial, WHICH)
     return residual_noise([trial], parameters, none, SUBJECT, chart, SUBJECT.height, plates)
 
@@ -161,7 +161,7 @@ def test_what_stays_nominal_makes_scores_as_a_change_of_it_does() -> None:
     """A^T d rho of every column of its spread, squares summed."""
     trial, unmoved = loaded(0.0), spread_of_the_rest(TRUE.inertial, WHICH)
     chart = LogChart(TRUE.inertial, WHICH)
-    none = replace(nominal_influence(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    none = replace(nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
     without, with_it = (
         residual_noise([trial], TRUE, none, SUBJECT, chart, SUBJECT.height, PlateNoise(EXACT, rest=0.0), unmoved=u)
         for u in (None, unmoved)
@@ -260,7 +260,7 @@ def test_joint_parameters_of_which_nothing_is_known_explain_more() -> None:
     trial = loaded(0.005)
     chart = LogChart(TRUE.inertial, WHICH)
     known = noise_of(trial, TRUE)
-    wide = residual_noise([trial], TRUE, nominal_influence(JP_NAMES), SUBJECT, chart, SUBJECT.height)
+    wide = residual_noise([trial], TRUE, nominal_errors(JP_NAMES), SUBJECT, chart, SUBJECT.height)
     assert wide.rms_moment > known.rms_moment
     values = np.linalg.eigvalsh(wide.covariance - known.covariance)
     assert values.min() > -1e-6 * values.max()

@@ -10,7 +10,7 @@ import pytest
 from gaitcal.calibration.error_sources import LEVERAGE_CAP, ErrorSources, marker_moves
 from gaitcal.calibration.identifiability import LARGEST_ORIENTATION, LARGEST_POSITION, unseen_parameters
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints
+from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
@@ -40,9 +40,7 @@ def noisy_trial() -> tuple[TrialProblem, Parameters]:
 def solved(
     problem: TrialProblem, parameters: Parameters, known: ErrorSources | None = None
 ) -> tuple[JointEstimate, ErrorSources]:
-    return estimate_joints(
-        [TaskTrials("knee_r", (problem,))], parameters, FREE, prior=STRONG, settings=EXACT, known=known
-    )
+    return estimate_joints({"knee_r": (problem,)}, parameters, FREE, prior=STRONG, settings=EXACT, known=known)
 
 
 def leverages(problem: TrialProblem, parameters: Parameters, nodes: Array) -> Array:
@@ -82,8 +80,7 @@ def test_standard_errors_are_those_of_repeated_white_noise() -> None:
     draws, errors = [], []
     for _ in range(60):
         trial = problem.with_measured(problem.data.measured + rng.normal(0, 0.003, problem.data.measured.shape))
-        task = TaskTrials("knee_r", (trial,))
-        found, influence = estimate_joints([task], truth, KNEE, prior=None, settings=JointSettings())
+        found, influence = estimate_joints({"knee_r": (trial,)}, truth, KNEE, prior=None, settings=JointSettings())
         draws.append(found.values)
         errors.append(np.sqrt(np.diag(influence.covariance)))
     ratio = np.mean(errors, axis=0) / np.std(draws, axis=0)

@@ -168,7 +168,7 @@ def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
     starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in trials]
     search = JointSearch(trials, start, KNEE, starts, expected=expected)
     even = search.approach(1e-7)
-    search.weigh(shares)
+    search.problem.weigh(shares)
     found = search.run()
     scaled = [problem.scaled(share) for problem, share in zip(trials, shares, strict=True)]
     wanted = JointSearch(scaled, start, KNEE, starts, expected=expected).run()

@@ -12,7 +12,7 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_estimate import (
     DETERMINED,
     JointEstimate,
-    TaskTrials,
+    Tasks,
     _independent_share,
     estimate_joints,
     free_of,
@@ -51,8 +51,8 @@ def hip_trial(seed: int, frames: int = 300, nodes: int = 12) -> tuple[TrialProbl
     return problem, parameters.joint[[JP_INDEX[n] for n in HIP]]
 
 
-def gait(*problems: TrialProblem) -> list[TaskTrials]:
-    return [TaskTrials("gait", problems)]
+def gait(*problems: TrialProblem) -> Tasks:
+    return {"gait": problems}
 
 
 def drawn_nominal(rng: np.random.Generator, truth: Array) -> Parameters:
@@ -70,7 +70,7 @@ def test_without_noise_the_truth_is_found_and_without_markers_the_prior_stays() 
     still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], 300, axis=2))
     kept, spread = estimate_joints(gait(still), wrong, HIP)
     # a joint that does not move tells where its two sides meet, not where along with each: half of the directions
-    assert 2.0 < kept.served < 3.5
+    assert 2.0 < kept.effective_parameters < 3.5
     prior = dict(zip(HIP, np.sqrt(np.diag(prior_of(HIP, None)[1])), strict=True))
     assert spread.standard_errors[HIP[0]] > 0.5 * prior[HIP[0]]
     assert errors.standard_errors[HIP[0]] < 0.02 * prior[HIP[0]]
@@ -220,11 +220,11 @@ def test_a_kind_of_task_has_its_own_noise_whatever_the_others_disagree_about() -
     rng = np.random.default_rng(9)
     elsewhere, _ = random_trial(rng, perturbed_parameters(rng), segments=SEGMENTS, frames=300, nodes=12)
     shaken = elsewhere.data.measured + rng.normal(0, 0.02, quiet.data.measured.shape)
-    tasks = [TaskTrials("hip_r", (replace(quiet, name="isolated"),)), *gait(elsewhere.with_measured(shaken))]
+    isolated = {"hip_r": (replace(quiet, name="isolated"),)}
     wrong = perturbed_parameters(np.random.default_rng(10), 0.01, 0.0)
-    alone = estimate_joints(tasks[:1], wrong, HIP)[0]
-    both = estimate_joints(tasks, wrong, HIP)[0]
-    assert both.noise[:1] == alone.noise == noise_of(tasks[0], wrong, HIP)
+    alone = estimate_joints(isolated, wrong, HIP)[0]
+    both = estimate_joints({**isolated, **gait(elsewhere.with_measured(shaken))}, wrong, HIP)[0]
+    assert both.noise[:1] == alone.noise == tuple(noise_of(isolated["hip_r"], wrong, HIP))
     assert both.noise[1] > 20 * both.noise[0]
     assert both.repeated == alone.repeated == {}
     np.testing.assert_allclose(both.values, truth, atol=2e-4)
@@ -280,7 +280,7 @@ def test_one_trial_told_three_times_counts_as_one() -> None:
         for trials in ((noisy,), (noisy,) * 3, (noisy, second, third))
     )
     assert thrice.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}
-    mixed, _ = estimate_joints([TaskTrials("hip_r", (second,)), *gait(noisy, noisy, noisy)], wrong, HIP)
+    mixed, _ = estimate_joints({"hip_r": (second,), **gait(noisy, noisy, noisy)}, wrong, HIP)
     assert mixed.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}, "whatever other kinds of task there are"
     assert one.repeated == {} and 1.0 <= three.repeated["gait"] < 2.0
     np.testing.assert_allclose(thrice.values, one.values, atol=2e-4)

@@ -12,8 +12,7 @@ from gaitcal.calibration.error_sources import source_of
 from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, JointCalibration, JointTrial, calibrate_by_evidence
-from gaitcal.calibration.joint_prior import GAIT
-from gaitcal.calibration.soft_tissue_artefact import SQUARES, beside, marker_covariance, task_regressors
+from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, marker_covariance, task_regressors
 from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.findings import Severity
 from gaitcal.model.linkage import joint_segments

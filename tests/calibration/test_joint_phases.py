@@ -17,8 +17,8 @@ from gaitcal.calibration.joint_phases import (
     sequential_phases,
     simultaneous_phases,
 )
-from gaitcal.calibration.joint_prior import GAIT, WEAK, TaskTissue
-from gaitcal.calibration.soft_tissue_artefact import SoftTissueScale, task_regressors
+from gaitcal.calibration.joint_prior import WEAK
+from gaitcal.calibration.soft_tissue_artefact import GAIT, SoftTissueScale, TaskTissue, task_regressors
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
@@ -99,7 +99,7 @@ def test_equal_weights_are_those_of_the_plain_sum_of_squares_whatever_the_noises
     np.testing.assert_allclose(values(found.parameters, KNEE), plain.values, atol=1e-8)
     (phase,) = found.phases
     assert phase.noise["isolated"] > 3 * phase.noise["walk"]
-    scores = sum(phase.noise[t.name] ** 2 * s.matrices.hessian for t, s in zip(trials, plain.state.trials, strict=True))
+    scores = sum(phase.noise[t.name] ** 2 * s.hessian for t, s in zip(trials, plain.state.trials, strict=True))
     inverse = np.linalg.inv(plain.state.hessian)
     expected = np.sqrt(np.diag(inverse @ scores @ inverse))
     np.testing.assert_allclose([found.influence.standard_errors[n] for n in KNEE], expected, rtol=1e-5)

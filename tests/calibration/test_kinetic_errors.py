@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration import torque_errors
-from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, nominal_influence
-from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, nominal_errors
+from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.dynamics.joint_kinetics import POWERS, kinetic_values, power_of
@@ -81,7 +81,7 @@ def test_kinetic_errors_are_what_every_source_moves_by_itself() -> None:
     changes += [told(still, fixed, column, measured) for column in spread.T]
     changes += [told(still, fixed, rigid, other) for other in plate_changes(wrench, rates)]
     influence = ErrorSources(free, moves.shift, tuple(f"source {k}" for k in range(others)))
-    found = torque_standard_errors(problem, nodes, parameters, wrench, influence, spread, moves, plates)
+    found = ErringForces(problem, nodes, parameters, wrench, influence, spread, moves, plates).errors()
     assert_errors(found, np.array(changes))
     assert found.kinetics is not None and found.kinetics.own is not None
     own_part = np.sqrt((np.array(changes[:own]) ** 2).sum(axis=0))[:, : len(POWERS)]
@@ -95,9 +95,9 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monk
     rng = np.random.default_rng(53)
     parameters = perturbed_parameters(rng)
     problem, nodes = random_trial(rng, parameters, frames=80, nodes=9)
-    wrench, known, axes = rng.normal(0, 300, (80, 2, 6)), nominal_influence(FREE), AxisErrors(parameters)
+    wrench, known, axes = rng.normal(0, 300, (80, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
     exact, turned = (
-        torque_standard_errors(problem, nodes, parameters, wrench, known, None, axes=a) for a in (None, axes)
+        ErringForces(problem, nodes, parameters, wrench, known, None, axes=a).errors() for a in (None, axes)
     )
     assert exact.kinetics is not None and turned.kinetics is not None
     inner = slice(2, -2)  # rates of the moves are differences between frames, one-sided at the ends
@@ -115,7 +115,7 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monk
         if name.startswith(("hip", "lumbar")):
             np.testing.assert_allclose(jcs[:, k], turned.every[:, FORCES.index(name)], rtol=1e-7, err_msg=name)
     monkeypatch.setattr(torque_errors, "BLOCK", 7)
-    in_parts = torque_standard_errors(problem, nodes, parameters, wrench, known, None, axes=axes).kinetics
+    in_parts = ErringForces(problem, nodes, parameters, wrench, known, None, axes=axes).errors().kinetics
     assert in_parts is not None
     np.testing.assert_allclose(in_parts.power, turned.kinetics.power, rtol=1e-9)
     np.testing.assert_allclose(in_parts.moment, turned.kinetics.moment, rtol=1e-9)

@@ -102,7 +102,6 @@ def test_soft_tissue_moves_with_the_joints_at_both_ends_of_its_segment() -> None
     assert beside("shank_l") == ("knee_angle_l", "ankle_angle_l")
     assert beside("foot_r") == ("ankle_angle_r", "subtalar_angle_r")
     assert set(beside("pelvis")) == {f"hip_{m}_{s}" for m in ("flexion", "adduction", "rotation") for s in "rl"}
-    assert beside("talus_r") == ()
 
 
 def test_regressors_are_angles_by_their_spread_over_all_trials_of_a_kind() -> None:

@@ -17,11 +17,11 @@ from gaitcal.calibration.error_sources import (
     _product_squares,
     coordinate_standard_errors,
     marker_moves,
-    nominal_influence,
+    nominal_errors,
     source_of,
 )
 from gaitcal.calibration.joint_calibration import JointSearch
-from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors
@@ -87,7 +87,7 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
     errors += [(still, np.zeros(len(FREE)), column) for column in spread.T]
     changes = np.array([moved_torques(problem, nodes, parameters, wrench, error) for error in errors])
     dense = np.sqrt((changes**2).sum(axis=0))
-    errors_found = torque_standard_errors(problem, nodes, parameters, wrench, influence, spread, moves)
+    errors_found = ErringForces(problem, nodes, parameters, wrench, influence, spread, moves).errors()
     found = errors_found.every
     np.testing.assert_allclose(found, dense, rtol=0, atol=DIFFERENCES * dense.max())
     groups = {
@@ -116,9 +116,9 @@ def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_tha
     weight = problem.data.weight.copy()
     weight[[problem.chain.segments[s].startswith("forearm") for s in problem.data.segment]] = 0.0
     problem = problem.with_weight(weight)
-    wrench, known, axes = rng.normal(0, 300, (14, 2, 6)), nominal_influence(FREE), AxisErrors(parameters)
+    wrench, known, axes = rng.normal(0, 300, (14, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
     exact, moved = (
-        torque_standard_errors(problem, nodes, parameters, wrench, known, None, axes=a) for a in (None, axes)
+        ErringForces(problem, nodes, parameters, wrench, known, None, axes=a).errors() for a in (None, axes)
     )
     assert ErrorSource.FRAMES not in exact.by_source
     for source, variance in exact.by_source.items():
@@ -139,9 +139,9 @@ def test_force_plates_add_their_own_part_and_change_no_other() -> None:
     parameters = perturbed_parameters(rng)
     problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
     wrench = rng.normal(0, 300, (14, 2, 6))
-    known = nominal_influence(FREE)
+    known = nominal_errors(FREE)
     exact, moved = (
-        torque_standard_errors(problem, nodes, parameters, wrench, known, None, plates=plates)
+        ErringForces(problem, nodes, parameters, wrench, known, None, plates=plates).errors()
         for plates in (None, PlateErrors(place=0.003, gain=0.01, clock=0.002))
     )
     assert ErrorSource.PLATES not in exact.by_source
@@ -227,13 +227,13 @@ def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
     closed = problem.with_free(())
     start = starting_nodes(closed.chain, closed.constants(model.parameters), problem.data, problem.basis)
     fit = JointSearch([problem], model.parameters, free, [start]).run()
-    influence = nominal_influence(free)
+    influence = nominal_errors(free)
     wrench = residual_free_wrench(model.parameters, motion)
 
     moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
 
     def errors() -> tuple[np.ndarray, np.ndarray]:
-        torques = torque_errors.torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None)
+        torques = torque_errors.ErringForces(problem, fit.nodes[0], fit.parameters, wrench, influence, None).errors()
         return torques.every, coordinate_standard_errors(problem, moves)
 
     torques, coordinates = errors()
