@@ -168,8 +168,9 @@ def root_equations(regressor: Array, ground: Array, weight: float, length: float
     rows = np.concatenate([regressor.reshape(nf, 6, -1), ground[:, :, None]], axis=2)
     width = rows.shape[2]
     # triangular rows with the same norm in every direction
-    force, moment = (np.linalg.qr(part.reshape(3 * nf, width), mode="r") for part in (rows[:, :3], rows[:, 3:]))
-    stacked = np.linalg.qr(np.vstack([force / weight, moment / (weight * length)]), mode="r")
+    parts = (part.reshape(3 * nf, width) for part in (rows[:, :3], rows[:, 3:]))
+    force, moment = (np.asarray(np.linalg.qr(part, mode="r")) for part in parts)
+    stacked = np.asarray(np.linalg.qr(np.vstack([force / weight, moment / (weight * length)]), mode="r"))
     return RootEquations(factor=stacked[:, :-1], target=stacked[:, -1], frames=nf, force_rows=force, moment_rows=moment)
 
 

@@ -339,7 +339,7 @@ def shared_plates(
             sole = sole_of(feet, other, step.frames)
             here = sole.resting & ~sole.beside([step.plate])
             here &= sole.beside([plate for plate in surface if plate is not step.plate])
-            much = (sole.share_of_halves(here) > MOST_BESIDE).any(axis=1)
+            much = np.asarray((sole.share_of_halves(here) > MOST_BESIDE).any(axis=1))
             both = own & near(_marked(step.frames, len(time), much), time)
         else:
             both = own & on_floor[:, other] & _leaves_sole(step, steps, feet, on_floor[:, other])
