@@ -147,6 +147,22 @@ def _advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
     return f"the isolated {kind} trial moves {had}, enough: these stay as uncertain as their error bars say"
 
 
+def _finding(
+    code: Code, cause: str, found: str, cure: str, leg: str = "", severity: Severity = Severity.INFO
+) -> Finding:
+    return Finding(
+        severity=severity,
+        topic="joint parameters",
+        where=STUDY,
+        cause=cause,
+        found=found,
+        cure=cure,
+        leg=leg,
+        weight=10.0 if severity is Severity.ERROR else 1.0,
+        code=code,
+    )
+
+
 def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, ...]:
     """One note a joint: what is not determined, what was done, what to record given what was (`turned`).
 
@@ -156,18 +172,9 @@ def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, 
     for joint in dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen):
         own = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
         kind = JOINT_TABLE[split_side(joint)[0]].power
-        out.append(
-            Finding(
-                severity=Severity.INFO,
-                topic="joint parameters",
-                where=STUDY,
-                cause=f"{joint} is not fully determined",
-                found=f"{', '.join(own)} not determined; {done}",
-                cure=_advice(joint, kind, turned.get(f"{kind}_{joint[-1]}", {})),
-                leg=joint[-1],
-                code=Code.UNDETERMINED,
-            )
-        )
+        cause, found = f"{joint} is not fully determined", f"{', '.join(own)} not determined; {done}"
+        advice = _advice(joint, kind, turned.get(f"{kind}_{joint[-1]}", {}))
+        out.append(_finding(Code.UNDETERMINED, cause, found, advice, joint[-1]))
     return tuple(out)
 
 
@@ -179,34 +186,22 @@ def beyond_bounds(names: Sequence[str]) -> tuple[Finding, ...]:
     for joint in dict.fromkeys(name.split(".")[0] for name in names):
         own = [name for name in names if name.split(".")[0] == joint]
         leg = own[0] in legs
-        if leg and many:
-            continue
-        out.append(
-            Finding(
-                severity=Severity.WARNING if leg else Severity.INFO,
-                topic="joint parameters",
-                where=STUDY,
-                cause=f"{joint} lies further from where the static trial has it than people do",
-                found=f"{listed(own)} on the bound of how far it may move, or beyond",
-                cure="look at the landmarks of the static trial, and whether the trials are of this person and joint",
-                leg=joint[-1] if leg else "",
-                code=Code.JOINT_AT_BOUND,
+        if not (leg and many):
+            out.append(
+                _finding(
+                    Code.JOINT_AT_BOUND,
+                    f"{joint} lies further from where the static trial has it than people do",
+                    f"{listed(own)} on the bound of how far it may move, or beyond",
+                    "look at the landmarks of the static trial, and whether the trials are of this person and joint",
+                    joint[-1] if leg else "",
+                    Severity.WARNING if leg else Severity.INFO,
+                )
             )
-        )
     if many:
         found = f"{len(legs)} joint parameters are on the bound of how far they may move, or beyond: {listed(legs)}"
-        out.append(
-            Finding(
-                severity=Severity.ERROR,
-                topic="joint parameters",
-                where=STUDY,
-                cause="the static trial does not show the body of the moving trials",
-                found=found,
-                cure="is it of another person, or of another day, with the markers in other places?",
-                weight=10.0,
-                code=Code.OTHER_BODY,
-            )
-        )
+        cause = "the static trial does not show the body of the moving trials"
+        cure = "is it of another person, or of another day, with the markers in other places?"
+        out.append(_finding(Code.OTHER_BODY, cause, found, cure, severity=Severity.ERROR))
     return tuple(out)
 
 
@@ -236,15 +231,12 @@ def without_arms(free: Sequence[str], sides: Mapping[str, float]) -> tuple[str, 
 def ambiguous_arm_findings(sides: Mapping[str, float]) -> tuple[Finding, ...]:
     """A note an arm."""
     return tuple(
-        Finding(
-            severity=Severity.INFO,
-            topic="joint parameters",
-            where=STUDY,
-            cause=f"shoulder and elbow of the {SIDE_WORDS[side]} arm stay nominal",
-            found=f"their fit turned the arm by {np.rad2deg(turn):.0f} degrees, which no arm does: its markers do not "
-            "tell how the upper arm is turned about its length",
-            cure="nothing, where only legs matter; a second marker on the upper arm tells it",
-            code=Code.UNDETERMINED,
+        _finding(
+            Code.UNDETERMINED,
+            f"shoulder and elbow of the {SIDE_WORDS[side]} arm stay nominal",
+            f"their fit turned the arm by {np.rad2deg(turn):.0f} degrees, which no arm does: its markers do not tell how "
+            "the upper arm is turned about its length",
+            "nothing, where only legs matter; a second marker on the upper arm tells it",
         )
         for side, turn in sides.items()
     )

@@ -265,7 +265,7 @@ def fit_phase(
 def sequential_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
     """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials.
 
-    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate.
+    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate (so below).
     """
     phases = [
         _phase(f"joint:{joint}", [t for t in trials if t.joint == joint], isolated_parameters(joint))
@@ -278,10 +278,7 @@ def sequential_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str
 
 
 def simultaneous_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
-    """All trials at once: every parameter that an isolated trial determines, and those of `gait` where there is gait.
-
-    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate.
-    """
+    """All trials at once: every parameter that an isolated trial determines, and those of `gait` where there is gait."""
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
     of_gait = {name for names in gait.values() for name in names}
     wanted = {name for t in used for name in (of_gait if t.joint is None else isolated_parameters(t.joint))}
@@ -328,24 +325,22 @@ def calibrate_by_evidence(
     """Joint parameters of the legs of `sides`, of the trunk and of the arms; those beyond `bounds` are told."""
     how = PhaseSettings(prior=prior)
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
-    lower = {t.name: t.fitted if t.joint else segments_of(t.fitted, LOWER_BODY, nominal) for t in used}
-    free = free_of(list(lower.values()), [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
+    kinds = list(dict.fromkeys(t.kind for t in used))
+    legs = [
+        replace(t, fitted=t.fitted if t.joint else segments_of(t.fitted, LOWER_BODY, nominal))
+        for t in sorted(used, key=lambda t: kinds.index(t.kind))
+    ]
+    free = free_of([t.fitted for t in legs], [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
     done, tissue = list[FittedPhase](), dict[str, SoftTissue]()
     if free:
-        of_legs = [replace(t, fitted=lower[t.name]) for t in used]
-        soft = task_tissue({t.name: t.kind for t in _by_kind(of_legs)}, lower, nominal)
-        plan = replace(_phase("joint parameters of the legs", of_legs, ()), free=free).with_tissue(soft)
+        soft = task_tissue({t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal)
+        plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(soft)
         found = fit_phase(plan, nominal, how)
         errors, notes = _with_found_tissue(found), _tissue_notes(soft.scales, found.estimate)
         done.append(replace(found, errors=errors, notes=notes))
-        tissue = soft.of_bodies({t.name: t.body for t in _by_kind(of_legs)}, plan.tissue.keys)
+        tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
     done += _trunk_and_arms(trials, nominal, how)
     return replace(_calibration_of(done, nominal, prior, bounds, nominal_errors(prior=prior)), tissue=tissue)
-
-
-def _by_kind(trials: Sequence[JointTrial]) -> list[JointTrial]:
-    kinds = list(dict.fromkeys(t.kind for t in trials))
-    return sorted(trials, key=lambda t: kinds.index(t.kind))
 
 
 def _with_found_tissue(phase: FittedPhase) -> ErrorSources:
@@ -361,14 +356,14 @@ def _with_found_tissue(phase: FittedPhase) -> ErrorSources:
 def _tissue_notes(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate) -> tuple[str, ...]:
     """What soft tissue was found, and how far repeated trials repeat their errors."""
     named = {GAIT if kind == GAIT else "isolated trials": scale for kind, scale in scales.items()}
-    told = ", ".join(
+    sizes = ", ".join(
         f"{kind} {np.sqrt(scale.linear):.2g}"
         + (f" (and {np.sqrt(scale.squares):.2g} with the squares of angles)" if scale.squares >= LEAST_SQUARES else "")
         for kind, scale in named.items()
     )
     out = [
         "soft tissue moves the markers with the joints beside them, by this much of what people show in such a task: "
-        f"{told}; the joint parameters were fitted together with it"
+        f"{sizes}; the joint parameters were fitted together with it"
     ]
     out += [
         f"the trials of {kind} repeat each other's errors: each counts as one of {repeated:.1f} that say the same"

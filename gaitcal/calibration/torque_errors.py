@@ -24,8 +24,7 @@ from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.dynamics.joint_kinetics import kinetic_errors, kinetic_slopes
-from gaitcal.dynamics.joint_moments import HELD
+from gaitcal.dynamics.joint_kinetics import HELD, kinetic_errors, kinetic_slopes
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
 from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.motion.trial_problem import TrialProblem

@@ -210,7 +210,7 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     solved = BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
     whole = equations.parameters - equations.mixed.T @ solved
     np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())
-    assert kept.state.trials[0].matrices.serve(kept.values, kept.nodes[0])
+    assert kept.state.trials[0].matrices.near(kept.values, kept.nodes[0])
     np.testing.assert_array_equal(kept.state.trials[0].matrices.values, kept.values)
     monkeypatch.setattr(open_motion, "KEPT_WITHIN", 0.0)
     monkeypatch.setattr(reduced_problem, "CORRECTOR", replace(reduced_problem.CORRECTOR, keep_within=0.0))

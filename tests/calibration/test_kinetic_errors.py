@@ -10,8 +10,7 @@ from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, n
 from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.dynamics.joint_kinetics import POWERS, kinetic_values, power_of
-from gaitcal.dynamics.joint_moments import COMPONENTS, VECTOR_FRAMES, MomentFrame
+from gaitcal.dynamics.joint_kinetics import COMPONENTS, POWERS, VECTOR_FRAMES, MomentFrame, kinetic_values, power_of
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.model.parameters import IP_NAMES, JP_INDEX, gait_parameters
 from tests.calibration.test_torque_errors import plate_changes

@@ -10,7 +10,7 @@ import pytest
 
 from gaitcal.dynamics.derivatives import FRAMES_AT_ONCE, force_derivatives, root_residual
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, inverse_dynamics, pelvis_residual
-from gaitcal.dynamics.joint_moments import HELD
+from gaitcal.dynamics.joint_kinetics import HELD
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, dynamic_parameters, gait_parameters, leg_parameters

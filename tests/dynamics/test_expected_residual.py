@@ -11,7 +11,7 @@ import pytest
 from gaitcal.arrays import Array
 from gaitcal.dynamics import expected_residual as module
 from gaitcal.dynamics.axis_errors import TorqueErrors
-from gaitcal.dynamics.expected_residual import PELVIS, TAU, USUAL, ExpectedResidual, expected_residual
+from gaitcal.dynamics.expected_residual import BASELINE, PELVIS, TAU, ExpectedResidual, expected_residual
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.session.result import LoadedTrial, TrialResult
 from tests.fake_result import fake_calibration
@@ -48,7 +48,7 @@ def held(residual: Array, bar: Array, wrench: Array | None = None) -> ExpectedRe
 
 
 def usual() -> Array:
-    return np.asarray(USUAL * np.repeat([WEIGHT, loads().final.bwh], 3))
+    return np.asarray(BASELINE * np.repeat([WEIGHT, loads().final.bwh], 3))
 
 
 def test_without_errors_a_walk_is_expected_to_leave_what_walks_leave() -> None:

@@ -13,15 +13,20 @@ from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import (
+    COMPONENTS,
+    HELD,
+    NET_JOINTS,
     POWER_JOINTS,
     POWERS,
+    VECTOR_FRAMES,
     JointKinetics,
     KineticErrors,
+    MomentFrame,
     component_of,
     kinetic_values,
+    moment_slopes,
     power_of,
 )
-from gaitcal.dynamics.joint_moments import COMPONENTS, HELD, NET_JOINTS, VECTOR_FRAMES, MomentFrame, moment_slopes
 from gaitcal.export.joint_frames import joint_frames
 from gaitcal.model.linkage import COORDINATES, JOINT_OF_CHILD
 from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, gait_parameters, leg_parameters, table

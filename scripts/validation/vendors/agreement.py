@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.joint_moments import MomentFrame
+from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.model.linkage import SIDES
 from scripts.validation.vendors.curves import QUANTITIES, UNITS, Quantity, sign_of, unit_of
 from scripts.validation.vendors.walks import Walk

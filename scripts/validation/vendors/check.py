@@ -20,7 +20,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gaitcal.dynamics.joint_moments import VECTOR_FRAMES, MomentFrame
+from gaitcal.dynamics.joint_kinetics import VECTOR_FRAMES, MomentFrame
 from gaitcal.model.linkage import SIDES
 from scripts.validation.harness import matching, say
 from scripts.validation.vendors.agreement import agreement, unit_of_walks
