@@ -234,8 +234,8 @@ def ambiguous_arm_findings(sides: Mapping[str, float]) -> tuple[Finding, ...]:
         _finding(
             Code.UNDETERMINED,
             f"shoulder and elbow of the {SIDE_WORDS[side]} arm stay nominal",
-            f"their fit turned the arm by {np.rad2deg(turn):.0f} degrees, which no arm does: its markers do not tell how "
-            "the upper arm is turned about its length",
+            f"their fit turned the arm by {np.rad2deg(turn):.0f} degrees, which no arm does: its markers do not tell "
+            "how the upper arm is turned about its length",
             "nothing, where only legs matter; a second marker on the upper arm tells it",
         )
         for side, turn in sides.items()

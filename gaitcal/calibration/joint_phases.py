@@ -278,7 +278,7 @@ def sequential_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str
 
 
 def simultaneous_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
-    """All trials at once: every parameter that an isolated trial determines, and those of `gait` where there is gait."""
+    """All trials at once: every parameter that an isolated trial determines, and those of `gait` if there is gait."""
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
     of_gait = {name for names in gait.values() for name in names}
     wanted = {name for t in used for name in (of_gait if t.joint is None else isolated_parameters(t.joint))}

@@ -15,10 +15,10 @@ distributed (Satterthwaite, Biometrics Bulletin 2:110-114, 1946) with
 
     n = (sum_i V_i)^2 / sum_i (S_i^2 + A_i^2 / max(1, T / TAU)).
 
-What is asked of simulations (Hicks et al., Journal of Biomechanical Engineering 2015), a residual force under 5 % of the
-peak net external force and a residual moment under 1 % of the height of the mass centre times that force, are limits of
-a magnitude, for motions that were changed until they agree with the forces. They are drawn beside its course; nothing
-is judged by them, as few walks lie within as they are measured: plates have the impact of a heel, a smoothed motion not.
+What is asked of simulations (Hicks et al., Journal of Biomechanical Engineering 2015), a residual force under 5 % of
+the peak net external force and a residual moment under 1 % of the height of the mass centre times that force, are
+limits of a magnitude, for motions that were changed until they agree with the forces. They are drawn beside its course;
+nothing is judged by them: plates have the impact of a heel, and a smoothed motion does not.
 """
 
 from __future__ import annotations

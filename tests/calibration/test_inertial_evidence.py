@@ -34,7 +34,7 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, Parameters, full_set, is_physical, symmetric_set, table
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, full_set, is_physical, symmetric_set, table
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.spline import NodeRule, frame_rate, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
@@ -254,16 +254,6 @@ def test_expected_residuals_are_those_of_noise_repeated() -> None:
         expected.append((noise.rms_force**2, noise.rms_moment**2))
     ratio = np.sqrt(np.mean(expected, axis=0) / np.mean(seen, axis=0))
     assert (ratio > 0.67).all() and (ratio < 1.5).all(), ratio
-
-
-def test_joint_parameters_of_which_nothing_is_known_explain_more() -> None:
-    trial = loaded(0.005)
-    chart = LogChart(TRUE.inertial, WHICH)
-    known = noise_of(trial, TRUE)
-    wide = residual_noise([trial], TRUE, nominal_errors(JP_NAMES), SUBJECT, chart, SUBJECT.height)
-    assert wide.rms_moment > known.rms_moment
-    values = np.linalg.eigvalsh(wide.covariance - known.covariance)
-    assert values.min() > -1e-6 * values.max()
 
 
 def test_the_bayes_factor_is_that_of_two_normal_distributions() -> None:

@@ -160,32 +160,6 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
         np.testing.assert_allclose(gap, 0.0, atol=1e-4)
 
 
-def test_soft_tissue_that_is_not_fitted_moves_no_estimate_and_bars_hold_the_truth() -> None:
-    """Skin in step with the joint, drawn from its prior 30 times: noise alone knows nothing of it."""
-    rng, inside = np.random.default_rng(12), dict[bool, list[Array]]()
-    problem, truth = hip_trial(3, frames=200, nodes=30)
-    nodes = problem.basis.fit(np.column_stack([0.4 * np.sin(k * np.linspace(0, 7, 200)) for k in range(1, 10)]))
-    parameters = perturbed_parameters(rng, 0.0, 0.0).with_joint(HIP, truth)
-    names = problem.chain.coordinates
-    (psi,) = task_regressors([dict(zip(names, problem.basis.evaluate(nodes).T, strict=True))])
-    problem = replace(problem, tissue=tissue_of(problem, "gait", psi))
-    prior = tissue_prior([problem], {"gait": SoftTissueScale(1.0)})
-    for _ in range(30):
-        at = problem.displaced(rng.multivariate_normal(np.zeros(len(prior.keys)), prior.covariance))
-        seen = at.positions(nodes, at.constants(parameters))
-        trial = problem.with_measured(seen + rng.normal(0, 5e-4, seen.shape))
-        nominal, found = drawn_nominal(rng, truth), dict[bool, JointEstimate]()
-        for soft in (False, True):
-            task, columns = (trial, prior) if soft else (replace(trial, tissue=None), NO_TISSUE)
-            found[soft], errors = estimate_joints(
-                gait(task), nominal, HIP, tissue=columns, fits_tissue=False, prior=None, equal_weights=True
-            )
-            bars = np.array([errors.standard_errors[name] for name in HIP])
-            inside.setdefault(soft, []).append(np.abs(found[soft].values - truth) < 1.96 * bars)
-        np.testing.assert_array_equal(found[True].values, found[False].values)
-    assert np.mean(inside[False]) < 0.6 and np.mean(inside[True]) > 0.9
-
-
 def test_a_joint_is_free_where_both_its_segments_show_markers() -> None:
     rng = np.random.default_rng(6)
     problem, _ = random_trial(rng, perturbed_parameters(rng), segments=LOWER_BODY)

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.error_sources import source_of
-from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, JointCalibration, JointTrial, calibrate_by_evidence
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, marker_covariance, task_regressors
 from gaitcal.dynamics.axis_errors import ErrorSource
-from gaitcal.findings import Severity
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_NAMES, Parameters
 from gaitcal.motion.trial_problem import TrialProblem
@@ -109,15 +107,3 @@ def test_squares_of_angles_have_columns_where_markers_show_them(bent: float) -> 
     found = calibrated(0.3, bent)
     squares = [key for key in found.tissue["nominal"].keys if SQUARES in key]
     assert bool(squares) is ("squares of angles" in found.notes[-1]) is bool(bent)
-
-
-def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
-    (one,) = beyond_bounds(["hip_r.thigh.sup", "hip_r.thigh.ant"])
-    assert (one.severity, one.leg) == (Severity.WARNING, "r") and "hip_r lies further" in one.cause
-    (arm,) = beyond_bounds(["shoulder_l.trunk.front"])
-    assert arm.severity is Severity.INFO
-    own = ["knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.shank.ant", "knee_r.shank.sup"]
-    assert [f.severity for f in beyond_bounds(own)] == [Severity.WARNING], "four of one joint are one odd joint"
-    *arms, body = beyond_bounds(["shoulder_l.trunk.front", *own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"])
-    assert body.severity is Severity.ERROR and "does not show the body" in body.cause
-    assert [f.severity for f in arms] == [Severity.INFO]

@@ -155,25 +155,6 @@ def test_torques_are_projections_of_the_vectors_on_their_axes() -> None:
         np.testing.assert_allclose(along, tau[:, FORCES.index(name)], atol=ROUNDING, err_msg=name)
 
 
-def test_joint_powers_are_moments_times_relative_angular_velocities() -> None:
-    """Of joints whose axes meet in a point, and of hinges."""
-    q, v, a, wrench = state()
-    power, moment = kinetic_values(PARAMETERS, q, v, a, wrench)
-    for f in range(len(q)):
-        segments = Segments(PARAMETERS, q[f], v[f], a[f])
-        for joint in NET_JOINTS:
-            if joint.name.startswith("ankle"):
-                continue
-            above = segments.pose[1][joint.proximal].rotation
-            side = -1.0 if joint.name.endswith("_l") else 1.0
-            flexion = -1.0 if joint.name.startswith("knee") else 1.0
-            columns = [COMPONENTS.index(name) for name in joint.components]
-            vector = above[:, [2, 0, 1]] @ (np.array([flexion, side, side]) * moment[f, 0, columns])
-            relative = segments.turning(joint.distal)[0] - segments.turning(joint.proximal)[0]
-            expected = vector @ relative
-            assert power[f, POWERS.index(joint.name)] == pytest.approx(expected, rel=1e-5, abs=DIFFERENCES)
-
-
 def test_powers_of_all_joints_change_the_energy_of_the_body() -> None:
     """With what the pelvis residual and the ground do: the ankle, whose hinges do not meet, too."""
     q, v, a, wrench = state()
