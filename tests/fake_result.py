@@ -159,7 +159,7 @@ def _joint(parameters: Any) -> JointCalibration:
         parameters=parameters,
         phases=(),
         free=FREE,
-        influence=cast(Any, ()),
+        errors=cast(Any, ()),
         unidentifiable=UNSEEN,
         findings=(),
         at_bound=("knee_r.thigh.front",),

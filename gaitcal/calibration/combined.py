@@ -120,18 +120,15 @@ class _MarkersAndLoads(SharedTrials):
         self.nothing_left = 0.0
         self.trials = trials
         self.precision = 1.0 / self.chart.spread(settings.spread)
-        self.sigma = self._marker_sigma()
+        square = count = 0.0
+        for trial, problem in zip(trials, self.open, strict=True):
+            square += problem.marker_cost(trial.nodes, problem.constants(parameters))
+            count += 3.0 * float((problem.data.weight > 0).sum())
+        self.sigma = float(np.sqrt(square / count))
+        """m per coordinate: the marker residual at the start, over all trials."""
         scale = settings.load_share * subject.weight
         self.load_weight = np.repeat([1.0 / scale, 1.0 / (scale * subject.height)], 3)
         """(6,) one over sigma_F (1/N) and sigma_T (1/(N m))."""
-
-    def _marker_sigma(self) -> float:
-        """Marker error in m per coordinate: the marker residual at the start, over all trials."""
-        total, count = 0.0, 0.0
-        for trial, problem in zip(self.trials, self.open, strict=True):
-            total += problem.marker_cost(trial.nodes, problem.constants(self.parameters))
-            count += 3.0 * float((problem.data.weight > 0).sum())
-        return float(np.sqrt(total / count))
 
     def parameters_at(self, theta: Array) -> Parameters:
         """The linkage at theta."""
@@ -140,7 +137,7 @@ class _MarkersAndLoads(SharedTrials):
         return moved.with_inertial(self.chart.inertial(theta[split:]))
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Cost and half gradient, without unit."""
+        """Cost and half gradient, without unit; joint parameters are held by the markers alone."""
         return self.linearise(x, curved=False).evaluation
 
     def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
@@ -148,40 +145,27 @@ class _MarkersAndLoads(SharedTrials):
         theta, nodes = self.parted(x)
         parameters = self.parameters_at(theta)
         equations = [self._trial(k, parameters, theta, n) for k, n in enumerate(nodes)]
-        everything = [np.arange(self.size)] * len(equations)
-        return ArrowEquations(equations, everything, self.size, self._prior(theta))
-
-    def _prior(self, theta: Array) -> SharedPrior:
-        """|x / spread|^2; joint parameters are held by the markers alone."""
-        precision = np.concatenate([np.zeros(len(self.free)), self.precision])
+        precision = np.concatenate([np.zeros(len(self.free)), self.precision])  # markers alone hold joint parameters
         scaled = precision * theta
-        return SharedPrior(float(scaled @ scaled), precision * scaled, np.diag(precision**2))
+        prior = SharedPrior(float(scaled @ scaled), precision * scaled, np.diag(precision**2))
+        return ArrowEquations(equations, [np.arange(self.size)] * len(equations), self.size, prior)
 
     def _trial(self, k: int, parameters: Parameters, theta: Array, nodes: Array) -> NormalEquations:
         """One trial's markers in units of sigma_m, its parameters placed in theta, and its loads."""
         problem, trial, columns = self.open[k], self.trials[k], self.columns[k]
-        marker = problem.equations(nodes, problem.constants(parameters))
-        share = 1.0 / self.sigma**2
+        marker = problem.equations(nodes, problem.constants(parameters)).scaled(1.0 / self.sigma**2)
         mixed, corner = np.zeros((nodes.size, self.size)), np.zeros((self.size, self.size))
-        corner_gradient = np.zeros(self.size)
-        mixed[:, columns] = share * marker.mixed
-        corner[np.ix_(columns, columns)] = share * marker.parameters
-        corner_gradient[columns] = share * marker.parameter_gradient
-        scaled = NormalEquations(
-            cost=share * marker.cost,
-            band=share * marker.band,
-            mixed=mixed,
-            parameters=corner,
-            node_gradient=share * marker.node_gradient,
-            parameter_gradient=corner_gradient,
-        )
+        gradient = np.zeros(self.size)
+        mixed[:, columns], gradient[columns] = marker.mixed, marker.parameter_gradient
+        corner[np.ix_(columns, columns)] = marker.parameters
+        placed = replace(marker, mixed=mixed, parameters=corner, parameter_gradient=gradient)
         if trial.wrench is None:
-            return scaled
+            return placed
         valid = np.ones(len(problem.basis.time), bool) if trial.valid is None else trial.valid
         q, v, a = (problem.basis.evaluate(nodes, d)[valid] for d in range(3))
         load = root_residual(parameters, self.free, q, v, a, trial.wrench[valid])
         by_theta = self._by_theta(load, parameters, theta)
-        return _with_loads(scaled, problem.basis, valid, load, by_theta, self.load_weight)
+        return _with_loads(placed, problem.basis, valid, load, by_theta, self.load_weight)
 
     def _by_theta(self, load: RootResidual, parameters: Parameters, theta: Array) -> Array:
         """(frames, 6, size) derivative of the root residual by theta, in its standard deviations."""

@@ -246,7 +246,8 @@ def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: 
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
     for m, segment in enumerate(data.segment):
         own = np.flatnonzero(chain.support[:nq, segment])
-        velocity = _point_velocity(spatial[own], x[m])
+        v, w = spatial[own, :3], spatial[own, 3:]
+        velocity = v + np.cross(w, x[m][None], axis=1)
         # h = w J (J^T W J)^-1 J^T of this marker's three axes in its own frame: what the motion absorbs of it
         by_frame = velocity.transpose(2, 1, 0)
         met = by_frame @ inverse[np.ix_(np.arange(len(q)), own, own)]
@@ -256,16 +257,6 @@ def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: 
         for i in range(3):
             by_node[:, own, 3 * m + i] = (pull[:, i] @ matrix).T
     out: Array = by_node.reshape(basis.nodes * nq, -1)
-    return out
-
-
-def _point_velocity(spatial: Array, x: Array) -> Array:
-    """(nk, 3, nf) velocity v + w x x of the point x (3, nf) for spatial velocities (nk, 6, nf)."""
-    v, w = spatial[:, :3], spatial[:, 3:]
-    out = v.copy()
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[:, i] += w[:, j] * x[k] - w[:, k] * x[j]
     return out
 
 

@@ -119,7 +119,7 @@ class JointCalibration:
     phases: tuple[Phase, ...]
     free: tuple[str, ...]
     """Every joint parameter that was fitted."""
-    influence: ErrorSources
+    errors: ErrorSources
     """Errors of all joint parameters by source, fitted or not."""
     unidentifiable: tuple[str, ...]
     """Parameters that were to be fitted and that the trials cannot see; they keep their nominal value, or stay where
@@ -436,7 +436,7 @@ def _calibration_of(
         parameters=parameters,
         phases=tuple(phase.summary for phase in done),
         free=free,
-        influence=known,
+        errors=known,
         unidentifiable=unseen,
         findings=(
             *(finding for phase in done for finding in phase.findings),

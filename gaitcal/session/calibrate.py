@@ -148,7 +148,7 @@ def calibrate(
     if joint is not None:
         stages[Stage.JP] = parameters, motions
     progress("do motion and forces agree?")
-    influence = nominal_errors() if joint is None else joint.influence
+    influence = nominal_errors() if joint is None else joint.errors
     walks = [t for t in trials if t.joint is None]
     scores = {t.name: _scores(t, motions, parameters, influence) for t in walks}
     diagnosis = diagnose_forces(trials, nominal, parameters, motions, reactions, checked)

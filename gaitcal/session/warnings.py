@@ -63,7 +63,7 @@ def calibration_findings(
     settings, places = study.settings, tuple[Finding, ...]()
     if joint is not None:
         prior = prior_of_study(settings.joint_prior, study.joint_prior)
-        places = tuple(joint_place_findings(nominal, parameters, joint.influence, prior, isolated))
+        places = tuple(joint_place_findings(nominal, parameters, joint.errors, prior, isolated))
     return (*bodies_that_cannot_be(settings, parameters), *disagreements(results), *unfinished(phases), *places)
 
 

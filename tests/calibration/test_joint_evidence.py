@@ -56,9 +56,9 @@ def nominal() -> Parameters:
 def test_every_column_of_influence_is_of_the_source_that_made_it() -> None:
     found = calibrated(1.0)
     by_source: dict[ErrorSource, set[str]] = {}
-    for name in found.influence.clusters:
+    for name in found.errors.clusters:
         by_source.setdefault(source_of(name), set()).add(name)
-    assert len(set(found.influence.clusters)) == len(found.influence.clusters)
+    assert len(set(found.errors.clusters)) == len(found.errors.clusters)
     # every joint parameter has its prior, of legs, trunk and arms alike
     assert by_source[ErrorSource.JOINT_NOMINAL] == {f"nominal/{name}" for name in JP_NAMES}
     assert {name.split("/")[0] for name in by_source[ErrorSource.SKIN]} == {"skin"}
@@ -86,7 +86,7 @@ def test_motions_have_the_soft_tissue_of_their_kind_and_what_was_found_is_an_err
     assert {group.carrier for group in found.tissue["bends"].groups} == set(segments)
     assert {key.split("/")[0] for key in found.tissue["walk"].keys} == {GAIT}
     assert {key.split("/")[0] for key in found.tissue["bends"].keys} == {"knee_r"}
-    errors = found.influence
+    errors = found.errors
     knees = found.tissue["walk"].secondary
     assert knees is not None and found.tissue["bends"].secondary is None
     of_skin = {*found.tissue["walk"].keys, *found.tissue["bends"].keys}

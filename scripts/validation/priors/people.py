@@ -133,7 +133,7 @@ def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
     stage = joint_stage(replace(made.study, joint_prior=prior), made.nominal, silent, leave_out=False)
     if stage.joint is None:
         raise RuntimeError("no joint parameters were fitted")
-    return Fit(fitted=stage.parameters.joint, influence=stage.joint.influence)
+    return Fit(fitted=stage.parameters.joint, influence=stage.joint.errors)
 
 
 def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
