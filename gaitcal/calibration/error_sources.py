@@ -33,8 +33,8 @@ from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.model.chain import ChainConstants, forward, jacobian
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters
-from gaitcal.motion.arrow import eliminate
-from gaitcal.motion.spline import ORDER, SplineBasis, basis_matrix
+from gaitcal.motion.banded import eliminate
+from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 
@@ -129,7 +129,7 @@ class _NodeMoves:
         near = slice(int(basis.first[chosen[0]]), int(basis.first[chosen[-1]]) + ORDER)
         rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
         by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
-        out: Array = basis_matrix(basis, derivative)[frames, near] @ by_node
+        out: Array = basis.matrices[derivative][frames, near] @ by_node
         return out.reshape(len(chosen), nq, -1)
 
     def through(self, basis: SplineBasis, frames: slice | IntArray, by_state: Array, by_parameter: Array) -> Array:
@@ -222,7 +222,7 @@ def whole_body_scores(
     columns = [_cluster_gradients(problem, constants, nodes)]
     clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
     if problem.penalty is not None:
-        columns.append(problem.penalty.gradient(nodes).reshape(-1, 1))
+        columns.append(problem.penalty.both(nodes)[1].reshape(-1, 1))
         clusters.append(f"bandwidth/{problem.name}")
     for prior in problem.priors:
         if prior.centred:
@@ -242,7 +242,7 @@ def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: 
     x = problem.positions(nodes, constants)
     residual = x - data.measured
     inverse = _frame_inverses(problem, constants, q)
-    matrix = basis_matrix(basis)
+    matrix = basis.matrices[0]
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
     for m, segment in enumerate(data.segment):
         own = np.flatnonzero(chain.support[:nq, segment])

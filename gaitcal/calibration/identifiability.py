@@ -23,8 +23,7 @@ from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
-from gaitcal.model.joint_centres import SIDE_WORDS
-from gaitcal.model.linkage import LEG_JOINTS, SIDES, moved_joints
+from gaitcal.model.linkage import LEG_JOINTS, SIDE_WORDS, SIDES, moved_joints
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem

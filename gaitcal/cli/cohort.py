@@ -53,7 +53,7 @@ class CohortOptions:
         return processes(self.jobs)
 
 
-def run(path: Path, out: Path, console: Console, options: CohortOptions) -> None:
+def run_people(path: Path, out: Path, console: Console, options: CohortOptions) -> None:
     """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
     engine = options.engine
     normal = None if options.normal is None else bands_file(options.normal).resolve()

@@ -37,7 +37,7 @@ class Options:
     studies: Sequence[Path] = ()
 
 
-def run(result: Path, other: Path | None, options: Options, console: Console) -> None:
+def compare_sessions_or_models(result: Path, other: Path | None, options: Options, console: Console) -> None:
     """Compare two results, or one with an OpenSim model."""
     _require_usable(other, options)
     if options.osim is not None:

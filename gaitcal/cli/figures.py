@@ -54,7 +54,7 @@ class Options:
     external: bool
 
 
-def run(result: Path, out: Path | None, options: Options, console: Console) -> None:
+def draw_figures(result: Path, out: Path | None, options: Options, console: Console) -> None:
     """Draw the figures of a result, or of further trials, into a folder.
 
     Raises

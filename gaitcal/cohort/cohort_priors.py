@@ -21,13 +21,13 @@ from gaitcal.study.joint_prior import (
     FORMAT,
     KIND,
     CohortPriors,
+    Person,
     StoredPart,
     StoredPerson,
     StoredPopulation,
     expected,
     name_hash,
 )
-from gaitcal.study.people_design import Person
 
 DIGITS = 9
 COLUMNS = ("name", "unit", "mean", "sd", "default_sd", "learnt")

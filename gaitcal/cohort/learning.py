@@ -9,7 +9,7 @@ error of that gain. Spreads that still turn out too narrow for people left out a
 
 Mean and spread of the joint parameters of people, of each of whom recordings tell something.
 
-The recordings of person i say of the n deviations y_i (`study/people_design.py`), priors left out,
+The recordings of person i say of the n deviations y_i (`study/joint_prior.py`), priors left out,
 
     log p(recordings | y) = r_i^T y - y^T S_i y / 2 + constant,     S_i the information, r_i = S_i m_i,
 
@@ -38,8 +38,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.cohort.person_evidence import PersonEvidence
-from gaitcal.study.joint_prior import UNLEARNT
-from gaitcal.study.people_design import design, mirror, sided_directions
+from gaitcal.study.joint_prior import UNLEARNT, design, mirror, sided_directions
 
 MOST_STEPS, RISE = 50, 5e-3
 """Of the iteration, and rise of the log likelihood of each person at which it ends."""
@@ -178,7 +177,7 @@ def learn(evidence: Evidence, effects: Array, reflected: Array, structure: Struc
     Parameters
     ----------
     effects : (k,) variances W of the effects before anybody is known.
-    reflected : (n, n) the mirror (`people_design.mirror`).
+    reflected : (n, n) the mirror (`joint_prior.mirror`).
     structure : what the spread may be.
     """
     spread, told = structure.first(), list[float]()

@@ -20,11 +20,18 @@ from gaitcal.io.lock import ResultKind
 from gaitcal.io.snapshot import sha256_of
 from gaitcal.results.calibration import write_results
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.draft import Draft, draft_text, missing_words, settings_text, study_of
-from gaitcal.session.draft_lines import draft_notes
+from gaitcal.session.draft import (
+    Draft,
+    draft_notes,
+    draft_text,
+    files_of,
+    missing_words,
+    own_study,
+    settings_text,
+    study_of,
+)
 from gaitcal.session.drafting import draft_of, rejected_forces, without_faulty_trials
 from gaitcal.session.folder import read_folder
-from gaitcal.session.source import files_of, own_study
 from gaitcal.study.joint_prior import require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files

@@ -29,8 +29,8 @@ from gaitcal.io.snapshot import sha256_of
 from gaitcal.io.toml import MAX_BYTES, package_version
 from gaitcal.io.validation import read_validated
 from gaitcal.model.linkage import SIDES
+from gaitcal.session.draft import study_files
 from gaitcal.session.folder import MARKER_ENDINGS, TABLE_ENDINGS
-from gaitcal.session.source import study_files
 from gaitcal.study.study_file import StudyFile
 from gaitcal.study.truth import truth_files
 

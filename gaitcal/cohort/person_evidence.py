@@ -21,8 +21,7 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.compare.parameter_differences import told_parameters
-from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.people_design import Person
+from gaitcal.study.joint_prior import JointPrior, Person
 
 PARTS = {"legs": LEG_PARAMETERS, "trunk and arms": UPPER_PARAMETERS}
 """Joint parameters that are fitted together, and so learnt together."""

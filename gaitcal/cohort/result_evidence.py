@@ -15,7 +15,7 @@ from gaitcal.results.cycles_export import trial_files
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.summary import JOINT_PRIOR
 from gaitcal.results.verdict import SUMMARY
-from gaitcal.study.people_design import Person
+from gaitcal.study.joint_prior import Person
 from gaitcal.study.settings import Protocol
 
 TRUSTED = "trustworthy"

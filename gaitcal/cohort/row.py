@@ -24,7 +24,7 @@ from gaitcal.cohort.columns import ANGLES, MEASURED, NAMES, UNITS
 from gaitcal.cohort.outcome import Cell
 from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement
-from gaitcal.gait.symmetry import LEAST_VALID
+from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.io.lock import MANIFEST, read_object
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.stride_files import ENSEMBLE
@@ -61,8 +61,7 @@ def _peaks(mean: Array, error: Array) -> dict[str, tuple[float, float]]:
     }
 
 
-PAGES = ("result.html", "report.html")
-"""The first of them that is there is the person's page."""
+PAGE = "result.html"
 DIGITS = 6
 _FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
 
@@ -84,7 +83,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
     walks = [trial for trial in trials.values() if trial.get("role") == "gait"]
     row: dict[str, Cell] = {
         "person": subject["name"],
-        "page": next((name for name in PAGES if (folder / name).is_file()), ""),
+        "page": PAGE if (folder / PAGE).is_file() else "",
         "verdict": summary["verdict"],
         "first_cause": reasons[0].get("cause", ""),
         "first_action": reasons[0].get("action", ""),

@@ -31,8 +31,7 @@ from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.chain import chain_of, forward, segment_poses
 from gaitcal.model.coordinates import LEG_COORDINATES, split_side
-from gaitcal.model.joint_centres import SIDE_WORDS
-from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDES
+from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion

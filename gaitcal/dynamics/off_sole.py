@@ -52,8 +52,7 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.io.intervals import runs, spans
 from gaitcal.io.recording import ForcePlate
-from gaitcal.model.joint_centres import SIDE_WORDS
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import SIDE_WORDS, SIDES
 
 OUTLINE_M = 0.03
 """m, two standard deviations of the outline: 10 mm of heel and toe markers on skin or shoe, 8 mm of the sole's breadth

@@ -30,12 +30,12 @@ from gaitcal.gait.moments import joint_words
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.outliers import Stray, without_strays
+from gaitcal.model.outliers import Outlier
 from gaitcal.model.rebuilt_markers import Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, StudyTrial, cleaned_trial
 
 LIGHT = 0.1
 """Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""
@@ -53,7 +53,7 @@ class TrialEvidence:
     """Nominal; None where the static trial gives none."""
     stance: Stance | None = None
     """The static posture of pelvis and legs; None where there is no model."""
-    strays: tuple[Stray, ...] = ()
+    strays: tuple[Outlier, ...] = ()
     """Markers that the recording lacks where they were metres away from the body."""
     rebuilding: Rebuilding | None = None
     """Of the static trial that makes the model: markers that it lost, and what other trials gave back."""
@@ -69,15 +69,15 @@ class TrialEvidence:
         stance: Stance | None = None,
     ) -> TrialEvidence:
         """The evidence of a trial without markers that are metres away from the body, as it will be fitted."""
-        recording, strays = without_strays(trial.recording, marker_set.segment_of)
+        trial = cleaned_trial(trial, marker_set.segment_of)
         return cls(
-            trial=replace(trial, recording=recording),
+            trial=trial,
             marker_set=marker_set,
             subject=subject,
             settings=settings,
             model=model,
             stance=stance,
-            strays=strays,
+            strays=trial.strays or (),
         )
 
     @property

@@ -9,8 +9,8 @@ import numpy as np
 from gaitcal.codes import Code
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding
-from gaitcal.model.joint_centres import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.segment_frames import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
 
 _LEFT = np.array([1.0, 1.0, -1.0])
 """A point of the left half of the pelvis, mirrored."""

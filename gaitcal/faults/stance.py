@@ -16,13 +16,12 @@ from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.chain import Chain, forward, segment_poses
-from gaitcal.model.joint_centres import HipCentre, JointWidths
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.model.present_markers import complete_static, worn
-from gaitcal.model.segment_frames import Frame, LowerBody, across, lower_body
+from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, LowerBody, across, lower_body
 from gaitcal.model.subject_model import SubjectModel
 
 CENTRE = {"hip": "hjc", "knee": "kjc", "ankle": "ajc"}

@@ -26,8 +26,8 @@ from gaitcal.faults.body_size import HIP_HEIGHT, hip_height
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.standing import standing_legs
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.marker_set import REQUIRED
 
 EXCHANGE_SAVES = 12.0
 """Least gain of J that an exchange is told for: on clean recordings the best one costs 15 more than none."""

@@ -35,11 +35,11 @@ from gaitcal.model.parameters import (
     leg_parameters,
 )
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.arrow import ArrowFactor, SharedTrials
+from gaitcal.motion.banded import ArrowFactor
 from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
 from gaitcal.motion.motion import motion_of
 from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.track import track_nodes
+from gaitcal.motion.track import SharedTrials, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.published.published import SIDE
 from gaitcal.synthetic.measurements import marker_noise, synthetic_markers

@@ -38,7 +38,6 @@ from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.model.chain import Chain, forward, jacobian
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.parameters import dynamic_jacobian, leg_parameters
-from gaitcal.motion.spline import basis_matrix
 from gaitcal.published.draw import MEASURES, MonteCarloContext, disturb, marker_column, torque_column
 from gaitcal.published.leg_torques import LEG_TORQUES, OF_FOOT, TORQUES
 from gaitcal.published.settings import ReactionFrame, Varied
@@ -201,7 +200,7 @@ def linear_torques(context: MonteCarloContext) -> LinearTorques:
     slopes = force_derivatives(case.parameters, context.names, q, v, a, case.wrench)
     nf, nq, n_free = len(q), q.shape[1], len(context.names)
     moved = context.sensitivity.reshape(len(case.nodes), -1)
-    motion = [(basis_matrix(basis, k) @ moved).reshape(nf, nq, n_free) for k in range(3)]
+    motion = [(basis.matrices[k] @ moved).reshape(nf, nq, n_free) for k in range(3)]
     laboratory = slopes.by_parameter[:, _ROWS]
     for slope, change in zip((slopes.by_position, slopes.by_velocity, slopes.by_acceleration), motion, strict=True):
         laboratory = laboratory + slope[:, _ROWS] @ change

@@ -23,7 +23,7 @@ from gaitcal.model.parameters import impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.scene import scene_of
 from gaitcal.page.sheet.sheet import calibration_sheet
-from gaitcal.results.page_files import write_body, write_former_pages, write_joined_page, write_told
+from gaitcal.results.page_files import write_body, write_joined_page, write_told
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary, write_kinetics
@@ -78,7 +78,6 @@ def write_results(
         write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
-        write_former_pages(out)
         body = write_body(out, scene_of(calibration))
         told = _write_told(calibration, out, settings, normal)
         write_joined_page(out, body, told)

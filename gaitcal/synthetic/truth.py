@@ -17,7 +17,6 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain, forward, segment_poses
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.linkage import JOINTS, SIDES, Source
 from gaitcal.model.marker_set import load_marker_set
@@ -32,7 +31,7 @@ from gaitcal.model.parameters import (
     Parameters,
     table,
 )
-from gaitcal.model.segment_frames import Frame, LowerBody, lower_body
+from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import upper_body
 from gaitcal.synthetic.measurements import synthetic_markers

@@ -8,10 +8,10 @@ from typing import Final
 
 from gaitcal.arrays import Array
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.joint_centres import HipCentre
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.study.study_file import TruthTable
 from gaitcal.study.truth import MOMENTS, MOTION, landmarks_text, moments_text, motion_text
-from gaitcal.study.truth_table import TruthTable
 from gaitcal.synthetic.motion import TrueMotion
 from gaitcal.synthetic.told_motion import Teller
 from gaitcal.synthetic.truth import static_frames, truth_table

@@ -19,14 +19,17 @@ from gaitcal.io.toml import package_version
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.study.joint_prior import (
     CohortPriors,
+    Person,
     expected,
     joint_prior,
+    mirror,
+    other_side,
     prior_of_person,
     read_cohort_priors,
+    sided_directions,
     symmetric,
     with_cohort_priors,
 )
-from gaitcal.study.people_design import Person, mirror, other_side, sided_directions
 from gaitcal.study.study import Study
 from tests.cohort.made_people import NAMES, Array, people
 from tests.synthetic_studies import write_synthetic_study

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitcal.cohort.learning import Axes, Evidence, Known, Structure, Whole, learn, log_density
-from gaitcal.study.people_design import mirror, sided_directions
+from gaitcal.study.joint_prior import mirror, sided_directions
 from tests.cohort.made_people import KNEES, Array, some_information, told
 
 SIZE = len(KNEES)

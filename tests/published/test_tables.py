@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gaitcal.cli import reproduce as command
+from gaitcal.cli import montecarlo as command
 from gaitcal.cli.console import Console
 from gaitcal.errors import InputError
 from gaitcal.published import reproduce
@@ -189,7 +189,7 @@ def test_command_prints_and_writes(
     monkeypatch.setattr(
         command, "reproduce", lambda settings, kept, step: asked.append((settings, kept)) or reproduction
     )
-    command.run(
+    command.run_reproduction(
         tmp_path / "out", Console(quiet=False, verbose=False), draws=0, noise_seeds=5, seed=3, sensitivities=False
     )
     settings, kept = asked[0]
@@ -215,13 +215,15 @@ def test_command_refuses_a_foreign_folder_before_it_works(tmp_path: Path, monkey
     monkeypatch.setattr(command, "reproduce", lambda *_: pytest.fail("worked first"))
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds 'notes.txt'"):
-        command.run(tmp_path, Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True)
+        command.run_reproduction(
+            tmp_path, Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
+        )
 
 
 def test_data_folder_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GAITCAL_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match="no folder"):
-        command.run(
+        command.run_reproduction(
             tmp_path / "out", Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
         )
     assert not (tmp_path / "out").exists()

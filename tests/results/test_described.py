@@ -16,10 +16,10 @@ from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.io.lock import MANIFEST, ResultKind, files_of, read_object
 from gaitcal.published.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
 from gaitcal.results.calibration import write_results
-from gaitcal.results.described import FILES, SUMMARY, TABLES, column_of, file_of
 from gaitcal.results.stride_files import SPATIOTEMPORAL_COLUMNS
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
+from scripts.tools.documentation.results import FILES, SUMMARY, TABLES, column_of, file_of
 from tests.synthetic_studies import write_synthetic_study
 
 KINDS = {

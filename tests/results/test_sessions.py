@@ -9,7 +9,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gaitcal.cli.compare import Options, run
+from gaitcal.cli.compare import Options
+from gaitcal.cli.compare import compare_sessions_or_models as run
 from gaitcal.cli.console import Console
 from gaitcal.codes import Code
 from gaitcal.compare.session import Common

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.parameters import (
@@ -22,7 +21,7 @@ from gaitcal.model.parameters import (
     published_subject,
     table,
 )
-from gaitcal.model.segment_frames import Frame
+from gaitcal.model.segment_frames import Frame, HipCentre
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.tables import parameter_table
 from gaitcal.study.study import Study

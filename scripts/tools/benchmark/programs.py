@@ -83,7 +83,7 @@ def section_calibrate_walk() -> list[Timing]:
             "gaitcal check subject01", _python("-m", "gaitcal.cli", "check", "-q", *person), "wanted below a second"
         ),
         Timing("  of both: imports for calibrate", _python("-c", IMPORTS), "below 0.9 s"),
-        Timing("  of both: imports for check", _python("-c", "import gaitcal.cli.check")),
+        Timing("  of both: imports for check", _python("-c", "import gaitcal.cli.folder")),
     ]
 
 

@@ -1,25 +1,38 @@
-"""`gaitcal init`, and what `check` and `calibrate` do with a folder instead of a study file."""
+"""`gaitcal init` and `gaitcal check`, and what commands do with a folder instead of a study file."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import typer
+from rich.table import Table
 from rich.text import Text
 
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError
+from gaitcal.faults.study import check_file, check_study
+from gaitcal.faults.verdict import stopping
+from gaitcal.findings import Finding, Severity
 from gaitcal.io.atomic import atomic_text, real_path
-from gaitcal.session.draft import NEEDED, STUDY, Draft, draft_text, missing_options, missing_words, study_of
-from gaitcal.session.draft_lines import doubtful_lines, marker_set_line
-from gaitcal.session.drafting import draft_of, draft_study
+from gaitcal.session.draft import (
+    NEEDED,
+    STUDY,
+    Draft,
+    doubtful_lines,
+    draft_text,
+    marker_set_line,
+    missing_options,
+    missing_words,
+    own_study,
+    study_of,
+)
+from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
-from gaitcal.session.source import own_study
 from gaitcal.study.study import nominal_of
 
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)
@@ -45,7 +58,7 @@ def _within(option: str, value: float | None, allowed: tuple[float, float], unit
         raise UsageError(f"found {value:g}; allowed: {allowed[0]:g} to {allowed[1]:g} {unit}{hint}", field=option)
 
 
-def run(path: Path, out: Path | None, console: Console, options: Options, *, force: bool) -> None:
+def draft_study_file(path: Path, out: Path | None, console: Console, options: Options, *, force: bool) -> None:
     """Draft the study file of a folder; exit code 1 where something in it is missing."""
     target = path / STUDY if out is None else out
     if target.suffix.lower() != ".toml":
@@ -139,7 +152,7 @@ def _asked(folder: Folder, options: Options, console: Console) -> Draft:
 
 
 def _answered(options: Options, field: str, answer: str) -> Options:
-    name = NEEDED[field].removeprefix("--")
+    name = NEEDED[field].split()[0].removeprefix("--")
     value: object = answer.lower() if field == "sex" else float(answer.replace(",", "."))
     out = replace(options, **{name: value})  # type: ignore[arg-type]
     return options_of(out.mass, out.height, out.sex, out.age)
@@ -181,3 +194,60 @@ def tell_faulty(console: Console, faulty: Mapping[str, str]) -> None:
     """Which trials of a drafted study are left out, as the checks find an error in them."""
     for name, error in faulty.items():
         console.line(f"not used: trial '{name}': {error}")
+
+
+COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}
+
+
+def check_recordings(path: Path, console: Console, options: Options = NOTHING_SAID) -> None:
+    """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is an error."""
+    source = study_or_draft(path, options, console)
+    with console.working() as step:
+        step("reading and checking the recordings")
+        if isinstance(source, Path):
+            findings = check_file(source)
+        else:
+            findings = (*check_study(study_of(source)), *rejected_forces(source))
+    shown = [f for f in findings if console.verbose or f.severity is not Severity.INFO]
+    if shown:
+        if not console.out.is_terminal:
+            console.out.width = PLAIN_WIDTH
+        console.out.print(_table(shown))
+    counts = {severity: sum(f.severity is severity for f in findings) for severity in Severity}
+    hidden = counts[Severity.INFO] if not console.verbose else 0
+    more = f" (-v shows {hidden} more facts)" if hidden else ""
+    console.line(f"{counts[Severity.ERROR]} errors, {counts[Severity.WARNING]} warnings{more}")
+    if shown:
+        console.line(f"what a code means and what to do: gaitcal explain {shown[0].code.value}")
+    if counts[Severity.ERROR]:
+        sys.exit(1)
+
+
+def _table(findings: Sequence[Finding]) -> Table:
+    table = Table(show_edge=False, pad_edge=False, show_lines=True)
+    for name in ("severity", "where", "about"):
+        table.add_column(name)
+    table.add_column("found", ratio=3)
+    table.add_column("what to do", ratio=2)
+    for f in findings:
+        table.add_row(
+            Text(f"{f.severity.value}\n{f.code.value}", COLOURS[f.severity]),
+            Text(f.where),
+            Text(f.topic),
+            Text(f.evidence),
+            Text(f.cure),
+        )
+    return table
+
+
+def stop_on_errors(findings: Sequence[Finding], walks: Sequence[str], study: Path | None = None) -> None:
+    """InputError with the first error, and how many more there are (`gaitcal check` on the study shows them).
+
+    Errors that leave a leg to each of the `walks` do not stop: the verdict refuses the other leg.
+    """
+    errors = stopping(findings, walks)
+    if not errors:
+        return
+    shown = f": 'gaitcal check {study}' shows all" if study else ""
+    more = f" (and {len(errors) - 1} more errors{shown})" if len(errors) > 1 else ""
+    raise InputError(errors[0].line + more, code=errors[0].code)
