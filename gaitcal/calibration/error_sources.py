@@ -61,8 +61,7 @@ class ErrorSources:
     @property
     def covariance(self) -> Array:
         """(np, np) of the joint parameters; zero along directions that the trials cannot see."""
-        out: Array = self.parameters @ self.parameters.T
-        return out
+        return self.parameters @ self.parameters.T
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -179,8 +178,7 @@ class MotionSensitivity(_NodeMoves):
 
 def squares(moves: Array) -> Array:
     """(nf, m) variance from what independent sources (nf, m, k) make."""
-    out: Array = np.einsum("fmk,fmk->fm", moves, moves)
-    return out
+    return np.einsum("fmk,fmk->fm", moves, moves)
 
 
 def _product_squares(left: Array, right: Array) -> Array:
@@ -256,8 +254,7 @@ def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: 
         pull = velocity * (data.weight[m] * residual[m] / (1.0 - leverage))
         for i in range(3):
             by_node[:, own, 3 * m + i] = (pull[:, i] @ matrix).T
-    out: Array = by_node.reshape(basis.nodes * nq, -1)
-    return out
+    return by_node.reshape(basis.nodes * nq, -1)
 
 
 def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) -> Array:
@@ -267,8 +264,7 @@ def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) 
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("fii->fi", hessian), 1e-12))
     scaled = hessian * scale[:, :, None] * scale[:, None, :]
     inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)
-    out: Array = inverse * scale[:, :, None] * scale[:, None, :]
-    return out
+    return inverse * scale[:, :, None] * scale[:, None, :]
 
 
 def marker_moves(

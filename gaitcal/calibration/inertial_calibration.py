@@ -98,8 +98,7 @@ class LogChart:
         kinds = np.array([settings.mass_spread, settings.centre_spread, settings.moment_spread])[self.kind]
         of_people = np.where(self.of_foot & (self.kind == 0), settings.foot_mass_spread, kinds)
         more = np.array([settings.more_of.get(segment, 0.0) for segment in self.segments])
-        out: Array = np.hypot(of_people, np.where(self.kind == 1, 0.0, more))
-        return out
+        return np.hypot(of_people, np.where(self.kind == 1, 0.0, more))
 
     def inertial(self, x: Array) -> Array:
         """(84,) inertial parameters, SI."""
@@ -120,8 +119,7 @@ class LogChart:
         for s in range(len(self.rows)):
             by_change[s, 1:4, s, 1:4] = np.eye(3)
             by_change[s, 4:7, s, 4:7] = (1.0 - np.eye(3)) * second[s]
-        out: Array = by_change.reshape(self.rows.size, -1) @ self.selection
-        return out
+        return by_change.reshape(self.rows.size, -1) @ self.selection
 
 
 class TorqueScale(Enum):
@@ -306,8 +304,7 @@ def fit_published(
 def by_inertial(factor: Array, inertial: Array) -> Array:
     """(n, 84) derivative of factor @ dynamic_parameters."""
     blocks = factor.reshape(len(factor), -1, 10)
-    out: Array = np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
-    return out
+    return np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
 
 
 def fit_consistent(

@@ -239,8 +239,7 @@ def spread_of_the_rest(inertial: Array, which: InertialSet, settings: Consistent
     scatter = [".com." in n and (paired or not n.endswith(".lat")) for n, paired in zip(every.names, limb, strict=True)]
     kept = np.flatnonzero(scatter & ~free)
     spread = chart.spread(settings or ConsistentSettings())
-    out: Array = (chart.jacobian(np.zeros(chart.size)) * spread)[:, kept]
-    return out
+    return (chart.jacobian(np.zeros(chart.size)) * spread)[:, kept]
 
 
 def fit_by_evidence(

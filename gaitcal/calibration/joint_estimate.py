@@ -97,8 +97,7 @@ class JointEstimate(JointFit):
     @property
     def whole_covariance(self) -> Array:
         """(np + nz, np + nz) by noise, priors and soft tissue that was not fitted."""
-        out: Array = self.covariance + self.by_tissue @ self.by_tissue.T
-        return out
+        return self.covariance + self.by_tissue @ self.by_tissue.T
 
 
 def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:

@@ -102,8 +102,7 @@ def in_both_views(deviation: Array) -> Array:
     which those of first views count.
     """
     size = deviation[FIRST_VIEW]
-    out: Array = np.outer(size, size) * (FIRST_VIEW[:, None] == FIRST_VIEW)
-    return out
+    return np.outer(size, size) * (FIRST_VIEW[:, None] == FIRST_VIEW)
 
 
 def _anatomy() -> JointPrior:

@@ -175,8 +175,7 @@ def marker_covariance(segment: str, local: Array) -> Array:
     """(3 nm, 3 nm) m^2, Sigma of one regressor for markers at `local` (nm, 3) m."""
     size = SIZES[segment.split("_")[0]]
     rigid = together(local - local.mean(axis=0)).reshape(-1, WIDTH) * np.repeat([size.shift, size.turn], 3)
-    out: Array = rigid @ rigid.T + size.own**2 * np.eye(len(rigid))
-    return out
+    return rigid @ rigid.T + size.own**2 * np.eye(len(rigid))
 
 
 def rigid_covariance(segment: str, pattern: Array) -> Array:

@@ -116,8 +116,7 @@ class ErringForces:
         wide = slice(max(part.start - 1, 0), part.stop + 1)
         moves = axes.rate_moves(self._state[0][wide], self.problem.basis.time[wide])
         moves = moves[part.start - wide.start :][: part.stop - part.start]
-        out: Array = np.where(self.problem.active[:, None], moves, 0.0)
-        return out
+        return np.where(self.problem.active[:, None], moves, 0.0)
 
 
 @dataclass
@@ -149,13 +148,11 @@ def _inertial_moves(dynamics: Dynamics, parameters: Parameters, spread: Array, q
     slopes, sources = dynamic_jacobian(parameters.inertial), spread.shape[1]
     by_source = slopes @ spread.reshape(len(slopes), 7, sources)  # (12, 10, n) change of the dynamic parameters
     regressor = dynamics.regressor(q, v, a).reshape(len(q), -1, 10 * len(slopes))
-    out: Array = regressor @ by_source.reshape(-1, sources)
-    return out
+    return regressor @ by_source.reshape(-1, sources)
 
 
 def inertial_square_root(fit: InertialFit) -> Array:
     """(84, n) R with covariance R R^T of the inertial parameters."""
     values, vectors = np.linalg.eigh(fit.residual_jacobian.T @ fit.residual_jacobian)
     kept = values > 1e-12 * values[-1]
-    out: Array = fit.jacobian @ (vectors[:, kept] / np.sqrt(values[kept]))
-    return out
+    return fit.jacobian @ (vectors[:, kept] / np.sqrt(values[kept]))

@@ -258,8 +258,7 @@ def _bodies(placed: PlacedLinkage, inertial: Array, velocity: Array, acceleratio
 
 def skew(x: Array) -> Array:
     """(..., 3, 3) matrices of x x, for (..., 3)."""
-    out: Array = (x @ SKEW.reshape(9, 3).T).reshape(*x.shape, 3)
-    return out
+    return (x @ SKEW.reshape(9, 3).T).reshape(*x.shape, 3)
 
 
 def crossed(a: Array, b: Array) -> Array:

@@ -69,8 +69,7 @@ class FootPoints:
     @property
     def resting(self) -> BoolArray:
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
-        out: BoolArray = np.minimum(self.heel_speed, self.toe_speed) < RESTING
-        return out
+        return np.minimum(self.heel_speed, self.toe_speed) < RESTING
 
 
 def ground_velocity(points: Array, velocity: Array) -> Array:
@@ -103,8 +102,7 @@ def near(marked: BoolArray, time: Array) -> BoolArray:
         return marked.copy()
     after = np.clip(np.searchsorted(times, time), min(1, len(times) - 1), len(times) - 1)
     gap = np.minimum(np.abs(time - times[after]), np.abs(time - times[np.maximum(after - 1, 0)]))
-    out: BoolArray = marked | (gap <= EDGE)
-    return out
+    return marked | (gap <= EDGE)
 
 
 def on_the_floor(resting: BoolArray, loaded: BoolArray, time: Array, events: Sequence[FootEvent] = ()) -> BoolArray:
@@ -199,8 +197,7 @@ class SoleCells:
 
     def share_of(self, chosen: BoolArray) -> Array:
         """(nf,) share of the sole's area in the chosen cells (nf, n)."""
-        out: Array = chosen @ self.share
-        return out
+        return chosen @ self.share
 
     def share_of_halves(self, chosen: BoolArray) -> Array:
         """(nf, 2) share of the heel's half, and of the toes', in the chosen cells (nf, n).
@@ -208,8 +205,7 @@ class SoleCells:
         A heel is a small part of a sole, and bears the whole body where it alone rests.
         """
         halves = np.stack([self.rear, ~self.rear], axis=1) * self.share[:, None]
-        out: Array = chosen @ (halves / halves.sum(axis=0))
-        return out
+        return chosen @ (halves / halves.sum(axis=0))
 
     def offsets(self, point: Array) -> tuple[Array, Array]:
         """(nf, n) m along the foot and (nf, n) m across it, from points (nf, 3) to the cells, not negative."""
@@ -353,8 +349,7 @@ def distance_to_line(point: Array, a: Array, b: Array) -> Array:
     """(n,) m, from points (n, 2) to the stretches from a to b (n, 2)."""
     along = b - a
     t = np.clip(np.sum((point - a) * along, axis=1) / np.maximum(np.sum(along * along, axis=1), 1e-12), 0.0, 1.0)
-    out: Array = np.linalg.norm(a + t[:, None] * along - point, axis=1)
-    return out
+    return np.linalg.norm(a + t[:, None] * along - point, axis=1)
 
 
 def _under_neither(plate: ForcePlate, span: str) -> Finding:

@@ -116,13 +116,11 @@ class PlacedLinkage:
 
     def axis(self, name: str) -> Array:
         """(nf, 3) about which a variable turns what comes after it."""
-        out: Array = self.columns[:, self.names.index(name), 3:]
-        return out
+        return self.columns[:, self.names.index(name), 3:]
 
     def frame(self, segment: str) -> Array:
         """(nf, 3, 3) axes of a segment, one a row."""
-        out: Array = self.segments[0][:, self.chain.segments.index(segment)]
-        return out
+        return self.segments[0][:, self.chain.segments.index(segment)]
 
     def moves(self, segment: str) -> BoolArray:
         """(n,) which variables move a segment."""
@@ -155,13 +153,11 @@ class Dynamics:
 
     def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
-        out: Array = self._unloaded(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
-        return out
+        return self._unloaded(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
 
     def _unloaded(self, q: Array, v: Array, a: Array) -> Array:
         state = (with_reactions(self.linkage, q, self._held), *(with_reactions(self.linkage, x) for x in (v, a)))
-        out: Array = unloaded_forces(self.linkage, self._data, *state)[:, self._rows]
-        return out
+        return unloaded_forces(self.linkage, self._data, *state)[:, self._rows]
 
     def of_ground(self, q: Array, wrenches: Array) -> Array:
         """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""

@@ -169,8 +169,7 @@ def power_name(name: str) -> str:
 
 def powers(tau: Array, velocity: Array) -> Array:
     """(nf, np) W, in the order of `POWERS`, from generalised forces and rates of the coordinates (nf, nq)."""
-    out: Array = (tau * velocity) @ POWER_SUMS.T
-    return out
+    return (tau * velocity) @ POWER_SUMS.T
 
 
 @dataclass(frozen=True)
@@ -215,8 +214,7 @@ def power_of(kinetics: JointKinetics | KineticErrors, name: str) -> Array:
     ValueError
         There is none of that name.
     """
-    out: Array = kinetics.power[:, _place(name, POWERS)]
-    return out
+    return kinetics.power[:, _place(name, POWERS)]
 
 
 def component_of(kinetics: JointKinetics | KineticErrors, name: str, frame: MomentFrame) -> Array:
@@ -229,8 +227,7 @@ def component_of(kinetics: JointKinetics | KineticErrors, name: str, frame: Mome
     """
     if frame not in VECTOR_FRAMES:
         raise ValueError(f"'{frame.key}' has no vectors; the torques of the coordinates are in Moments.tau")
-    out: Array = kinetics.moment[:, VECTOR_FRAMES.index(frame), _place(name, COMPONENTS)]
-    return out
+    return kinetics.moment[:, VECTOR_FRAMES.index(frame), _place(name, COMPONENTS)]
 
 
 def _place(name: str, names: tuple[str, ...]) -> int:

@@ -107,8 +107,7 @@ def foot_tip(heel: Array, toe: Array, height: float) -> Array:
     """(..., 3) m, the tip of the foot of a person of this height (m), on the line from heel to toe marker (..., 3)."""
     along = toe - heel
     length = np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
-    out: Array = heel + along / length * np.maximum(length, FOOT_LENGTH * height)
-    return out
+    return heel + along / length * np.maximum(length, FOOT_LENGTH * height)
 
 
 def inside(corners: Array, point: Array) -> Array:
@@ -142,5 +141,4 @@ def outline_known(plate: ForcePlate, load: float) -> bool:
 def outside(plates: Sequence[ForcePlate], point: Array) -> Array:
     """(n,) m, how far points (n, 3) lie outside every one of these plates; not positive on one of them."""
     depths = [inside(plate.corners, point) for plate in plates if plate.corners is not None]
-    out: Array = -np.max(depths, axis=0)
-    return out
+    return -np.max(depths, axis=0)
