@@ -245,7 +245,7 @@ def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: 
     for m, segment in enumerate(data.segment):
         own = np.flatnonzero(chain.support[:nq, segment])
         v, w = spatial[own, :3], spatial[own, 3:]
-        velocity = v + np.cross(w, x[m][None], axis=1)
+        velocity = np.ascontiguousarray(v + np.cross(w, x[m][None], axis=1))
         # h = w J (J^T W J)^-1 J^T of this marker's three axes in its own frame: what the motion absorbs of it
         by_frame = velocity.transpose(2, 1, 0)
         met = by_frame @ inverse[np.ix_(np.arange(len(q)), own, own)]
