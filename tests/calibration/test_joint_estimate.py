@@ -204,9 +204,6 @@ def test_a_kind_of_task_has_its_own_noise_whatever_the_others_disagree_about() -
     np.testing.assert_allclose(both.values, truth, atol=2e-4)
 
 
-# ------------------------------------------------------------------------------------------------- repeated errors
-
-
 def scores(rng: np.random.Generator, informations: list[Array], common: float = 0.0) -> list[Array]:
     """(n,) of every trial, `common` of their variance being the same in all."""
     roots, shared = [np.linalg.cholesky(h) for h in informations], rng.normal(size=len(informations[0]))
@@ -261,9 +258,6 @@ def test_one_trial_told_three_times_counts_as_one() -> None:
     for name in HIP:  # three times the samples for as many parameters: a smaller noise
         assert same.standard_errors[name] == pytest.approx(bars.standard_errors[name], rel=0.15)
     assert np.mean([smaller.standard_errors[n] / bars.standard_errors[n] for n in HIP]) < 0.9
-
-
-# ------------------------------------------------------------------------------------------------------ soft tissue
 
 
 LATERAL = "hip_r.pelvis.lat"

@@ -134,27 +134,6 @@ def test_moments_are_those_of_newton_and_euler_in_every_frame() -> None:
                 np.testing.assert_allclose(found[f, k, columns], expected, rtol=0, atol=DIFFERENCES, err_msg=joint.name)
 
 
-def test_torques_are_projections_of_the_vectors_on_their_axes() -> None:
-    """Hip and back have the axes of the joint coordinate system; the knee's hinge is nearly across the thigh."""
-    q, v, a, wrench = state()
-    tau = Dynamics(PARAMETERS).forces(q, v, a, wrench)
-    power, moment = kinetic_values(PARAMETERS, q, v, a, wrench)
-    kinetics = JointKinetics(time=np.arange(3.0), power=power, moment=moment)
-    for name in COMPONENTS:
-        if name.startswith(("hip", "lumbar")):
-            along = component_of(kinetics, name, MomentFrame.JCS)
-            np.testing.assert_allclose(along, tau[:, FORCES.index(name)], atol=ROUNDING)
-    straight = PARAMETERS.with_joint(
-        ("knee_r.thigh.front", "knee_r.thigh.trans", "knee_r.shank.front", "knee_r.shank.trans"), np.zeros(4)
-    )
-    tau = Dynamics(straight).forces(q, v, a, wrench)
-    _, moment = kinetic_values(straight, q, v, a, wrench)
-    kinetics = JointKinetics(time=np.arange(3.0), power=power, moment=moment)
-    for name, frame in (("knee_angle_r", MomentFrame.PROXIMAL), ("knee_adduction_r", MomentFrame.DISTAL)):
-        along = component_of(kinetics, name, frame)
-        np.testing.assert_allclose(along, tau[:, FORCES.index(name)], atol=ROUNDING, err_msg=name)
-
-
 def test_powers_of_all_joints_change_the_energy_of_the_body() -> None:
     """With what the pelvis residual and the ground do: the ankle, whose hinges do not meet, too."""
     q, v, a, wrench = state()
