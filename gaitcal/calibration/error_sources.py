@@ -128,7 +128,7 @@ class _NodeMoves:
         near = slice(int(basis.first[chosen[0]]), int(basis.first[chosen[-1]]) + ORDER)
         rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
         by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
-        out: Array = basis.matrices[derivative][frames, near] @ by_node
+        out: Array = basis.matrices[derivative][frames][:, near] @ by_node
         return out.reshape(len(chosen), nq, -1)
 
     def through(self, basis: SplineBasis, frames: slice | IntArray, by_state: Array, by_parameter: Array) -> Array:

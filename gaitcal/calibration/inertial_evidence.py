@@ -41,7 +41,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import BLOCK, ErrorSources, TrialScores, whole_body_scores
+from gaitcal.calibration.error_sources import ErrorSources, TrialScores, whole_body_scores
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
     InertialFit,
@@ -60,6 +60,8 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, frame_rate, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 
+BLOCK = 500
+"""Frames whose changes are held at once."""
 COARSER = np.sqrt(2.0)
 """Spans of the motion that bandwidth is judged by, over those of the motion: half an octave."""
 STRONG = float(np.log(20.0))
