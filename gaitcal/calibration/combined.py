@@ -4,9 +4,9 @@
 
 sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s BW and sigma_T = s BW H with one figure
 s, the weight between markers and loads: how large a pelvis residual measurement alone explains. x are the variables of
-`inertial_chart.py`. Residual loads depend on positions, velocities and accelerations, hence on the same six nodes as
-the markers of the frame: the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
-(`motion/arrow.py`). Levenberg-Marquardt from the end of phases 1 and 2.
+`inertial_calibration.py`. Residual loads depend on positions, velocities and accelerations, hence on the same six nodes
+as the markers of the frame: the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
+(`motion/banded.py`). Levenberg-Marquardt from the end of phases 1 and 2.
 """
 
 from __future__ import annotations

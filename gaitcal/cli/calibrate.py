@@ -28,9 +28,7 @@ from gaitcal.faults.study import check_further, check_study
 from gaitcal.faults.verdict import Judgement, judge
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.io.atomic import require_room
-from gaitcal.io.lock import ResultKind
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import PAGE
 from gaitcal.results.saved import SavedResult, load_result
@@ -47,7 +45,7 @@ from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import Side, Trial, load_study_file
 from gaitcal.study.study_trial import StudyTrial, cleaned_trial, read_trial
 from gaitcal.synthetic.subject import synthesize
-from gaitcal.synthetic.truth_files import CURVES, PARAMETERS
+from gaitcal.synthetic.truth import CURVES, PARAMETERS
 
 
 def _inputs(source: Path | Draft, priors: Path | None) -> tuple[Path, ...]:

@@ -15,8 +15,7 @@ from gaitcal.compare.osim_words import osim_words
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.errors import UsageError
 from gaitcal.findings import note_of
-from gaitcal.io.atomic import require_room
-from gaitcal.io.lock import MANIFEST, ResultKind
+from gaitcal.io.result_folder import MANIFEST, ResultKind, require_room
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.sessions import compare_results, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model

@@ -11,7 +11,6 @@ from rich.text import Text
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.folder import PLAIN_WIDTH
 from gaitcal.errors import UsageError
-from gaitcal.io.atomic import require_room
 from gaitcal.io.examples import (
     SOURCE,
     Connection,
@@ -23,7 +22,7 @@ from gaitcal.io.examples import (
     is_complete,
     right_files,
 )
-from gaitcal.io.lock import ResultKind
+from gaitcal.io.result_folder import ResultKind, require_room
 
 
 def fetch_or_list(name: str | None, out: Path | None, mirror: str | None, console: Console) -> None:

@@ -18,17 +18,16 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
-from gaitcal.io.atomic import InterruptedWork, Stopped, amended, atomic_directory, require_room
-from gaitcal.io.lock import ResultKind, put_back
-from gaitcal.page.sections.monte_carlo import with_monte_carlo
-from gaitcal.page.sheet.sheet import SHEET
+from gaitcal.io.atomic import InterruptedWork, Stopped
+from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, put_back, require_room
+from gaitcal.page.monte_carlo import with_monte_carlo
+from gaitcal.page.page_data import PAGE_DATA
 from gaitcal.published.case import MODEL, case_from, read_case
-from gaitcal.published.claims import PUBLISHED, Claim, Kind, Verdict, beside, conclusions
-from gaitcal.published.draw import MonteCarloContext
-from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.published.reproduce import Reproduction, ReproductionSettings, reproduce, write_tables
-from gaitcal.published.sensitivities import SensitivityDraws
-from gaitcal.published.settings import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
+from gaitcal.published.claims import Claim, Kind, Verdict
+from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
+from gaitcal.published.draw import TORQUE_WORDS, TORQUES, MonteCarloContext
+from gaitcal.published.protocol import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
+from gaitcal.published.reproduce import Reproduction, ReproductionSettings, SensitivityDraws, reproduce, write_tables
 from gaitcal.published.statistics import (
     FEWEST,
     expect,
@@ -39,10 +38,9 @@ from gaitcal.published.statistics import (
     unconverged,
     variance_contributions,
 )
-from gaitcal.published.store import Store
-from gaitcal.published.study import DrawProgress, MonteCarloStudy, alone, monte_carlo
+from gaitcal.published.study import PURPOSE, DrawProgress, MonteCarloStudy, Store, monte_carlo
 from gaitcal.published.tables import RUN, TableRow
-from gaitcal.published.workers import Cluster, LocalProcesses, Workers
+from gaitcal.published.workers import Cluster, LocalProcesses, Workers, alone
 from gaitcal.results.page_files import PAGE, read_page, rewrite_page
 from gaitcal.results.verdict import require_not_refused
 
@@ -124,7 +122,7 @@ def run_monte_carlo(folder: Path, options: Options, expected_mm: float | None, c
     with console.working() as step:
         step("reading the model and its motion")
         case, read = read_case(folder, options.trial, step)
-    with alone(store.folder):
+    with alone(store.folder, PURPOSE):
         try:
             with _draw_progress(console) as draws_done:
                 study = monte_carlo(
@@ -162,7 +160,7 @@ def run_monte_carlo(folder: Path, options: Options, expected_mm: float | None, c
 
 def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFrame) -> str:
     """Put the study on the page beside it; a line on that, empty where there is no page."""
-    if not (folder / SHEET).exists():
+    if not (folder / PAGE_DATA).exists():
         return ""
     with amended(folder) as stage:
         try:
@@ -170,7 +168,7 @@ def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFra
         except InputError as error:
             return f"warning: the page was not brought up to date: {error}"
         rms = _marker_rms(folder, study.case.name)
-        sheet = with_monte_carlo(shown.sheet or {}, study, marker_rms=rms, contributions=contributions)
+        sheet = with_monte_carlo(shown.data or {}, study, marker_rms=rms, contributions=contributions)
         rewrite_page(stage, shown.scene, sheet)
     return f"page: {folder / PAGE}, preset Trust"
 

@@ -24,8 +24,7 @@ from gaitcal.dynamics.off_sole import beside_plates, off_sole_frames, shared_pla
 from gaitcal.dynamics.plate_errors import foot_tip
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.filters import filter_plate, filterable, resample_wrench
-from gaitcal.io.force_plate import LOADED_N
+from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_wrench
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate, Recording

@@ -25,8 +25,7 @@ from gaitcal.dynamics.foot_contact import UNDER_FOOT, near
 from gaitcal.faults.contacts import Feet, feet_of, overhang, steps
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding
-from gaitcal.io.filters import resample_wrench
-from gaitcal.io.force_plate import BODY_N
+from gaitcal.io.force_plate import BODY_N, resample_wrench
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import ForcePlate
 from gaitcal.io.still import still_window

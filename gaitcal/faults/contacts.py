@@ -24,8 +24,7 @@ from gaitcal.dynamics.off_sole import MOST_BESIDE, one_centre
 from gaitcal.dynamics.plate_errors import foot_tip, outline_known
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.filters import resample_wrench
-from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
+from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, resample_wrench
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.model.linkage import SIDES
 

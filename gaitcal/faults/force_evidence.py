@@ -41,8 +41,7 @@ from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, w
 from gaitcal.faults.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
 from gaitcal.faults.plate_forces import PlateForces
 from gaitcal.io.axes import ABOUT_Y
-from gaitcal.io.filters import filter_plate, filterable, resample_wrench
-from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.force_plate import LOADED_N, centre_on_ground, filter_plate, filterable, resample_wrench
 from gaitcal.io.intervals import duration, runs
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.linkage import SIDES

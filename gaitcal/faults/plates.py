@@ -33,8 +33,7 @@ from gaitcal.faults.contacts import Feet, Step, feet_of, steps
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding
 from gaitcal.io.axes import PROGRESSION_M, net_progression
-from gaitcal.io.filters import resample_wrench
-from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N
+from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N, resample_wrench
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import ForcePlate
 

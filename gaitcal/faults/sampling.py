@@ -14,7 +14,7 @@ from gaitcal.codes import Code
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.axes import net_progression
-from gaitcal.io.filters import filterable
+from gaitcal.io.force_plate import filterable
 from gaitcal.io.text_file import UNEVEN
 from gaitcal.motion.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.motion.trial_problem import FEWEST_FRAMES

@@ -18,8 +18,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
-from gaitcal.io.toml import toml_value
-from gaitcal.io.validation import Table, read_validated, require_known, shown
+from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_value
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
@@ -42,7 +41,8 @@ _TABLES = {
     "joint_parameters": (JP_NAMES, tuple(p.kind.unit for p in JOINT_PARAMETERS), "mm, deg"),
     "zero_angles": (ZERO_ANGLES, ("deg",) * len(ZERO_ANGLES), _ZERO_WORDS),
     "inertial_parameters": (IP_NAMES, IP_UNITS, "kg, mm, kg*mm^2; moments about the mass centre"),
-}  # Table of the file -> names and units of its entries, and what the file says of them
+}
+"""Table of the file -> names and units of its entries, and what the file says of them."""
 _ARRAYS = {"joint_parameters": "joint", "zero_angles": "zero_angles", "inertial_parameters": "inertial"}
 """Table of the file -> field of `Parameters`."""
 _MEASURED = {"age": ("age_years", "kg"), "asis_distance": ("asis_distance_mm", "mm")}

@@ -72,7 +72,8 @@ CENTRE_OF: dict[str, str] = {
     for joint in JOINTS
     for kind, side in (split_side(joint.name),)
     if (centre := JOINT_TABLE[kind].centre)
-}  # Joint -> landmark that is its centre
+}
+"""Joint -> landmark that is its centre."""
 _OF_POINT = SEGMENT_OF | {CENTRE_OF[joint.name]: joint.parent for joint in JOINTS if joint.name in CENTRE_OF}
 """Landmark or joint centre -> the segment that keeps it."""
 
@@ -205,7 +206,7 @@ def _placement(
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
         kept = sum(weight(label) > 0 for label in present)
-        needed = FULL_SUPPORT if segment == "pelvis" else 1  # whether the joints tell the rest: checks/one_marker.py
+        needed = FULL_SUPPORT if segment == "pelvis" else 1  # whether the joints tell the rest: faults/one_marker.py
         if kept < needed and segment in ("pelvis", *LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"

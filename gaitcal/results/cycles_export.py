@@ -31,8 +31,18 @@ from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles, normalise
 from gaitcal.gait.events import times_of
 from gaitcal.io.labels import FootMoment
-from gaitcal.io.lock import MANIFEST, ResultKind, files_of, read_object
-from gaitcal.io.snapshot import HASHES, SELF, Snapshot, listed, read_whole, self_hash, sha256_of
+from gaitcal.io.result_folder import (
+    HASHES,
+    MANIFEST,
+    SELF,
+    ResultKind,
+    files_of,
+    listed,
+    read_object,
+    self_hash,
+    sha256_of,
+)
+from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version, read_toml
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel

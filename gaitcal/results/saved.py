@@ -20,10 +20,10 @@ from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement
 from gaitcal.findings import Finding
 from gaitcal.io.labels import FootEvent, FootMoment
-from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.io.opensim_files import parse_trc
 from gaitcal.io.recording import Recording
+from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.snapshot import Snapshot, read_whole
-from gaitcal.io.trc_mot import parse_trc
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.model_file import load_model

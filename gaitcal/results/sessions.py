@@ -18,9 +18,8 @@ from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import typed
 from gaitcal.gait.spatiotemporal import MEASURES
-from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.lock import MANIFEST, ResultKind, put_back, read_object
-from gaitcal.io.snapshot import Snapshot, read_whole, sha256_of
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, put_back, read_object, sha256_of
+from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.model.model_file import load_model
 from gaitcal.results.calibration import json_text

@@ -21,7 +21,7 @@ from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.shared_model import SharedJoints, require_fit_to_share, shared_joints
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.gait.cycles import typed
-from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel

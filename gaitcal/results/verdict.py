@@ -10,7 +10,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement, Verdict, touches_model
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.io.lock import read_object
+from gaitcal.io.result_folder import read_object
 from gaitcal.results.table_file import Json
 
 SUMMARY = "summary.json"

@@ -28,8 +28,7 @@ from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.filters import resample_wrench
-from gaitcal.io.force_plate import LOADED_N
+from gaitcal.io.force_plate import LOADED_N, resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.bandwidth import DenseMotion, Smoothed

@@ -25,8 +25,8 @@ from gaitcal.io.csv import CORNER_HEADER, is_force_header, read_header
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import FORCE_READERS, read_forces, read_recording
-from gaitcal.io.lock import MANIFEST, ResultKind, read_object
 from gaitcal.io.recording import Recording
+from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object
 from gaitcal.io.toml import read_toml
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 

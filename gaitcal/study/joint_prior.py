@@ -34,9 +34,8 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.io.snapshot import sha256_of
-from gaitcal.io.toml import package_version
-from gaitcal.io.validation import Table, shown, validated
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.toml import Table, package_version, shown, validated
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.study.settings import CalibrationSettings
 

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.io.external_loads import loads_tables
+from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording
-from gaitcal.io.snapshot import Snapshot, sha256_of
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.snapshot import Snapshot
 from gaitcal.model.ankle_zero import AnkleZero
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model

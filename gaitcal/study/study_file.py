@@ -15,8 +15,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator
 
-from gaitcal.io.toml import require_file, toml_table
-from gaitcal.io.validation import Table, read_validated, shown
+from gaitcal.io.toml import Table, read_validated, require_file, shown, toml_table
 from gaitcal.study.settings import CalibrationSettings, frequency
 
 __all__ = ["CalibrationSettings", "Markers", "StudyFile", "SubjectTable", "Trial", "TruthTable", "load_study_file"]

@@ -19,8 +19,8 @@ import numpy as np
 from gaitcal.arrays import Array, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.external_loads import loads_tables
 from gaitcal.io.formats import read_recording
+from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet

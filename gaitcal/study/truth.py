@@ -29,7 +29,7 @@ from gaitcal.errors import InputError, nearest
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.io.text_file import parse_number
-from gaitcal.io.validation import shown
+from gaitcal.io.toml import shown
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.model.marker_set import MarkerSet

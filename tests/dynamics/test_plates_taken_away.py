@@ -16,7 +16,7 @@ from gaitcal.faults import body_size
 from gaitcal.faults.contacts import feet_of
 from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Severity
-from gaitcal.io.filters import resample_wrench
+from gaitcal.io.force_plate import resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.session.session import measured_reactions, prepare_trial
@@ -31,7 +31,7 @@ ASTRIDE = ("multi", "multi walk06")
 
 @pytest.fixture
 def study_of(data_dir: Path) -> Callable[[str], Study]:
-    every = import_module("scripts.validation.attacks.bases").EVERY
+    every = import_module("scripts.validation.attacks.attack").EVERY
     return lambda name: every[name].study
 
 

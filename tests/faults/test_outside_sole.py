@@ -20,8 +20,7 @@ from gaitcal.faults.outside_sole import outside_sole
 from gaitcal.faults.plates import PLATES_ELSEWHERE
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.filters import resample_wrench
-from gaitcal.io.force_plate import plate_from_moment
+from gaitcal.io.force_plate import plate_from_moment, resample_wrench
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from gaitcal import cli
-from gaitcal.io.atomic import InterruptedWork, Stopped, atomic_directory, ended_by_signals, unbroken
-from gaitcal.io.lock import ResultKind
+from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals, unbroken
+from gaitcal.io.result_folder import ResultKind, atomic_directory
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 KINDS = {signal.SIGTERM: Stopped, signal.SIGHUP: Stopped, signal.SIGINT: KeyboardInterrupt}

@@ -20,8 +20,7 @@ from gaitcal.cli import other_programs
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
-from gaitcal.io.lock import locked
-from gaitcal.io.snapshot import listed, sha256_of
+from gaitcal.io.result_folder import listed, locked, sha256_of
 from gaitcal.results.saved import load_result
 from gaitcal.results.table_file import read_csv
 from gaitcal.session import calibrate as person_calibrate

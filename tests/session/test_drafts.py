@@ -14,8 +14,8 @@ from gaitcal.cli.console import Console
 from gaitcal.cli.folder import study_or_draft
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
+from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.io.trc_mot import write_trc
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.session.draft import draft_notes, draft_text, missing_words, study_of
 from gaitcal.session.drafting import draft_study

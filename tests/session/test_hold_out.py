@@ -18,7 +18,7 @@ from gaitcal.session.joint_parameters import FOLDS, fold_of_frame, hold_out, wit
 from gaitcal.session.session import MovingTrial, prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.measurements import marker_noise
+from gaitcal.synthetic.motion import marker_noise
 from tests.faults.spoilt import sound_study
 from tests.synthetic_studies import write_synthetic_study
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gaitcal.faults.study import check_study
 from gaitcal.published.case import nominal_case
-from gaitcal.published.settings import Plan
+from gaitcal.published.protocol import Plan
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.workers import LocalProcesses, ThisProcess, Workers
 from gaitcal.study.study import Study

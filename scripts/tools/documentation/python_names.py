@@ -50,7 +50,7 @@ MODULES: Final = (  # whose types a user's own program meets; the rest is inside
     "gaitcal.calibration.inertial_calibration",
     "gaitcal.dynamics.expected_residual",
     "gaitcal.published.case",
-    "gaitcal.published.settings",
+    "gaitcal.published.protocol",
     "gaitcal.published.statistics",
     "gaitcal.published.workers",
     "gaitcal.export",

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from gaitcal.cohort.cohort_file import CohortFile, ListedPerson
+from gaitcal.cohort.people import CohortFile, ListedPerson
 from gaitcal.io.examples import examples
 from gaitcal.model import marker_set
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable, PlateErrorTable

@@ -25,7 +25,7 @@ from gaitcal.model.linkage import REACTIONS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.motion import residual_free_wrench
 from gaitcal.synthetic.subject import synthesize, true_gait
 from gaitcal.synthetic.truth import in_static_frames, truth_table
 from scripts.validation.error_bars import bars, rms
