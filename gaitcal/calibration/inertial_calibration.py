@@ -351,4 +351,4 @@ def fit_chart(
         by_x = by_inertial(equations.factor, chart.inertial(x)) @ chart.jacobian(x)
         return np.vstack([np.dot(weigh, by_x), np.diag(1.0 / spread)])
 
-    return least_squares(residual, start, jac=jacobian, method="lm", ftol=1e-15, xtol=1e-15), jacobian
+    return least_squares(residual, start, jac=jacobian, method="lm", ftol=1e-13, xtol=1e-13), jacobian
