@@ -1,14 +1,14 @@
 """Where the public names live: read by type checkers, and by `__init__.py` when a name is first used."""
 
-from .dynamics.ground_contact import GroundReactions as GroundReactions
+from .dynamics.ground_reactions import GroundReactions as GroundReactions
 from .dynamics.ground_reactions import ground_reactions as ground_reactions
 from .dynamics.inverse_dynamics import Moments as Moments
 from .dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
 from .dynamics.joint_kinetics import JointKinetics as JointKinetics
+from .dynamics.joint_kinetics import MomentFrame as MomentFrame
 from .dynamics.joint_kinetics import component_of as component_of
 from .dynamics.joint_kinetics import joint_kinetics as joint_kinetics
 from .dynamics.joint_kinetics import power_of as power_of
-from .dynamics.joint_moments import MomentFrame as MomentFrame
 from .errors import ConvergenceError as ConvergenceError
 from .errors import GaitcalError as GaitcalError
 from .errors import InputError as InputError

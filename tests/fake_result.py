@@ -14,7 +14,7 @@ from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.codes import Code
 from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.faults.verdict import judge
 from gaitcal.findings import STUDY, Finding, Severity
@@ -159,7 +159,7 @@ def _joint(parameters: Any) -> JointCalibration:
         parameters=parameters,
         phases=(),
         free=FREE,
-        influence=cast(Any, ()),
+        errors=cast(Any, ()),
         unidentifiable=UNSEEN,
         findings=(),
         at_bound=("knee_r.thigh.front",),

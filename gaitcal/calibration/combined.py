@@ -4,37 +4,27 @@
 
 sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s BW and sigma_T = s BW H with one figure
 s, the weight between markers and loads: how large a pelvis residual measurement alone explains. x are the variables of
-`inertial_chart.py`. Residual loads depend on positions, velocities and accelerations, hence on the same six nodes as
-the markers of the frame: the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
+`inertial_calibration.py`. Residual loads depend on positions, velocities and accelerations, hence on the same six nodes
+as the markers of the frame: the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
 (`motion/banded.py`). Levenberg-Marquardt from the end of phases 1 and 2.
-
-Arms that a fit turned about themselves: one marker on an upper arm does not tell how it is turned about its length.
-
-The model's upper arm does not turn so. Where a real one does, a fit of its joints may find an elbow that bends the
-other way, with the whole arm half a turn about. Such a motion is far from the one that the markers begin with, and
-tracking with the same joints does not find it again. The joints of that arm are then better left where they were.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
-from gaitcal.codes import Code
+from gaitcal.calibration.inertial_calibration import ConsistentSettings, LogChart
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
-from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.model.parameters import JP_INDEX, InertialSet, Parameters, dynamic_jacobian
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.banded import ArrowEquations, NormalEquations, SharedPrior
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
 from gaitcal.motion.spline import ORDER, SplineBasis
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import SharedTrials
 from gaitcal.motion.trial_problem import TrialProblem
 
@@ -130,18 +120,15 @@ class _MarkersAndLoads(SharedTrials):
         self.nothing_left = 0.0
         self.trials = trials
         self.precision = 1.0 / self.chart.spread(settings.spread)
-        self.sigma = self._marker_sigma()
+        square = count = 0.0
+        for trial, problem in zip(trials, self.open, strict=True):
+            square += problem.marker_cost(trial.nodes, problem.constants(parameters))
+            count += 3.0 * float((problem.data.weight > 0).sum())
+        self.sigma = float(np.sqrt(square / count))
+        """m per coordinate: the marker residual at the start, over all trials."""
         scale = settings.load_share * subject.weight
         self.load_weight = np.repeat([1.0 / scale, 1.0 / (scale * subject.height)], 3)
         """(6,) one over sigma_F (1/N) and sigma_T (1/(N m))."""
-
-    def _marker_sigma(self) -> float:
-        """Marker error in m per coordinate: the marker residual at the start, over all trials."""
-        total, count = 0.0, 0.0
-        for trial, problem in zip(self.trials, self.open, strict=True):
-            total += problem.marker_cost(trial.nodes, problem.constants(self.parameters))
-            count += 3.0 * float((problem.data.weight > 0).sum())
-        return float(np.sqrt(total / count))
 
     def parameters_at(self, theta: Array) -> Parameters:
         """The linkage at theta."""
@@ -150,7 +137,7 @@ class _MarkersAndLoads(SharedTrials):
         return moved.with_inertial(self.chart.inertial(theta[split:]))
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Cost and half gradient, without unit."""
+        """Cost and half gradient, without unit; joint parameters are held by the markers alone."""
         return self.linearise(x, curved=False).evaluation
 
     def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
@@ -158,40 +145,27 @@ class _MarkersAndLoads(SharedTrials):
         theta, nodes = self.parted(x)
         parameters = self.parameters_at(theta)
         equations = [self._trial(k, parameters, theta, n) for k, n in enumerate(nodes)]
-        everything = [np.arange(self.size)] * len(equations)
-        return ArrowEquations(equations, everything, self.size, self._prior(theta))
-
-    def _prior(self, theta: Array) -> SharedPrior:
-        """|x / spread|^2; joint parameters are held by the markers alone."""
-        precision = np.concatenate([np.zeros(len(self.free)), self.precision])
+        precision = np.concatenate([np.zeros(len(self.free)), self.precision])  # markers alone hold joint parameters
         scaled = precision * theta
-        return SharedPrior(float(scaled @ scaled), precision * scaled, np.diag(precision**2))
+        prior = SharedPrior(float(scaled @ scaled), precision * scaled, np.diag(precision**2))
+        return ArrowEquations(equations, [np.arange(self.size)] * len(equations), self.size, prior)
 
     def _trial(self, k: int, parameters: Parameters, theta: Array, nodes: Array) -> NormalEquations:
         """One trial's markers in units of sigma_m, its parameters placed in theta, and its loads."""
         problem, trial, columns = self.open[k], self.trials[k], self.columns[k]
-        marker = problem.equations(nodes, problem.constants(parameters))
-        share = 1.0 / self.sigma**2
+        marker = problem.equations(nodes, problem.constants(parameters)).scaled(1.0 / self.sigma**2)
         mixed, corner = np.zeros((nodes.size, self.size)), np.zeros((self.size, self.size))
-        corner_gradient = np.zeros(self.size)
-        mixed[:, columns] = share * marker.mixed
-        corner[np.ix_(columns, columns)] = share * marker.parameters
-        corner_gradient[columns] = share * marker.parameter_gradient
-        scaled = NormalEquations(
-            cost=share * marker.cost,
-            band=share * marker.band,
-            mixed=mixed,
-            parameters=corner,
-            node_gradient=share * marker.node_gradient,
-            parameter_gradient=corner_gradient,
-        )
+        gradient = np.zeros(self.size)
+        mixed[:, columns], gradient[columns] = marker.mixed, marker.parameter_gradient
+        corner[np.ix_(columns, columns)] = marker.parameters
+        placed = replace(marker, mixed=mixed, parameters=corner, parameter_gradient=gradient)
         if trial.wrench is None:
-            return scaled
+            return placed
         valid = np.ones(len(problem.basis.time), bool) if trial.valid is None else trial.valid
         q, v, a = (problem.basis.evaluate(nodes, d)[valid] for d in range(3))
         load = root_residual(parameters, self.free, q, v, a, trial.wrench[valid])
         by_theta = self._by_theta(load, parameters, theta)
-        return _with_loads(scaled, problem.basis, valid, load, by_theta, self.load_weight)
+        return _with_loads(placed, problem.basis, valid, load, by_theta, self.load_weight)
 
     def _by_theta(self, load: RootResidual, parameters: Parameters, theta: Array) -> Array:
         """(frames, 6, size) derivative of the root residual by theta, in its standard deviations."""
@@ -242,49 +216,4 @@ def _with_loads(
         parameters=corner,
         node_gradient=gradient.reshape(nn, nq),
         parameter_gradient=corner_gradient,
-    )
-
-
-FAR = np.deg2rad(90.0)
-"""From where a coordinate begins, the median over a trial: no noise and no bound of joint parameters turns so far."""
-ARM = ("arm_flex", "arm_add", "elbow_flex")
-JOINTS = ("shoulder", "elbow")
-
-
-def arm_ambiguity(
-    problems: Sequence[TrialProblem], nodes: Sequence[Array], parameters: Parameters
-) -> Mapping[str, float]:
-    """Side -> rad by which its arm is turned from where rigid fits with `parameters` begin, where that is too far."""
-    out: dict[str, float] = {}
-    for problem, own in zip(problems, nodes, strict=True):
-        start = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
-        apart = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(own - start))))
-        median = dict(zip(problem.chain.coordinates, np.median(apart, axis=0).tolist(), strict=True))
-        for side in SIDES:
-            most = max((median[name] for name in (f"{arm}_{side}" for arm in ARM) if name in median), default=0.0)
-            if most > max(FAR, out.get(side, 0.0)):
-                out[side] = most
-    return out
-
-
-def without_arms(free: Sequence[str], sides: Mapping[str, float]) -> tuple[str, ...]:
-    """The joint parameters that are none of these arms."""
-    joints = {f"{joint}_{side}" for joint in JOINTS for side in sides}
-    return tuple(name for name in free if name.split(".")[0] not in joints)
-
-
-def told(sides: Mapping[str, float]) -> tuple[Finding, ...]:
-    """A note an arm."""
-    return tuple(
-        Finding(
-            severity=Severity.INFO,
-            topic="joint parameters",
-            where=STUDY,
-            cause=f"shoulder and elbow of the {SIDE_WORDS[side]} arm stay nominal",
-            found=f"their fit turned the arm by {np.rad2deg(turn):.0f} degrees, which no arm does: its markers do not "
-            "tell how the upper arm is turned about its length",
-            cure="nothing, where only legs matter; a second marker on the upper arm tells it",
-            code=Code.UNDETERMINED,
-        )
-        for side, turn in sides.items()
     )

@@ -6,21 +6,16 @@ earlier phase or of the nominal model,
 
     d p = -H^-1 (sum_t u_t + S_pk d p_k - Lambda d c),        H = sum_t S_pp + Lambda,       n_t, independent, N(0, 1).
 
-A motion is tracked with known joints. Its nodes depend on the residuals of marker coordinate c (one axis of one marker)
-through its score g_c = sum_f J_cf r_cf, and move by  n_c = -H_qq^-1 g_c  with it. Skin movement repeats itself from
-frame to frame, so frames are not independent; marker coordinates are taken to be: the cluster-robust sandwich (Liang
-and Zeger 1986), with residuals first inflated for what the motion itself has absorbed: r / (1 - h), h the leverage of
-the coordinate in its frame's own least-squares problem (Mancini and DeRouen 2001; skin noise is slow against the
-splines, so that the motion of a frame can follow it).
+A source c of the joint parameters moves the motion by  d N_c = - S d p_c,  S = -d N/d p. The trial's own markers move
+it while joints are known (what they do to the joints is told by the noise of the trial): the nodes depend on the
+residuals of marker coordinate c, one axis of one marker, through its score g_c = sum_f J_cf r_cf, and move by
+n_c = -H_qq^-1 g_c. Skin movement repeats itself from frame to frame, so frames are not independent; marker coordinates
+are taken to be: the cluster-robust sandwich (Liang and Zeger 1986), with residuals first inflated for what the motion
+itself has absorbed: r / (1 - h), h the leverage of the coordinate in its frame's own least-squares problem (Mancini and
+DeRouen 2001; skin noise is slow against the splines, so that the motion of a frame can follow it).
 
-Any quantity that depends on both, a torque at a frame, gets its standard error from the same columns by its derivative.
-
-What every source of error moves: the joint parameters, and through them and by itself the motion of a trial.
-
-A source c of the joint parameters (`influence.py`) moves them by d p_c and the motion by  d N_c = - S d p_c,
-S = -d N/d p. A coordinate of the trial's own markers moves its nodes by n_c while joints are known: what it does to the
-joints is told by the noise of the trial. The coordinates of the motion move by B d N_c; squares sum to the variance
-that skin movement leaves in them.
+Coordinates move by B d N_c, and whatever follows from coordinates and parameters, a torque at a frame, by its
+derivatives; the squares of what the sources do sum to its variance.
 """
 
 from __future__ import annotations
@@ -31,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from gaitcal.arrays import Array, stretches
+from gaitcal.arrays import Array, IntArray, stretches
 from gaitcal.calibration.joint_prior import prior_root
 from gaitcal.calibration.soft_tissue_artefact import SQUARES
 from gaitcal.dynamics.axis_errors import ErrorSource
@@ -45,18 +40,10 @@ from gaitcal.study.joint_prior import JointPrior
 
 LEVERAGE_CAP = 0.9
 """Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrialScores:
-    """What one trial's marker coordinates make of its motion, the joint parameters being known."""
-
-    nodes: Array
-    """(nn * nq, nc) H_qq^-1 g_c: what they make of the nodes, negative."""
-    sensitivity: Array
-    """(nn * nq, np_t) H_qq^-1 H_qp; those of soft tissue, if the trial has any, come last."""
-    clusters: tuple[str, ...]
-    """(nc,) which marker coordinate each column is: `trial/label/axis`."""
+BLOCK = 125
+"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
+COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
+"""Of a product of which only squares are kept."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +61,7 @@ class ErrorSources:
     @property
     def covariance(self) -> Array:
         """(np, np) of the joint parameters; zero along directions that the trials cannot see."""
-        out: Array = self.parameters @ self.parameters.T
-        return out
+        return self.parameters @ self.parameters.T
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -96,7 +82,7 @@ class ErrorSources:
         return ErrorSources((*kept.free, *other.free), errors, (*clusters, *other.clusters))
 
 
-def nominal_influence(names: Sequence[str] = JP_NAMES, prior: JointPrior | None = None) -> ErrorSources:
+def nominal_errors(names: Sequence[str] = JP_NAMES, prior: JointPrior | None = None) -> ErrorSources:
     """How far nominal joint parameters may be wrong, a column a cause (`joint_prior.py`; anatomy's unless given)."""
     return ErrorSources(tuple(names), prior_root(names, prior), tuple(f"nominal/{name}" for name in names))
 
@@ -127,111 +113,54 @@ def errors_by_source(
     )
 
 
-def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) -> TrialScores:
-    """Scores of one trial's marker coordinates at its motion, with the free joint parameters of its chain."""
-    constants = problem.constants(parameters)
-    eliminated = eliminate(problem.equations(nodes, constants))
-    by_node = _cluster_gradients(problem, constants, nodes)
-    clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
-    if problem.penalty is not None:
-        by_node = np.column_stack([by_node, problem.penalty.both(nodes)[1].ravel()])
-        clusters.append(f"bandwidth/{problem.name}")
-    for prior in problem.priors:
-        if prior.centred:
-            of_centre = prior.scores(problem.basis, problem.chain.coordinates)
-            by_node = np.column_stack([by_node, of_centre])
-            clusters += [f"posture/{problem.name}/{k}" for k in range(of_centre.shape[1])]
-    return TrialScores(
-        nodes=eliminated.factor.solve(by_node), sensitivity=eliminated.sensitivity, clusters=tuple(clusters)
-    )
+@dataclass(frozen=True, kw_only=True)
+class _NodeMoves:
+    """What moves the nodes of one trial: its own marker coordinates, and unknowns that it shares with others."""
+
+    nodes: Array
+    """(nn * nq, own) n_c: what the own coordinates do, the joint parameters being known."""
+    sensitivity: Array
+    """(nn * nq, np) S = - d N / d p, joint parameters before soft tissue."""
+
+    def moved(self, basis: SplineBasis, frames: slice | IntArray, derivative: int) -> Array:
+        """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
+        chosen, nq = np.arange(len(basis.time))[frames], len(self.nodes) // basis.nodes
+        near = slice(int(basis.first[chosen[0]]), int(basis.first[chosen[-1]]) + ORDER)
+        rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
+        by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
+        out: Array = basis.matrices[derivative][frames][:, near] @ by_node
+        return out.reshape(len(chosen), nq, -1)
+
+    def through(self, basis: SplineBasis, frames: slice | IntArray, by_state: Array, by_parameter: Array) -> Array:
+        """(frames, m, own + np) what they do to m quantities with derivatives by coordinates, rates and accelerations
+        (frames, m, 3 nq), and by joint parameters (frames, m, npj).
+        """
+        states = np.concatenate([self.moved(basis, frames, derivative) for derivative in range(3)], axis=1)
+        every: Array = by_state @ states
+        count = self.nodes.shape[1]
+        every[:, :, count : count + by_parameter.shape[2]] += by_parameter
+        return every
 
 
-def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: Array) -> Array:
-    """(nn * nq, nc) half gradients of each marker coordinate's own cost by the nodes, residuals inflated."""
-    chain, data, basis = problem.chain, problem.data, problem.basis
-    nq = len(chain.coordinates)
-    q = basis.evaluate(nodes)
-    poses = forward(chain, constants, q, data.secondary)
-    spatial = jacobian(chain, constants, poses, data.secondary)
-    x = problem.positions(nodes, constants)
-    residual = x - data.measured
-    inverse = _frame_inverses(problem, constants, q)
-    matrix = basis.matrices[0]
-    by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
-    for m, segment in enumerate(data.segment):
-        own = np.flatnonzero(chain.support[:nq, segment])
-        velocity = _point_velocity(spatial[own], x[m])
-        # h = w J (J^T W J)^-1 J^T of this marker's three axes in its own frame: what the motion absorbs of it
-        by_frame = velocity.transpose(2, 1, 0)
-        met = by_frame @ inverse[np.ix_(np.arange(len(q)), own, own)]
-        leverage = (met * by_frame).sum(axis=2).T
-        leverage = np.clip(data.weight[m] * leverage, 0.0, LEVERAGE_CAP)
-        pull = velocity * (data.weight[m] * residual[m] / (1.0 - leverage))
-        for i in range(3):
-            by_node[:, own, 3 * m + i] = (pull[:, i] @ matrix).T
-    out: Array = by_node.reshape(basis.nodes * nq, -1)
-    return out
+@dataclass(frozen=True, kw_only=True)
+class TrialScores(_NodeMoves):
+    """What one trial's marker coordinates make of its motion."""
+
+    clusters: tuple[str, ...]
+    """(own,) which source each column is: `trial/label/axis`, `bandwidth/trial`, `posture/trial/number`."""
 
 
-def _point_velocity(spatial: Array, x: Array) -> Array:
-    """(nk, 3, nf) velocity v + w x x of the point x (3, nf) for spatial velocities (nk, 6, nf)."""
-    v, w = spatial[:, :3], spatial[:, 3:]
-    out = v.copy()
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[:, i] += w[:, j] * x[k] - w[:, k] * x[j]
-    return out
-
-
-def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) -> Array:
-    """(nf, nq, nq) pseudo-inverses of the frames' own Gauss-Newton matrices."""
-    hessian = problem.frame_hessians(q, constants)
-    # m^2 and rad^2 on one diagonal: scaled to ones, so that the cut of the pseudo-inverse means the same for all
-    scale = 1.0 / np.sqrt(np.maximum(np.einsum("fii->fi", hessian), 1e-12))
-    scaled = hessian * scale[:, :, None] * scale[:, None, :]
-    inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)
-    out: Array = inverse * scale[:, :, None] * scale[:, None, :]
-    return out
-
-
-BLOCK = 125
-"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
-COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
-"""Of a product of which only squares are kept."""
-
-
-@dataclass(frozen=True)
-class MotionSensitivity:
-    """What every source of error moves: this trial's own marker coordinates the nodes, all others the unknowns."""
+@dataclass(frozen=True, kw_only=True)
+class MotionSensitivity(_NodeMoves):
+    """The same with what moves the unknowns."""
 
     shift: Array
     """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source are np or fewer with the
     same covariance."""
-    nodes: Array
-    """(nn * nq, own) n_c: what the own coordinates do."""
-    sensitivity: Array
-    """(nn * nq, np) - d N / d p."""
     own: tuple[ErrorSource, ...]
     """(own,) of the columns of `nodes`."""
     others: tuple[ErrorSource, ...]
     """(nc,) of the columns of `shift`."""
-
-    @property
-    def present(self) -> tuple[ErrorSource, ...]:
-        """Every source once."""
-        return tuple(dict.fromkeys((*self.own, *self.others)))
-
-    def states(self, basis: SplineBasis, part: slice, nq: int) -> Array:
-        """(frames, 3 nq, own + np) `moved` of coordinates, rates and accelerations."""
-        return np.concatenate([self.moved(basis, part, nq, derivative) for derivative in range(3)], axis=1)
-
-    def moved(self, basis: SplineBasis, part: slice, nq: int, derivative: int) -> Array:
-        """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
-        near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
-        rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
-        by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
-        out: Array = basis.matrices[derivative][part, near] @ by_node
-        return out.reshape(part.stop - part.start, nq, -1)
 
     def variances(self, moved: Array) -> dict[ErrorSource, Array]:
         """ErrorSource -> (frames, m) the variance that it makes; `moved`: (frames, m, own + np) what own coordinates
@@ -239,7 +168,7 @@ class MotionSensitivity:
         """
         (nf, m, _), count, out = moved.shape, self.nodes.shape[1], dict[ErrorSource, Array]()
         by_unknown = moved[:, :, count:].reshape(nf * m, -1)
-        for source in self.present:
+        for source in dict.fromkeys((*self.own, *self.others)):
             own = [k for k, of in enumerate(self.own) if of is source]
             shared = [k for k, of in enumerate(self.others) if of is source]
             found = squares(moved[:, :, :count] if len(own) == count else moved[:, :, own])
@@ -249,8 +178,7 @@ class MotionSensitivity:
 
 def squares(moves: Array) -> Array:
     """(nf, m) variance from what independent sources (nf, m, k) make."""
-    out: Array = np.einsum("fmk,fmk->fm", moves, moves)
-    return out
+    return np.einsum("fmk,fmk->fm", moves, moves)
 
 
 def _product_squares(left: Array, right: Array) -> Array:
@@ -285,8 +213,58 @@ def source_of(name: str) -> ErrorSource:
 def whole_body_scores(
     problem: TrialProblem, nodes: Array, parameters: Parameters, joint: ErrorSources | None
 ) -> TrialScores:
-    """Scores of one whole-body trial's markers, for the joint parameters of `joint`; None: no parameter is free."""
-    return trial_scores(problem.with_free(joint.free if joint else ()), parameters, nodes)
+    """Scores of one trial's markers, for the joint parameters of `joint`; None: no parameter is free."""
+    problem = problem.with_free(joint.free if joint else ())
+    constants = problem.constants(parameters)
+    eliminated = eliminate(problem.equations(nodes, constants))
+    columns = [_cluster_gradients(problem, constants, nodes)]
+    clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
+    if problem.penalty is not None:
+        columns.append(problem.penalty.both(nodes)[1].reshape(-1, 1))
+        clusters.append(f"bandwidth/{problem.name}")
+    for prior in problem.priors:
+        if prior.centred:
+            columns.append(prior.scores(problem.basis, problem.chain.coordinates))
+            clusters += [f"posture/{problem.name}/{k}" for k in range(columns[-1].shape[1])]
+    moves = -eliminated.factor.solve(np.hstack(columns))
+    return TrialScores(nodes=moves, sensitivity=eliminated.sensitivity, clusters=tuple(clusters))
+
+
+def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: Array) -> Array:
+    """(nn * nq, nc) half gradients of each marker coordinate's own cost by the nodes, residuals inflated."""
+    chain, data, basis = problem.chain, problem.data, problem.basis
+    nq = len(chain.coordinates)
+    q = basis.evaluate(nodes)
+    poses = forward(chain, constants, q, data.secondary)
+    spatial = jacobian(chain, constants, poses, data.secondary)
+    x = problem.positions(nodes, constants)
+    residual = x - data.measured
+    inverse = _frame_inverses(problem, constants, q)
+    matrix = basis.matrices[0]
+    by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
+    for m, segment in enumerate(data.segment):
+        own = np.flatnonzero(chain.support[:nq, segment])
+        v, w = spatial[own, :3], spatial[own, 3:]
+        velocity = np.ascontiguousarray(v + np.cross(w, x[m][None], axis=1))
+        # h = w J (J^T W J)^-1 J^T of this marker's three axes in its own frame: what the motion absorbs of it
+        by_frame = velocity.transpose(2, 1, 0)
+        met = by_frame @ inverse[np.ix_(np.arange(len(q)), own, own)]
+        leverage = (met * by_frame).sum(axis=2).T
+        leverage = np.clip(data.weight[m] * leverage, 0.0, LEVERAGE_CAP)
+        pull = velocity * (data.weight[m] * residual[m] / (1.0 - leverage))
+        for i in range(3):
+            by_node[:, own, 3 * m + i] = (pull[:, i] @ matrix).T
+    return by_node.reshape(basis.nodes * nq, -1)
+
+
+def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) -> Array:
+    """(nf, nq, nq) pseudo-inverses of the frames' own Gauss-Newton matrices."""
+    hessian = problem.frame_hessians(q, constants)
+    # m^2 and rad^2 on one diagonal: scaled to ones, so that the cut of the pseudo-inverse means the same for all
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("fii->fi", hessian), 1e-12))
+    scaled = hessian * scale[:, :, None] * scale[:, None, :]
+    inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)
+    return inverse * scale[:, :, None] * scale[:, None, :]
 
 
 def marker_moves(
@@ -315,17 +293,16 @@ def marker_moves(
             compressed = np.asarray(np.linalg.qr(columns.T, mode="r")).T
             shift = np.hstack([shift, compressed])
             others += [source] * compressed.shape[1]
-    return MotionSensitivity(shift, -scores.nodes, scores.sensitivity, tuple(own), tuple(others))
+    return MotionSensitivity(
+        nodes=scores.nodes, sensitivity=scores.sensitivity, shift=shift, own=tuple(own), others=tuple(others)
+    )
 
 
 def coordinate_variances(problem: TrialProblem, moves: MotionSensitivity) -> dict[ErrorSource, Array]:
     """ErrorSource -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial."""
-    basis, nq = problem.basis, len(problem.chain.coordinates)
-    out = {source: np.empty((len(basis.time), nq)) for source in moves.present}
-    for part in stretches(len(basis.time), BLOCK):
-        for source, variance in moves.variances(moves.moved(basis, part, nq, 0)).items():
-            out[source][part] = variance
-    return out
+    basis = problem.basis
+    parts = [moves.variances(moves.moved(basis, part, 0)) for part in stretches(len(basis.time), BLOCK)]
+    return {source: np.concatenate([part[source] for part in parts]) for source in parts[0]}
 
 
 def coordinate_standard_errors(

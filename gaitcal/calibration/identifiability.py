@@ -6,6 +6,10 @@ others becomes cov - cov_k cov_k^T / cov_kk, and the search goes on until every 
 Directions along which S, the reduced Gauss-Newton matrix in units of the noise, vanishes count with an unbounded
 variance, and so does an axis about which the joint hardly moved in its isolated trials: what residuals say of it there
 is noise that turns with the joint.
+
+One marker on an upper arm does not tell how it is turned about its length, and the model's upper arm does not turn so.
+Where a real one does, a fit of its joints may find an elbow that bends the other way, with the whole arm half a turn
+about: a motion far from the one that the markers begin with. The joints of that arm are then left where they were.
 """
 
 from __future__ import annotations
@@ -18,8 +22,10 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
-from gaitcal.model.linkage import LEG_JOINTS
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
+from gaitcal.model.linkage import LEG_JOINTS, SIDE_WORDS, SIDES, moved_joints
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
 LARGEST_POSITION = 0.020
@@ -28,31 +34,32 @@ LARGEST_ORIENTATION = np.deg2rad(20.0)
 """rad, the same for an axis' direction."""
 NEEDED_TURN = np.deg2rad(25.0)
 """Range of motion a joint needs for its axis to be found (Reinbolt et al. 2007)."""
-
 LEAST_TURN = np.deg2rad(5.0)
 """Range of motion below which an isolated trial says nothing of an axis: of the size of what skin movement feigns."""
 UNBOUNDED = 1e6
 """Variance, in squares of the largest error believed, of what the markers cannot see at all."""
-
-_AXES: dict[str, dict[str, tuple[str, ...]]] = {
-    "hip": {"hip": ("hip_flexion", "hip_adduction")},
-    "knee": {"knee": ("knee_angle",)},
-    "ankle": {"talocrural": ("ankle_angle",), "subtalar": ("subtalar_angle",)},
-}
-"""Joint of an isolated trial -> its axes (first words of joint parameters) -> their coordinates."""
-_WORDS = {
+MANY_BEYOND = 4
+"""Leg joint parameters beyond their bounds from which no single joint is odd: the body is another one."""
+LARGEST_ARM_TURN = np.deg2rad(90.0)
+"""From where a coordinate begins, the median over a trial: no noise and no bound of joint parameters turns so far."""
+MOVEMENTS = {
     "hip_flexion": "flexion",
     "hip_adduction": "abduction",
     "knee_angle": "flexion",
     "ankle_angle": "dorsiflexion",
     "subtalar_angle": "inversion",
 }
+"""Coordinate, without its side, that shows an axis in an isolated trial -> what that movement is called."""
+Turns = Mapping[str, Mapping[str, float]]
+"""Joint of isolated trials -> its coordinates, without their side -> the largest range (rad) in any of these trials."""
 
 
-def largest_errors(names: Sequence[str]) -> Array:
-    """(n,) m, rad."""
-    position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names]
-    return np.where(position, LARGEST_POSITION, LARGEST_ORIENTATION)
+def _axes(isolated: str) -> dict[str, tuple[str, ...]]:
+    """Joint of the linkage -> its coordinates of `MOVEMENTS`, for what an isolated trial moves."""
+    return {
+        joint.name: tuple(name for e in joint.elements if (name := split_side(e.name)[0]) in MOVEMENTS)
+        for joint in moved_joints(isolated)
+    }
 
 
 def unseen_parameters(
@@ -62,7 +69,8 @@ def unseen_parameters(
 
     `covariance` (np, np) along the directions that S, `information` (np, np), tells at all.
     """
-    allowed = largest_errors(free)
+    position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in free]
+    allowed = np.where(position, LARGEST_POSITION, LARGEST_ORIENTATION)
     values, vectors = np.linalg.eigh(information)
     null = vectors[:, values <= NULL * max(float(values.max(initial=0.0)), 1e-300)] / allowed[:, None]
     covariance = covariance / np.outer(allowed, allowed) + UNBOUNDED * null @ null.T
@@ -84,40 +92,14 @@ def unmoved_parameters(free: Sequence[str], joint: str, turned: Mapping[str, flo
 
     `turned`: coordinate, without its side -> the largest range (rad) in any of them (`turns_of`).
     """
-    kind, side = joint.split("_")
-    still = [axis for axis, names in _AXES[kind].items() if max(turned[name] for name in names) < LEAST_TURN]
-    return tuple(name for name in free if name.split(".")[0] in {f"{axis}_{side}" for axis in still})
+    still = {axis for axis, names in _axes(joint).items() if max(turned[name] for name in names) < LEAST_TURN}
+    return tuple(name for name in free if name.split(".")[0] in still)
 
 
 def _turns(problem: TrialProblem, nodes: Array, joint: str) -> dict[str, float]:
     """Coordinate of an isolated joint, without its side -> its range (rad) over a trial."""
-    kind, side = joint.split("_")
     ranges = dict(zip(problem.chain.coordinates, np.ptp(problem.basis.evaluate(nodes), axis=0).tolist(), strict=True))
-    return {name: ranges[f"{name}_{side}"] for names in _AXES[kind].values() for name in names}
-
-
-def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[Finding, ...]:
-    """Movements of an isolated trial that are too small to show their axis."""
-    out = []
-    for name, turned in _turns(problem, nodes, joint).items():
-        if turned < NEEDED_TURN:
-            out.append(
-                Finding(
-                    severity=Severity.INFO if turned >= LEAST_TURN else Severity.WARNING,
-                    topic="range of motion",
-                    where=problem.name,
-                    cause=f"{joint} hardly moved in {_WORDS[name]}",
-                    found=f"found {np.rad2deg(turned):.0f} deg; about {np.rad2deg(NEEDED_TURN):.0f} deg show that axis",
-                    cure="its error bar is the wider; record the trial again with a larger movement",
-                    leg=joint[-1],
-                    code=Code.SMALL_MOVEMENT,
-                )
-            )
-    return tuple(out)
-
-
-Turns = Mapping[str, Mapping[str, float]]
-"""Joint of isolated trials -> its coordinates, without their side -> the largest range (rad) in any of these trials."""
+    return {name: ranges[f"{name}_{joint[-1]}"] for names in _axes(joint).values() for name in names}
 
 
 def turns_of(
@@ -126,26 +108,58 @@ def turns_of(
     """How far isolated trials move their joints; `joints` names that of each problem, None for gait."""
     out: dict[str, dict[str, float]] = {}
     for problem, own, joint in zip(problems, nodes, joints, strict=True):
-        if joint is None:
-            continue
-        found = out.setdefault(joint, {})
-        for name, turned in _turns(problem, own, joint).items():
-            found[name] = max(found.get(name, 0.0), turned)
+        if joint is not None:
+            found = out.setdefault(joint, {})
+            for name, turned in _turns(problem, own, joint).items():
+                found[name] = max(found.get(name, 0.0), turned)
     return out
+
+
+def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[Finding, ...]:
+    """Movements of an isolated trial that are too small to show their axis."""
+    return tuple(
+        Finding(
+            severity=Severity.INFO if turned >= LEAST_TURN else Severity.WARNING,
+            topic="range of motion",
+            where=problem.name,
+            cause=f"{joint} hardly moved in {MOVEMENTS[name]}",
+            found=f"found {np.rad2deg(turned):.0f} deg; about {np.rad2deg(NEEDED_TURN):.0f} deg show that axis",
+            cure="its error bar is the wider; record the trial again with a larger movement",
+            leg=joint[-1],
+            code=Code.SMALL_MOVEMENT,
+        )
+        for name, turned in _turns(problem, nodes, joint).items()
+        if turned < NEEDED_TURN
+    )
 
 
 def _advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
     """What to record for a joint of the model, where isolated trials have `turned` the joint that it belongs to."""
-    side = "right" if joint[-1] == "r" else "left"
     if not turned:
         needed = f"at least {np.rad2deg(NEEDED_TURN):.0f} deg of movement"
-        return f"add an isolated {kind} trial of the {side} leg with {needed}"
-    had = " and ".join(f"{np.rad2deg(angle):.0f} deg in {_WORDS[name]}" for name, angle in turned.items())
-    own = _AXES[kind][joint.split("_")[0]]
-    small = [_WORDS[n] for n, angle in turned.items() if angle < NEEDED_TURN and n in own]
+        return f"add an isolated {kind} trial of the {SIDE_WORDS[joint[-1]]} leg with {needed}"
+    had = " and ".join(f"{np.rad2deg(angle):.0f} deg in {MOVEMENTS[name]}" for name, angle in turned.items())
+    own = _axes(f"{kind}_{joint[-1]}")[joint]
+    small = [MOVEMENTS[n] for n, angle in turned.items() if angle < NEEDED_TURN and n in own]
     if small:
         return f"the isolated {kind} trial moves {had}; move {' and '.join(small)} further to learn more"
     return f"the isolated {kind} trial moves {had}, enough: these stay as uncertain as their error bars say"
+
+
+def _finding(
+    code: Code, cause: str, found: str, cure: str, leg: str = "", severity: Severity = Severity.INFO
+) -> Finding:
+    return Finding(
+        severity=severity,
+        topic="joint parameters",
+        where=STUDY,
+        cause=cause,
+        found=found,
+        cure=cure,
+        leg=leg,
+        weight=10.0 if severity is Severity.ERROR else 1.0,
+        code=code,
+    )
 
 
 def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, ...]:
@@ -153,65 +167,75 @@ def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, 
 
     Its error bar says the rest.
     """
-    joints = dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen)
     out = []
-    for joint in joints:
+    for joint in dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen):
         own = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
-        kind = "ankle" if joint.startswith(("talocrural", "subtalar")) else joint.split("_")[0]
+        kind = JOINT_TABLE[split_side(joint)[0]].power
+        cause, found = f"{joint} is not fully determined", f"{', '.join(own)} not determined; {done}"
         advice = _advice(joint, kind, turned.get(f"{kind}_{joint[-1]}", {}))
-        out.append(
-            Finding(
-                severity=Severity.INFO,
-                topic="joint parameters",
-                where=STUDY,
-                cause=f"{joint} is not fully determined",
-                found=f"{', '.join(own)} not determined; {done}",
-                cure=advice,
-                leg=joint[-1],
-                code=Code.UNDETERMINED,
-            )
-        )
+        out.append(_finding(Code.UNDETERMINED, cause, found, advice, joint[-1]))
     return tuple(out)
-
-
-MANY = 4
-"""Leg joint parameters beyond their bounds from which no single joint is odd: the body is another one."""
 
 
 def beyond_bounds(names: Sequence[str]) -> tuple[Finding, ...]:
     """Of joint parameters on their bounds, or beyond; notes where no leg moves by them."""
     legs = [name for name in names if name.split(".")[0].rpartition("_")[0] in LEG_JOINTS]
-    many = len(legs) >= MANY and len({name.split(".")[0] for name in legs}) > 1
+    many = len(legs) >= MANY_BEYOND and len({name.split(".")[0] for name in legs}) > 1
     out = []
     for joint in dict.fromkeys(name.split(".")[0] for name in names):
         own = [name for name in names if name.split(".")[0] == joint]
         leg = own[0] in legs
-        if leg and many:
-            continue
-        out.append(
-            Finding(
-                severity=Severity.WARNING if leg else Severity.INFO,
-                topic="joint parameters",
-                where=STUDY,
-                cause=f"{joint} lies further from where the static trial has it than people do",
-                found=f"{listed(own)} on the bound of how far it may move, or beyond",
-                cure="look at the landmarks of the static trial, and whether the trials are of this person and joint",
-                leg=joint[-1] if leg else "",
-                code=Code.JOINT_AT_BOUND,
+        if not (leg and many):
+            out.append(
+                _finding(
+                    Code.JOINT_AT_BOUND,
+                    f"{joint} lies further from where the static trial has it than people do",
+                    f"{listed(own)} on the bound of how far it may move, or beyond",
+                    "look at the landmarks of the static trial, and whether the trials are of this person and joint",
+                    joint[-1] if leg else "",
+                    Severity.WARNING if leg else Severity.INFO,
+                )
             )
-        )
     if many:
         found = f"{len(legs)} joint parameters are on the bound of how far they may move, or beyond: {listed(legs)}"
-        out.append(
-            Finding(
-                severity=Severity.ERROR,
-                topic="joint parameters",
-                where=STUDY,
-                cause="the static trial does not show the body of the moving trials",
-                found=found,
-                cure="is it of another person, or of another day, with the markers in other places?",
-                weight=10.0,
-                code=Code.OTHER_BODY,
-            )
-        )
+        cause = "the static trial does not show the body of the moving trials"
+        cure = "is it of another person, or of another day, with the markers in other places?"
+        out.append(_finding(Code.OTHER_BODY, cause, found, cure, severity=Severity.ERROR))
     return tuple(out)
+
+
+def arm_ambiguity(
+    problems: Sequence[TrialProblem], nodes: Sequence[Array], parameters: Parameters
+) -> Mapping[str, float]:
+    """Side -> rad by which its arm is turned from where rigid fits with `parameters` begin, where that is too far."""
+    out: dict[str, float] = {}
+    arm = [row.name for row in COORDINATE_TABLE.values() if row.group == "arm"]
+    for problem, own in zip(problems, nodes, strict=True):
+        start = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
+        apart = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(own - start))))
+        median = dict(zip(problem.chain.coordinates, np.median(apart, axis=0).tolist(), strict=True))
+        for side in SIDES:
+            most = max((median[name] for name in (f"{angle}_{side}" for angle in arm) if name in median), default=0.0)
+            if most > max(LARGEST_ARM_TURN, out.get(side, 0.0)):
+                out[side] = most
+    return out
+
+
+def without_arms(free: Sequence[str], sides: Mapping[str, float]) -> tuple[str, ...]:
+    """The joint parameters that are none of these arms."""
+    joints = {f"{joint}_{side}" for joint in ("shoulder", "elbow") for side in sides}
+    return tuple(name for name in free if name.split(".")[0] not in joints)
+
+
+def ambiguous_arm_findings(sides: Mapping[str, float]) -> tuple[Finding, ...]:
+    """A note an arm."""
+    return tuple(
+        _finding(
+            Code.UNDETERMINED,
+            f"shoulder and elbow of the {SIDE_WORDS[side]} arm stay nominal",
+            f"their fit turned the arm by {np.rad2deg(turn):.0f} degrees, which no arm does: its markers do not tell "
+            "how the upper arm is turned about its length",
+            "nothing, where only legs matter; a second marker on the upper arm tells it",
+        )
+        for side, turn in sides.items()
+    )

@@ -3,42 +3,123 @@
     min_p  sum_frames { |F|^2 / BW^2 + |T|^2 / L^2 } + sum_n ((p_n - p'_n) / s_n)^2
 
 F, T the root wrench that no ground reaction explains, in laboratory axes about the pelvis origin; L = BW * H (or
-another scale); p' the seed. The frames are compressed once (`inertial_equations.py`); the iteration never sees them.
+another scale); p' the seed. F and T are linear in the dynamic parameters phi(p) = (m, m c, I_origin) of the bodies: the
+rows of all valid frames are compressed once by a QR factorisation of their regressor to at most 121 rows, whose norm is
+that of the full residual exactly. The iteration never sees the frames.
 
 `published`: s_n = p'_n, the result becomes the next seed until the residuals change by less than 0.1 %. That is a
 proximal-point iteration: its fixed points are those of the residual alone, whatever the penalty's weight w, but along a
 direction with singular value s of the scaled residual each seed keeps w / (w + s^2) of the distance. With s^2 down to
 1e-11 it never gets there, and stops early: on measured data that is what keeps weak directions near the first seed.
 Data without noise can be solved exactly by lowering w at every seed (`decay`): same fixed points, quickly reached.
-`consistent`: every body stays physically possible, total mass and left-right symmetry are exact, because
-the variables are logarithms: m_k = M softmax, second moments of mass exp(.), hence positive moments that obey the
-triangle inequality; s_n the spread of the anthropometric table. What is left of F / BW and T / (BW L) is the noise that
-the spread is weighed against: its standard deviation is what the fit leaves, found by repeating (feasible generalised
-least squares), and at least what measurement alone brings. The main job weighs them with `inertial_evidence.py`.
 
-The pelvis residual of walking trials, linear in the inertial parameters.
-
-F and T, the root wrench that no ground reaction explains, are linear in the dynamic parameters phi(p) = (m, m c,
-I_origin) of the bodies. The rows of all valid frames are compressed once by a QR factorisation of their regressor to at
-most 121 rows, whose norm is that of the full residual exactly.
+`consistent`: every body stays physically possible, total mass and left-right symmetry are exact, by variables x, 0 at
+the seed: masses are shares of the seed's total, m_k = M m_k^0 exp(x) / sum; mass centres are shifted by x; the second
+moments of mass about the mass centre, sum x_i^2, are scaled by exp(x). Moments of inertia are sums of two second
+moments each, so they are positive and obey the triangle inequality: the pseudo-inertia stays positive definite
+(Wensing, Kim and Slotine 2017; the axes of a body being fixed, its log-Cholesky parameters are these logarithms). s_n
+is the spread of people about the anthropometric table. What is left of F / BW and T / (BW L) is the noise that the
+spread is weighed against: its standard deviation is what the fit leaves, found by repeating (feasible generalised least
+squares), and at least what measurement alone brings. The main job weighs them with `inertial_evidence.py`.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.calibration.joint_calibration import ending
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.model.parameters import IP_NAMES, InertialSet, Parameters, dynamic_jacobian, dynamic_parameters
+from gaitcal.model.parameters import (
+    IP_NAMES,
+    InertialSet,
+    Parameters,
+    dynamic_jacobian,
+    dynamic_parameters,
+    is_physical,
+    table,
+)
 from gaitcal.model.subject_model import Subject
+
+RESEED_CHANGE = 1e-3
+"""The published stop: RMS residuals change by less than 0.1 %."""
+MOST_SEEDS = 200
+NOISE_CHANGE = 1e-3
+"""The noise of the pelvis residual is known when it changes by less than this share."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConsistentSettings:
+    """Spread of people about the anthropometric table, and how good a root wrench can be expected to be."""
+
+    mass_spread: float = 0.10
+    """Standard deviation of the logarithm of a segment's share of body mass."""
+    foot_mass_spread: float = 0.30
+    """The same of a foot, some 1 kg, which tables have bare: a shoe adds 0.3 to 0.4 kg. (Predictions from tables err by
+    up to 40 % on some segment: Durkin and Dowling, J Biomech Eng 125:515, 2003.)"""
+    centre_spread: float = 0.010
+    """m, standard deviation of a mass-centre coordinate."""
+    moment_spread: float = 0.15
+    """Standard deviation of the logarithm of a second moment of mass."""
+    more_of: Mapping[str, float] = field(default_factory=dict)
+    """Segment without its side -> standard deviation of the logarithm of its mass and second moments beside that of
+    people: of a table that may not be this person's."""
+    residual: float = 0.01
+    """Least standard deviation of F / BW and T / (BW L) that stems from measurement and motion, not from inertia."""
+    independent: float = 10.0
+    """Frames per independent sample: neighbouring frames of a residual repeat each other."""
+
+
+class LogChart:
+    """Variables x (0 at the seed) -> IPs: masses by softmax, centres shifted, second moments scaled by exp."""
+
+    def __init__(self, seed: Array, which: InertialSet) -> None:
+        if not is_physical(seed).all():
+            raise ValueError("the seed of a physically consistent calibration must itself be physically possible")
+        self.size = len(which.names)
+        self.rows = table(seed)
+        kinds = [name.split(".", 1)[1] for name in which.names]
+        self.kind = np.array([{"mass": 0, "com": 1, "moi": 2}[k.split(".")[0]] for k in kinds])
+        self.selection = which.selection
+        self.segments = tuple(name.split(".", 1)[0].removesuffix("_r").removesuffix("_l") for name in which.names)
+        self.of_foot = np.array([name.startswith("foot") for name in which.names])
+        moments = self.rows[:, 4:7]
+        self.second = 0.5 * moments.sum(axis=1, keepdims=True) - moments
+        """(12, 3) second moments of mass about the mass centre along each axis."""
+
+    def spread(self, settings: ConsistentSettings) -> Array:
+        """(n,) prior standard deviation of each variable."""
+        kinds = np.array([settings.mass_spread, settings.centre_spread, settings.moment_spread])[self.kind]
+        of_people = np.where(self.of_foot & (self.kind == 0), settings.foot_mass_spread, kinds)
+        more = np.array([settings.more_of.get(segment, 0.0) for segment in self.segments])
+        return np.hypot(of_people, np.where(self.kind == 1, 0.0, more))
+
+    def inertial(self, x: Array) -> Array:
+        """(84,) inertial parameters, SI."""
+        changes = table(self.selection @ x)
+        raw, second = self.rows[:, 0] * np.exp(changes[:, 0]), self.second * np.exp(changes[:, 4:7])
+        out = np.empty(self.rows.shape)
+        out[:, 0] = raw * (self.rows[:, 0].sum() / raw.sum())
+        out[:, 1:4] = self.rows[:, 1:4] + changes[:, 1:4]
+        out[:, 4:7] = second.sum(axis=1, keepdims=True) - second
+        return out.ravel()
+
+    def jacobian(self, x: Array) -> Array:
+        """(84, n) derivative of `inertial`."""
+        mass = table(self.inertial(x))[:, 0]
+        second = self.second * np.exp(table(self.selection @ x)[:, 4:7])
+        by_change = np.zeros((*self.rows.shape, *self.rows.shape))
+        by_change[:, 0, :, 0] = np.diag(mass) - np.outer(mass, mass / mass.sum())
+        for s in range(len(self.rows)):
+            by_change[s, 1:4, s, 1:4] = np.eye(3)
+            by_change[s, 4:7, s, 4:7] = (1.0 - np.eye(3)) * second[s]
+        return by_change.reshape(self.rows.size, -1) @ self.selection
 
 
 class TorqueScale(Enum):
@@ -84,15 +165,11 @@ def root_equations(regressor: Array, ground: Array, weight: float, length: float
     nf = len(regressor)
     rows = np.concatenate([regressor.reshape(nf, 6, -1), ground[:, :, None]], axis=2)
     width = rows.shape[2]
-    force, moment = _compressed(rows[:, :3].reshape(3 * nf, width)), _compressed(rows[:, 3:].reshape(3 * nf, width))
-    stacked = _compressed(np.vstack([force / weight, moment / (weight * length)]))
+    # triangular rows with the same norm in every direction
+    parts = (part.reshape(3 * nf, width) for part in (rows[:, :3], rows[:, 3:]))
+    force, moment = (np.asarray(np.linalg.qr(part, mode="r")) for part in parts)
+    stacked = np.asarray(np.linalg.qr(np.vstack([force / weight, moment / (weight * length)]), mode="r"))
     return RootEquations(factor=stacked[:, :-1], target=stacked[:, -1], frames=nf, force_rows=force, moment_rows=moment)
-
-
-def _compressed(rows: Array) -> Array:
-    """Triangular rows with the same norm in every direction."""
-    out: Array = np.linalg.qr(rows, mode="r")  # type: ignore[assignment]
-    return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,13 +216,6 @@ def equations_of(
     return root_equations(np.concatenate(regressors), np.concatenate(grounds), subject.weight, length)
 
 
-RESEED_CHANGE = 1e-3
-"""The published stop: RMS residuals change by less than 0.1 %."""
-MOST_SEEDS = 200
-NOISE_CHANGE = 1e-3
-"""The noise of the pelvis residual is known when it changes by less than this share."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class InertialFit:
     """Inertial parameters found."""
@@ -162,7 +232,7 @@ class InertialFit:
     """N."""
     rms_moment: float
     """N·m."""
-    seeds: int
+    seeds: int = 1
     """How often the result became the next seed (1: a single pass)."""
     iterations: int
     seconds: float
@@ -188,58 +258,45 @@ def fit_published(
     `decay` multiplies the penalty's weight at every re-seed: 1 is the published procedure, 0.1 for data without noise.
     """
     began = time.perf_counter()
-    inertial = (seed if start is None else start).copy()
-    centre = seed.copy()
+    inertial, centre = (seed if start is None else start).copy(), seed
     s = which.selection
     norm = (s * s).sum(axis=0)
-    last = equations.rms(inertial)
-    iterations, seeds, message, converged, penalty = 0, 0, "", False, 1.0
-    jac = np.empty((0, 0))
-    while seeds < MOST_SEEDS:
-        seeds += 1
-        prior = s.T @ centre / norm
+
+    def residual(x: Array, base: Array, scale: Array, prior: Array, root: float) -> Array:
+        gap = equations.factor @ dynamic_parameters(base + s @ (x * scale)).ravel() + equations.target
+        return np.concatenate([gap, root * (x - prior / scale)])
+
+    def jacobian(x: Array, base: Array, scale: Array, _prior: Array, root: float) -> Array:
+        by_ip = by_inertial(equations.factor, base + s @ (x * scale))
+        return np.vstack([by_ip @ s * scale, root * np.eye(len(x))])
+
+    rms, seeds, iterations, penalty, stopped = equations.rms(inertial), 0, 0, 1.0, False
+    while seeds < MOST_SEEDS and not stopped:
+        prior, last = s.T @ centre / norm, rms
         scale = np.where(np.abs(prior) > 0, np.abs(prior), 1.0)
         base = inertial - s @ (s.T @ inertial / norm)
-
-        root = float(np.sqrt(penalty))
-
-        def residual(
-            x: Array, base: Array = base, scale: Array = scale, prior: Array = prior, root: float = root
-        ) -> Array:
-            values = base + s @ (x * scale)
-            gap = equations.factor @ dynamic_parameters(values).ravel() + equations.target
-            return np.concatenate([gap, root * (x - prior / scale)])
-
-        def jacobian(x: Array, base: Array = base, scale: Array = scale, root: float = root) -> Array:
-            by_ip = by_inertial(equations.factor, base + s @ (x * scale))
-            return np.vstack([by_ip @ s * scale, root * np.eye(len(x))])
-
+        given = base, scale, prior, float(np.sqrt(penalty))
+        begin = s.T @ inertial / norm / scale
         result = least_squares(
-            residual, s.T @ inertial / norm / scale, jac=jacobian, method="lm", ftol=1e-15, xtol=1e-15, gtol=1e-15
+            residual, begin, jac=jacobian, args=given, method="lm", ftol=1e-15, xtol=1e-15, gtol=1e-15
         )
-        inertial = base + s @ (result.x * scale)
-        iterations += int(result.nfev)
-        message, converged = ending(result), bool(result.status > 0)
-        jac = jacobian(result.x) / scale
+        inertial = centre = base + s @ (result.x * scale)
+        seeds, iterations, penalty = seeds + 1, iterations + int(result.nfev), penalty * decay
         rms = equations.rms(inertial)
         settled = all(abs(new - old) <= RESEED_CHANGE * old or new < 1e-9 for new, old in zip(rms, last, strict=True))
-        last, centre, penalty = rms, inertial, penalty * decay
-        if settled or not reseed:
-            break
-    else:
-        message, converged = f"the residuals still change after {MOST_SEEDS} seeds", False
+        stopped = settled or not reseed
     return InertialFit(
         names=which.names,
         inertial=inertial,
         jacobian=s,
-        residual_jacobian=jac,
-        rms_force=last[0],
-        rms_moment=last[1],
+        residual_jacobian=jacobian(result.x, *given) / scale,
+        rms_force=rms[0],
+        rms_moment=rms[1],
         seeds=seeds,
         iterations=iterations,
         seconds=time.perf_counter() - began,
-        converged=converged,
-        message=message,
+        converged=stopped and bool(result.status > 0),
+        message=ending(result) if stopped else f"the residuals still change after {MOST_SEEDS} seeds",
         statistical=False,
     )
 
@@ -247,8 +304,7 @@ def fit_published(
 def by_inertial(factor: Array, inertial: Array) -> Array:
     """(n, 84) derivative of factor @ dynamic_parameters."""
     blocks = factor.reshape(len(factor), -1, 10)
-    out: Array = np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
-    return out
+    return np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
 
 
 def fit_consistent(
@@ -258,39 +314,41 @@ def fit_consistent(
     began = time.perf_counter()
     settings = settings or ConsistentSettings()
     chart = LogChart(seed, which)
-    spread = chart.spread(settings)
     x, noise, iterations = np.zeros(chart.size), settings.residual, 0
-
-    def gap(x: Array) -> Array:
-        out: Array = equations.factor @ dynamic_parameters(chart.inertial(x)).ravel() + equations.target
-        return out
-
-    def residual(x: Array, weight: float) -> Array:
-        return np.concatenate([weight * gap(x), x / spread])
-
-    def jacobian(x: Array, weight: float) -> Array:
-        by_ip = by_inertial(equations.factor, chart.inertial(x))
-        return np.vstack([weight * by_ip @ chart.jacobian(x), np.diag(1.0 / spread)])
-
     for _ in range(MOST_SEEDS):
         weight = 1.0 / (noise * np.sqrt(settings.independent))
-        result = least_squares(residual, x, jac=jacobian, args=(weight,), method="lm", ftol=1e-13, xtol=1e-13)
+        result, slopes = fit_chart(equations, chart, chart.spread(settings), weight, x)
         x, iterations = result.x, iterations + int(result.nfev)
-        last, noise = noise, max(settings.residual, float(np.linalg.norm(gap(x)) / np.sqrt(6.0 * equations.frames)))
+        gap = equations.factor @ dynamic_parameters(chart.inertial(x)).ravel() + equations.target
+        last, noise = noise, max(settings.residual, float(np.linalg.norm(gap) / np.sqrt(6.0 * equations.frames)))
         if abs(noise - last) < NOISE_CHANGE * last:
             break
-    inertial = chart.inertial(x)
-    rms_force, rms_moment = equations.rms(inertial)
+    rms_force, rms_moment = equations.rms(chart.inertial(x))
     return InertialFit(
         names=which.names,
-        inertial=inertial,
+        inertial=chart.inertial(x),
         jacobian=chart.jacobian(x),
-        residual_jacobian=jacobian(x, weight),
+        residual_jacobian=slopes(x),
         rms_force=rms_force,
         rms_moment=rms_moment,
-        seeds=1,
         iterations=iterations,
         seconds=time.perf_counter() - began,
         converged=bool(result.status > 0),
         message=ending(result),
     )
+
+
+def fit_chart(
+    equations: RootEquations, chart: LogChart, spread: Array, weigh: float | Array, start: Array
+) -> tuple[OptimizeResult, Callable[[Array], Array]]:
+    """The least of |weigh gap|^2 + |x / spread|^2 by the variables of a chart, and the Jacobian of its residual."""
+
+    def residual(x: Array) -> Array:
+        gap = equations.factor @ dynamic_parameters(chart.inertial(x)).ravel() + equations.target
+        return np.concatenate([np.dot(weigh, gap), x / spread])
+
+    def jacobian(x: Array) -> Array:
+        by_x = by_inertial(equations.factor, chart.inertial(x)) @ chart.jacobian(x)
+        return np.vstack([np.dot(weigh, by_x), np.diag(1.0 / spread)])
+
+    return least_squares(residual, start, jac=jacobian, method="lm", ftol=1e-13, xtol=1e-13), jacobian

@@ -1,9 +1,24 @@
 """Inertial parameters move where the pelvis residual asks for it, and nowhere else.
 
 Marker noise alone makes a pelvis residual of 12 to 20 N; least squares turn it into masses (0.34 kg off where the table
-was 0.22 kg off). Here the residual is weighed against what makes residuals without wrong masses (`residual_noise.py`).
-With x the variables of the chart (0 at the nominal model), rho(x) the residual of all valid frames and A = d rho/d x at
-0, what a fit can hear are the scores g(x) = A^T rho(x); at the true x they have the covariance G of the noise:
+was 0.22 kg off). Here the residual is weighed against what makes residuals without wrong masses. With rho the pelvis
+residual [F; T] of the valid frames, in units of a scale, every source c of error moves it by
+
+    d rho_c = (d rho/d q) B d N_c + (d rho/d v) B' d N_c + (d rho/d a) B'' d N_c + (d rho/d p) d p_c
+
+for marker coordinates and nominal joint parameters (`error_sources.py`), and directly for
+
+    plates       gain, place, turn and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
+                 (`dynamics/plate_errors.py`, with the sources of their sizes)
+    inertia      what the fit does not move and people scatter in:  d rho = (d rho/d IP) d IP
+    bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
+                 (a motion that a penalty smooths has a source of its own for that, `whole_body_scores`)
+    the rest     independent errors of force and moment, repeated for `memory`: what plates bend, and the spline leaves.
+
+With x the variables of the chart (0 at the nominal model) and A = d rho/d x at 0, what a fit can hear are the scores
+g(x) = A^T rho(x). At the true x they have the covariance of the noise, s_c = A^T d rho_c summed over trials,
+
+    G = sum_c s_c s_c^T + sigma^2 A^T A times the frames that repeat each other,
 
     min_x  g^T G^-1 g + sum_n (x_n / s_n)^2,        s_n the spread of people about the anthropometric table,
 
@@ -20,40 +35,179 @@ spread of people is their covariance.
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.inertial_calibration import InertialFit, RootEquations, by_inertial
-from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
+from gaitcal.calibration.error_sources import ErrorSources, TrialScores, whole_body_scores
+from gaitcal.calibration.inertial_calibration import (
+    ConsistentSettings,
+    InertialFit,
+    LogChart,
+    RootEquations,
+    by_inertial,
+    fit_chart,
+)
 from gaitcal.calibration.joint_calibration import ending
-from gaitcal.calibration.residual_noise import ResidualNoise
-from gaitcal.model.parameters import InertialSet, dynamic_parameters, full_set
+from gaitcal.dynamics.derivatives import root_residual
+from gaitcal.dynamics.ground_reactions import GroundReactions
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
+from gaitcal.dynamics.plate_errors import DEFAULT, OF_A_PLATE, PlateErrors, wrench_errors, wrench_rates
+from gaitcal.model.parameters import InertialSet, Parameters, dynamic_jacobian, dynamic_parameters, full_set
+from gaitcal.model.subject_model import Subject
+from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, frame_rate, spline_basis
+from gaitcal.motion.trial_problem import TrialProblem
 
+BLOCK = 500
+"""Frames whose changes are held at once."""
+COARSER = np.sqrt(2.0)
+"""Spans of the motion that bandwidth is judged by, over those of the motion: half an octave."""
 STRONG = float(np.log(20.0))
 """ln K from which the inertial parameters move: odds of 20 to 1."""
 UNHEARD = 1e-10
 """Part of the largest variance of the scores below which a direction of x makes no residual at all."""
 
 
-def stay_nominal(seed: Array, which: InertialSet, settings: ConsistentSettings | None = None) -> InertialFit:
-    """The seed as it is, with the spread of people about it."""
+@dataclass(frozen=True)
+class PlateNoise:
+    """How far force plates are to be believed where residuals are weighed."""
+
+    errors: PlateErrors = DEFAULT
+    rest: float = 0.005
+    """Body weights (force), body weights times height (moment), independent from one `memory` to the next."""
+    memory: float = 0.1
+    """s, for which an error of the rest repeats itself."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedProblem:
+    """A gait trial with its motion and the ground reactions on it."""
+
+    problem: TrialProblem
+    """Of the whole body, with the skin that moves."""
+    nodes: Array
+    """(nn, 27)."""
+    reactions: GroundReactions
+    scores: TrialScores | None = None
+    """Of its markers, where known already (`whole_body_scores`)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResidualNoise:
+    """What a fit of inertial variables hears that is not theirs."""
+
+    covariance: Array
+    """(n, n) of the scores A^T rho, rho in units of the scale."""
+    rms_force: float
+    """N, RMS over valid frames and three components of the residual that is to be expected."""
+    rms_moment: float
+    """N·m."""
+
+
+def residual_noise(
+    trials: Sequence[LoadedProblem],
+    parameters: Parameters,
+    sources: ErrorSources,
+    subject: Subject,
+    chart: LogChart,
+    length: float,
+    plates: PlateNoise | None = None,
+    unmoved: Array | None = None,
+) -> ResidualNoise:
+    """What noise makes of the pelvis residual over the valid frames of all trials.
+
+    Parameters
+    ----------
+    parameters : joint parameters of the motions; the inertial ones are where `chart` begins.
+    sources : errors of the joint parameters.
+    length : m, torques are divided by body weight times this, as in the equations that are to be fitted.
+    unmoved : (84, n) R with covariance R R^T of inertial parameters that `chart` does not move; exact unless given.
+    """
+    plates = plates or PlateNoise()
+    slopes = dynamic_jacobian(parameters.inertial)
+    kept = np.zeros((len(parameters.inertial), 0)) if unmoved is None else unmoved
+    by_variable, by_kept = (
+        np.einsum("sdk,skn->sdn", slopes, x.reshape(len(slopes), 7, -1)).reshape(10 * len(slopes), -1)
+        for x in (chart.jacobian(np.zeros(chart.size)), kept)
+    )
+    scale = np.repeat([1.0 / subject.weight, 1.0 / (subject.weight * length)], 3)
+    rest = plates.rest * subject.weight * np.repeat([1.0, subject.height], 3)
+    total, covariance = np.zeros(6), np.zeros((chart.size, chart.size))
+    summed: dict[str, Array] = {}
+    """Source -> (n,) its scores, over all trials."""
+    dynamics, frames = Dynamics(parameters), 0
+    feet = [f"plate/{foot}/{what}" for foot in FEET for what in OF_A_PLATE]
+    for trial in trials:
+        basis, wrenches = trial.problem.basis, trial.reactions.wrench
+        opened = trial.problem.with_free(sources.free)
+        moves = trial.scores or whole_body_scores(trial.problem, trial.nodes, parameters, sources)
+        shift, own = sources.parameters[opened.places_in(sources.free)], moves.nodes.shape[1]
+        rates = wrench_rates(basis.time, wrenches)
+        coarse = None if trial.problem.penalty else _coarser(basis, trial.nodes)
+        names = [*sources.clusters, *moves.clusters, *feet, "plate/clock"]
+        names += [f"inertia/{n}" for n in range(by_kept.shape[1])] + (["bandwidth"] if coarse else [])
+        repeated = max(plates.memory * frame_rate(basis), 1.0)
+        valid = np.flatnonzero(trial.reactions.valid)
+        for at in (valid[k : k + BLOCK] for k in range(0, len(valid), BLOCK)):
+            q, v, a = (basis.evaluate(trial.nodes, k)[at] for k in range(3))
+            residual = root_residual(parameters, opened.chain.free[: opened.joint_parameters], q, v, a, wrenches[at])
+            by_state = np.concatenate([residual.by_position, residual.by_velocity, residual.by_acceleration], axis=2)
+            every = moves.through(basis, at, by_state, residual.by_parameter)
+            columns = [every[:, :, own:] @ shift, every[:, :, :own]]
+            columns.append(_plate_moves(q, wrench_errors(wrenches[at], rates[at], plates.errors)))
+            columns.append(residual.regressor @ by_kept)
+            if coarse:
+                q, v, a = (coarse[0].evaluate(coarse[1], k)[at] for k in range(3))
+                other = pelvis_residual(q, dynamics.forces(q, v, a, wrenches[at]))
+                columns.append((residual.value - other)[:, :, None])
+            moved = np.concatenate(columns, axis=2)
+            rows = scale[:, None] * (residual.regressor @ by_variable)
+            """(frames, 6, n) A."""
+            for name, score in zip(names, np.einsum("fin,fic->cn", rows, scale[:, None] * moved), strict=True):
+                summed[name] = summed.get(name, 0.0) + score
+            covariance += repeated * np.einsum("fin,i,fim->nm", rows, (scale * rest) ** 2, rows)
+            total += (moved**2).sum(axis=(0, 2)) + len(at) * rest**2
+            frames += len(at)
+    scores = np.stack(list(summed.values()), axis=1)
+    mean = np.sqrt(total.reshape(2, 3).mean(axis=1) / max(frames, 1))
+    return ResidualNoise(covariance=covariance + scores @ scores.T, rms_force=float(mean[0]), rms_moment=float(mean[1]))
+
+
+def _plate_moves(q: Array, errors: Array) -> Array:
+    """(frames, 6, k) change of the residual by errors of the foot wrenches (frames, 2, 6, k)."""
+    force, moment = -errors[:, :, :3].sum(axis=1), -errors[:, :, 3:].sum(axis=1)
+    return np.concatenate([force, moment - np.cross(q[:, :3, None], force, axis=1)], axis=1)
+
+
+def _coarser(basis: SplineBasis, nodes: Array) -> tuple[SplineBasis, Array]:
+    """The same motion with longer knot spans."""
+    spans = max(round((basis.nodes - MINIMUM_NODES + 1) / COARSER), 1)
+    coarse = spline_basis(basis.time, spans + MINIMUM_NODES - 1)
+    return coarse, coarse.fit(basis.evaluate(nodes))
+
+
+def stay_nominal(
+    seed: Array,
+    which: InertialSet,
+    settings: ConsistentSettings | None = None,
+    rms: tuple[float, float] = (np.nan, np.nan),
+    why: str = "",
+) -> InertialFit:
+    """The seed as it is, with the spread of people about it; `rms` (N, N·m) of its residual, `why` in words."""
     chart = LogChart(seed, which)
-    spread = chart.spread(settings or ConsistentSettings())
     return InertialFit(
         names=which.names,
         inertial=seed,
         jacobian=chart.jacobian(np.zeros(chart.size)),
-        residual_jacobian=np.diag(1.0 / spread),
-        rms_force=np.nan,
-        rms_moment=np.nan,
-        seeds=1,
+        residual_jacobian=np.diag(1.0 / chart.spread(settings or ConsistentSettings())),
+        rms_force=rms[0],
+        rms_moment=rms[1],
         iterations=0,
         seconds=0.0,
         converged=True,
-        message="inertial parameters stay nominal",
+        message=f"inertial parameters stay nominal{why and f': {why}'}",
         moved=False,
     )
 
@@ -66,14 +220,13 @@ def unmeasured_stay(
     settings: ConsistentSettings | None = None,
 ) -> InertialFit:
     """The seed as it is, as the residual tells first how mass moves that markers leave open, `unmeasured` in words."""
-    force, moment = equations.rms(seed)
-    return replace(
-        stay_nominal(seed, which, settings),
-        rms_force=force,
-        rms_moment=moment,
-        message=f"inertial parameters stay nominal: markers do not determine {unmeasured}; the pelvis residual "
-        f"({force:.1f} N, {moment:.1f} N·m RMS) tells how that moves, not what it weighs",
-    )
+    rms = equations.rms(seed)
+    why = f"markers do not determine {unmeasured}; {_words(rms)} tells how that moves, not what it weighs"
+    return stay_nominal(seed, which, settings, rms, why)
+
+
+def _words(rms: tuple[float, float]) -> str:
+    return f"the pelvis residual ({rms[0]:.1f} N, {rms[1]:.1f} N·m RMS)"
 
 
 def spread_of_the_rest(inertial: Array, which: InertialSet, settings: ConsistentSettings | None = None) -> Array:
@@ -88,8 +241,7 @@ def spread_of_the_rest(inertial: Array, which: InertialSet, settings: Consistent
     scatter = [".com." in n and (paired or not n.endswith(".lat")) for n, paired in zip(every.names, limb, strict=True)]
     kept = np.flatnonzero(scatter & ~free)
     spread = chart.spread(settings or ConsistentSettings())
-    out: Array = (chart.jacobian(np.zeros(chart.size)) * spread)[:, kept]
-    return out
+    return (chart.jacobian(np.zeros(chart.size)) * spread)[:, kept]
 
 
 def fit_by_evidence(
@@ -114,50 +266,34 @@ def fit_by_evidence(
     heard = values > UNHEARD * values[-1]
     weigh = (vectors[:, heard] / np.sqrt(values[heard])).T @ rows.T
     """G^-1/2 A^T."""
-
-    def residual(x: Array) -> Array:
-        gap = equations.factor @ dynamic_parameters(chart.inertial(x)).ravel() + equations.target
-        return np.concatenate([weigh @ gap, x / spread])
-
-    def jacobian(x: Array) -> Array:
-        by_x = by_inertial(equations.factor, chart.inertial(x)) @ chart.jacobian(x)
-        return np.vstack([weigh @ by_x, np.diag(1.0 / spread)])
-
-    scores = residual(start)[: len(weigh)]
-    factor = log_bayes_factor(scores, weigh @ rows * spread)
+    gap = equations.factor @ dynamic_parameters(seed).ravel() + equations.target
+    factor = log_bayes_factor(weigh @ gap, weigh @ rows * spread)
     explained = f"({noise.rms_force:.1f} N, {noise.rms_moment:.1f} N·m)"
-    force, moment = equations.rms(seed)
-    told = f"the pelvis residual ({force:.1f} N, {moment:.1f} N·m RMS)"
+    before = equations.rms(seed)
     if factor < STRONG:
-        beyond = force > noise.rms_force or moment > noise.rms_moment
+        beyond = before[0] > noise.rms_force or before[1] > noise.rms_moment
         why = (
             f"is more than marker noise, bandwidth and plates explain {explained}, but not what other masses would make"
             if beyond
             else f"is what marker noise, bandwidth and plates explain {explained}"
         )
-        return replace(
-            stay_nominal(seed, which, settings),
-            rms_force=force,
-            rms_moment=moment,
-            seconds=time.perf_counter() - began,
-            message=f"inertial parameters stay nominal: {told} {why}; ln K = {factor:.1f}",
-        )
-    result = least_squares(residual, start, jac=jacobian, method="lm", ftol=1e-13, xtol=1e-13)
+        stay = stay_nominal(seed, which, settings, before, f"{_words(before)} {why}; ln K = {factor:.1f}")
+        return replace(stay, seconds=time.perf_counter() - began)
+    result, slopes = fit_chart(equations, chart, spread, weigh, start)
     inertial = chart.inertial(result.x)
     rms_force, rms_moment = equations.rms(inertial)
     return InertialFit(
         names=which.names,
         inertial=inertial,
         jacobian=chart.jacobian(result.x),
-        residual_jacobian=jacobian(result.x),
+        residual_jacobian=slopes(result.x),
         rms_force=rms_force,
         rms_moment=rms_moment,
-        seeds=1,
         iterations=int(result.nfev),
         seconds=time.perf_counter() - began,
         converged=bool(result.status > 0),
-        message=f"{ending(result)}; {told} moves as wrong masses make it, ln K = {factor:.1f}, beside what marker "
-        f"noise, bandwidth and plates explain {explained}",
+        message=f"{ending(result)}; {_words(before)} moves as wrong masses make it, ln K = {factor:.1f}, beside what "
+        f"marker noise, bandwidth and plates explain {explained}",
     )
 
 

@@ -51,10 +51,8 @@ class JointFit:
 
     free: tuple[str, ...]
     values: Array
-    """(np,) m, rad; then those of the soft tissue, m."""
+    """(np + nz,) m, rad of `free`; then those of the soft tissue, m, rad."""
     parameters: Parameters
-    nodes: tuple[Array, ...]
-    """Per trial (nn, nq)."""
     state: ReducedState
     iterations: int
     seconds: float
@@ -62,6 +60,16 @@ class JointFit:
     message: str
     at_bound: tuple[str, ...]
     """Free parameters that ended on a bound."""
+
+    @property
+    def nodes(self) -> tuple[Array, ...]:
+        """Per trial (nn, nq)."""
+        return tuple(trial.nodes for trial in self.state.trials)
+
+    @property
+    def tissue(self) -> Array:
+        """(nz,) m, rad."""
+        return self.values[len(self.free) :]
 
 
 class JointSearch:
@@ -76,7 +84,7 @@ class JointSearch:
         settings: JointSettings | None = None,
         *,
         nominal: Parameters | None = None,
-        tissue: TissuePrior | None = None,
+        tissue: TissuePrior = NO_TISSUE,
         expected: tuple[Array, Array] | None = None,
     ) -> None:
         """Set up the search.
@@ -92,40 +100,33 @@ class JointSearch:
         expected : (np,) m, rad and (np, np) mean and precision of the joint parameters `free` before any trial; nothing
             is expected of them unless given.
         """
-        self.parameters, self.settings = parameters, settings or JointSettings()
-        self.free, tissue = passed(problems, free), tissue or NO_TISSUE
-        index, nz = [JP_INDEX[name] for name in self.free], len(tissue.keys)
+        self.settings = settings or JointSettings()
+        self.free = passed(problems, free)
+        index, still = [JP_INDEX[name] for name in self.free], np.zeros(len(tissue.keys))
+        self.present = np.append(parameters.joint[index], still)
+        self.middle = np.append((nominal or parameters).joint[index], still)
+        self.reach = np.append([self.settings.bound(name) for name in self.free], still + np.inf)
         position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index], dtype=bool)
-        self.present = np.append(parameters.joint[index], np.zeros(nz))
-        self.middle = np.append((nominal or parameters).joint[index], np.zeros(nz))
-        self.reach = np.append([self.settings.bound(name) for name in self.free], np.full(nz, np.inf))
-        self.scale = np.where(position, POSITION_SCALE, 1.0)
+        scale = np.where(position, POSITION_SCALE, 1.0)
+        self.scale = np.append(scale, TISSUE_SCALE * np.sqrt(np.diag(tissue.covariance)))
         centre, rows = self.present[: len(index)], np.zeros((0, len(index)))
         if expected is not None:
             centre, rows = expected[0], np.asarray(np.linalg.cholesky(expected[1]).T, float)
-        if nz:
-            rows = block_diag(rows, np.linalg.inv(np.linalg.cholesky(tissue.covariance)))
-            centre = np.append(centre, np.zeros(nz))
-            self.scale = np.append(self.scale, TISSUE_SCALE * np.sqrt(np.diag(tissue.covariance)))
         self.problem = ReducedProblem(
             problems,
             parameters,
             self.free,
             starts,
             self.settings.tracking,
-            prior=rows,
-            centre=centre,
+            prior=block_diag(rows, np.linalg.inv(np.linalg.cholesky(tissue.covariance))) if tissue.keys else rows,
+            centre=np.append(centre, still),
             tissue=tissue.keys,
         )
-
-    def weigh(self, shares: Sequence[float]) -> None:
-        """Let the cost of each trial count so much from now on."""
-        self.problem.weigh(shares)
 
     def run(self, start_values: Array | None = None) -> JointFit:
         """Fit to the end, from where the last search ended unless told otherwise."""
         began = time.perf_counter()
-        result = self._least_squares(self.first(start_values), self.settings.tolerance)
+        result = self._least_squares(self.settings.tolerance, start_values)
         state = self.problem.settle(result.x)
         bounded = np.isfinite(self.reach)
         edge = bounded & (np.abs(result.x - self.middle) > 0.999 * np.where(bounded, self.reach, 1.0))
@@ -133,34 +134,32 @@ class JointSearch:
             free=self.free,
             values=result.x,
             parameters=self.problem.linkage(result.x),
-            nodes=tuple(trial.nodes for trial in state.trials),
             state=state,
             iterations=int(result.nfev),
             seconds=time.perf_counter() - began,
             converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
             message=ending(result),
-            at_bound=tuple(name for name, on_edge in zip(self.free, edge[: len(self.free)], strict=True) if on_edge),
+            at_bound=tuple(name for name, on_edge in zip(self.free, edge, strict=False) if on_edge),
         )
 
-    def approach(self, tolerance: float, start_values: Array | None = None) -> ReducedState:
+    def approach(self, tolerance: float) -> ReducedState:
         """Where such a search ends that stops at a larger tolerance; motions are those on the way."""
-        return self.problem.at(self._least_squares(self.first(start_values), tolerance).x)
+        return self.problem.at(self._least_squares(tolerance).x)
 
-    def first(self, start_values: Array | None = None) -> Array:
-        """Where a search begins: at the best point so far, unless told otherwise."""
-        best = self.problem.best
-        return start_values if start_values is not None else self.present if best is None else best.p
-
-    def _least_squares(self, start: Array, tolerance: float) -> OptimizeResult:
+    def _least_squares(self, tolerance: float, start: Array | None = None) -> OptimizeResult:
+        """From the best point so far, unless told otherwise."""
+        if start is None:
+            start = self.present if self.problem.best is None else self.problem.best.p
         if not len(start):
             return OptimizeResult(x=start, status=1, nfev=0, message="")
         lower, upper = self.middle - self.reach, self.middle + self.reach
-        inside = np.clip(start, lower + 1e-9 * (upper - lower) if np.isfinite(self.reach).all() else lower, upper)
+        bounded = np.isfinite(self.reach)
+        inside = np.clip(start, lower + 1e-9 * (upper - lower) if bounded.all() else lower, upper)
         return least_squares(
             self.problem.residual,
             inside,
             jac=self.problem.jacobian,
-            bounds=(lower, upper) if np.isfinite(self.reach).any() else (-np.inf, np.inf),
+            bounds=(lower, upper) if bounded.any() else (-np.inf, np.inf),
             x_scale=self.scale,
             ftol=tolerance,
             xtol=tolerance,
@@ -175,16 +174,15 @@ def passed(problems: Sequence[TrialProblem], names: Sequence[str]) -> tuple[str,
     return tuple(name for name in names if name in found)
 
 
-STATUS = {
+_STATUS = {
     0: "stopped at the largest number of evaluations",
     1: "the cost is stationary",
     2: "the cost falls no further",
     3: "the parameters move no further",
     4: "neither cost nor parameters change any more",
 }
-"""SciPy's status numbers."""
 
 
 def ending(result: OptimizeResult) -> str:
-    """The status in words; SciPy's own message where the number is new."""
-    return STATUS.get(int(result.status), str(result.message))
+    """SciPy's status in words; its own message where the number is new."""
+    return _STATUS.get(int(result.status), str(result.message))

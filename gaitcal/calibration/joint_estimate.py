@@ -23,7 +23,7 @@ With H the Hessian at the end, motions eliminated, and S_t the part of trial t, 
     -H^-1 ( sum_t S_t^1/2 n_t  -  Sigma_p^-1 F_p e_p  -  Sigma_z^-1 F_z e_z ),      n, e_p, e_z independent, variance 1:
 
 F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `ErrorSources` by source, markers of
-each trial, nominal values, soft tissue (`influence.py`). Their squares sum to H^-1.
+each trial, nominal values, soft tissue (`error_sources.py`). Their squares sum to H^-1.
 
 What is uncertain and not fitted, k, is considered (Schmidt-Kalman): joint parameters that stay as they are, and z where
 it stays zero. With S_pk of the same trials with k open, and errors R_k R_k^T of k, it makes errors  -H^-1 S_pk R_k.
@@ -33,18 +33,18 @@ Residuals do not tell these: skin in step with a joint looks just like a joint t
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import ErrorSources, errors_by_source, nominal_influence
+from gaitcal.arrays import Array, IntArray
+from gaitcal.calibration.error_sources import ErrorSources, errors_by_source, nominal_errors
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
-from gaitcal.calibration.joint_noise import least_noise, seen_noise, trial_noises
+from gaitcal.calibration.joint_noise import forbidden_noise, least_noise, trial_noises
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of
-from gaitcal.calibration.reduced_problem import NULL
+from gaitcal.calibration.reduced_problem import NULL, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.motion.banded import eliminate
@@ -61,44 +61,31 @@ FIRST_NOISE, MEMORY_S = 0.010, 0.1
 """m, s: noise before any is known, and how long it lasts."""
 ROUNDS = 3
 """Fits after which the noise of every trial is found anew."""
-NEAR = 1e-4
+NOISE_TOLERANCE = 1e-4
 """Relative tolerance of those: the nu of a walk's legs, trunk and single joints are then within 2 % of where searches
 to the end have them, and a noise that is taken from a hundred samples is itself known to 7 %."""
-WIDE_MM, WIDE_RAD = 0.020, np.deg2rad(10.0)
+WIDE_M, WIDE_RAD = 0.020, np.deg2rad(10.0)
 """m, rad: how far joints may lie from nominal places where noise is sought, and what directions are measured by where
 nothing is expected: further than anatomy has them."""
 DETERMINED = 4.0
 """Information of trials over that of the prior from which they determine a direction."""
 
-
-@dataclass(frozen=True)
-class TaskTrials:
-    """The trials of one kind of task."""
-
-    kind: str
-    """`gait`, or the joint that isolated trials move."""
-    problems: tuple[TrialProblem, ...]
-    """With the soft tissue that may move their markers, if any."""
+Tasks = Mapping[str, Sequence[TrialProblem]]
+"""Kind of task, `gait` or the joint that isolated trials move -> trials, with the soft tissue that may move their
+markers, if any."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointEstimate:
-    """Joint parameters, soft tissue and motions found together."""
+class JointEstimate(JointFit):
+    """Joint parameters, soft tissue and motions found together, with their errors."""
 
-    free: tuple[str, ...]
-    """Joint parameters."""
     keys: tuple[str, ...]
     """Columns of the soft tissue, `kind/regressor/segment/component`."""
-    values: Array
-    """(np + nz,) m, rad."""
-    parameters: Parameters
-    nodes: tuple[Array, ...]
-    """Per trial (nn, nq)."""
     noise: tuple[float, ...]
     """m, sqrt(f) nu of every trial."""
     repeated: dict[str, float]
     """Kind of task -> f, where several trials have it."""
-    served: float
+    effective_parameters: float
     """Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t."""
     information: Array
     """(np + nz, np + nz) sum S_t, what the markers say by themselves."""
@@ -106,23 +93,11 @@ class JointEstimate:
     """(np + nz, np + nz) of (p, z) by noise and priors; nothing along directions that neither of them tells."""
     by_tissue: Array
     """(np + nz, nc) what soft tissue that was not fitted makes of (p, z) besides, in columns of variance one."""
-    at_bound: tuple[str, ...]
-    """Joint parameters that ended on their bounds."""
-    iterations: int
-    seconds: float
-    converged: bool
-    message: str
-
-    @property
-    def tissue(self) -> Array:
-        """(nz,) m, rad."""
-        return self.values[len(self.free) :]
 
     @property
     def whole_covariance(self) -> Array:
         """(np + nz, np + nz) by noise, priors and soft tissue that was not fitted."""
-        out: Array = self.covariance + self.by_tissue @ self.by_tissue.T
-        return out
+        return self.covariance + self.by_tissue @ self.by_tissue.T
 
 
 def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:
@@ -143,7 +118,7 @@ def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[st
 
 
 def estimate_joints(
-    tasks: Sequence[TaskTrials],
+    tasks: Tasks,
     nominal: Parameters,
     free: tuple[str, ...],
     *,
@@ -169,114 +144,95 @@ def estimate_joints(
         free unless given, the rest being exact.
     """
     began = time.perf_counter()
-    with_columns, present = [problem for task in tasks for problem in task.problems], present or nominal
-    if not fits_tissue:
-        tasks = [replace(t, problems=tuple(replace(p, tissue=None) for p in t.problems)) for t in tasks]
-    problems = [problem for task in tasks for problem in task.problems]
+    with_columns, present = [problem for problems in tasks.values() for problem in problems], present or nominal
+    kinds = [kind for kind, problems in tasks.items() for _ in problems]
+    problems = with_columns if fits_tissue else [replace(problem, tissue=None) for problem in with_columns]
     fitted, unfitted = (tissue, NO_TISSUE) if fits_tissue else (NO_TISSUE, tissue)
-    noise = [nu for task in tasks for nu in noise_of(task, present, free)]
+    noise: list[float] = []
+    for kind in tasks:
+        noise += noise_of([p for p, of in zip(problems, kinds, strict=True) if of == kind], present, free)
     starts = [starting_nodes(p.chain, p.constants(present), p.data, p.basis) for p in problems]
     expected = None if prior is None else _expected(nominal, free, prior)
     search = JointSearch(problems, present, free, starts, settings, nominal=nominal, tissue=fitted, expected=expected)
     weighed = _weigh(search, noise, equal=equal_weights)
     repeated: dict[str, float] = {}
-    if any(len(task.problems) > 1 for task in tasks):
-        search.approach(NEAR)
-        repeated = _repeated(tasks, search, noise, _wide(free) if expected is None else expected[1])
-        kinds = [task.kind for task in tasks for _ in task.problems]
+    if len(kinds) > len(tasks):
+        state = search.approach(NOISE_TOLERANCE)
+        repeated = _repeated(kinds, search, state, noise, _wide(free) if expected is None else expected[1])
         noise = [nu * float(np.sqrt(repeated.get(kind, 1.0))) for nu, kind in zip(noise, kinds, strict=True)]
         weighed = _weigh(search, noise, equal=equal_weights)
     fit = search.run()
-    parts = _placed(search, fit, weighed)
+    parts = []
+    for trial, places, nu in zip(fit.state.trials, search.problem.columns, weighed, strict=True):
+        parts.append(_placed(trial.hessian / nu**2, places, len(fit.values)))
     precision = np.asarray(search.problem.prior.T @ search.problem.prior, float)
     information = np.asarray(sum(parts), float)
-    inverse = _inverse(information + precision, singular=prior is None)
-    sizes = [own / of_weight for own, of_weight in zip(noise, weighed, strict=True)]
+    hessian = information + precision
+    if prior is None and hessian.size:  # zero along the directions that nobody sees
+        inverse = np.asarray(np.linalg.pinv(hessian, rcond=NULL, hermitian=True), float)
+    else:
+        inverse = np.asarray(np.linalg.inv(hessian), float)
     unknowns = (*free, *fitted.keys)
-    scores = _scores([p.name for p in problems], unknowns, parts, sizes)
-    known = _with_tissue(known or nominal_influence(free, prior), tissue)
+    scores = _scores(
+        [p.name for p in problems], unknowns, parts, [own / by for own, by in zip(noise, weighed, strict=True)]
+    )
+    known = known or nominal_errors(free, prior)
+    known = ErrorSources(
+        (*known.free, *tissue.keys),
+        block_diag(known.parameters, np.linalg.cholesky(tissue.covariance)),
+        (*known.clusters, *(f"skin/{key}" for key in tissue.keys)),
+    )
     considered = tuple(name for name in known.free if name not in unknowns)
     coupling = _coupling(with_columns, fit, unknowns, considered, weighed)
     of_tissue = [considered.index(key) for key in unfitted.keys]
+    of_fit = vars(fit) | {"iterations": search.problem.evaluations, "seconds": time.perf_counter() - began}
     estimate = JointEstimate(
-        free=free,
+        **of_fit,
         keys=fitted.keys,
-        values=fit.values,
-        parameters=fit.parameters,
-        nodes=fit.nodes,
         noise=tuple(noise),
         repeated=repeated,
-        served=float(np.trace(inverse @ information)),
+        effective_parameters=float(np.trace(inverse @ information)),
         information=information,
         covariance=inverse @ (scores.covariance + precision) @ inverse,
-        by_tissue=-inverse @ coupling[:, of_tissue] @ _root(unfitted),
-        at_bound=fit.at_bound,
-        iterations=search.problem.evaluations,
-        seconds=time.perf_counter() - began,
-        converged=fit.converged,
-        message=fit.message,
+        by_tissue=-inverse @ coupling[:, of_tissue] @ np.linalg.cholesky(unfitted.covariance),
     )
     return estimate, errors_by_source(unknowns, scores, inverse, precision, coupling, known)
-
-
-def _with_tissue(known: ErrorSources, tissue: TissuePrior) -> ErrorSources:
-    """What is known before the fit, soft tissue too."""
-    return ErrorSources(
-        (*known.free, *tissue.keys),
-        block_diag(known.parameters, _root(tissue)),
-        (*known.clusters, *(f"skin/{key}" for key in tissue.keys)),
-    )
-
-
-def _root(tissue: TissuePrior) -> Array:
-    """(nz, nz) F_z, a column a source."""
-    return np.asarray(np.linalg.cholesky(tissue.covariance), float)
 
 
 def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[float]:
     """m, the noise that each trial then counts by."""
     weighed = [float(np.sqrt(np.mean(np.square(noise))))] * len(noise) if equal else list(noise)
-    search.weigh([1.0 / nu**2 for nu in weighed])
+    search.problem.weigh([1.0 / nu**2 for nu in weighed])
     return weighed
 
 
-def _inverse(matrix: Array, *, singular: bool) -> Array:
-    """H^-1; zero along the directions that nobody sees, if it may have some."""
-    out = np.linalg.pinv(matrix, rcond=NULL, hermitian=True) if singular and matrix.size else np.linalg.inv(matrix)
-    return np.asarray(out, float)
-
-
-def noise_of(task: TaskTrials, nominal: Parameters, free: tuple[str, ...]) -> tuple[float, ...]:
+def noise_of(problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]) -> list[float]:
     """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their places: what no joint
     explains, wherever it may lie.
     """
-    problems = [replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in task.problems]
-    secondary = secondary_prior(problems)
+    problems = [replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems]
     own = free_of(problems, free)
-    least = [least_noise(p.basis) for p in problems]
     noise = [FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems]
     if not own:
-        return tuple(noise)
+        return noise
     starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
     expected = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
-    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=secondary, expected=expected)
+    tissue, least = secondary_prior(problems), [least_noise(p.basis) for p in problems]
+    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=expected)
     precision = search.problem.prior.T @ search.problem.prior
     for _ in range(ROUNDS):
-        search.weigh([1.0 / nu**2 for nu in noise])
-        state = search.approach(NEAR)
-        served = float(np.trace(np.linalg.solve(state.hessian + precision, state.hessian)))
-        moved = search.problem.linkage(state.p)
-        seen = [
-            seen_noise(p, moved, trial.nodes)
-            for p, trial in zip(search.problem.moved(state.p), state.trials, strict=True)
-        ]
-        noise = trial_noises(seen, least, served)
-    return tuple(noise)
+        _weigh(search, noise, equal=False)
+        state = search.approach(NOISE_TOLERANCE)
+        effective = float(np.trace(np.linalg.solve(state.hessian + precision, state.hessian)))
+        moved, at = search.problem.moved(state.p), search.problem.linkage(state.p)
+        left = [forbidden_noise(p, at, trial.nodes) for p, trial in zip(moved, state.trials, strict=True)]
+        noise = trial_noises(left, least, effective)
+    return noise
 
 
 def _wide(names: Sequence[str]) -> Array:
-    """(np, np) precision of joint parameters that may lie `WIDE_MM` or `WIDE_RAD` off."""
-    wide = np.array([WIDE_MM if JOINT_PARAMETERS[JP_INDEX[n]].kind is Kind.POSITION else WIDE_RAD for n in names])
+    """(np, np) precision of joint parameters that may lie `WIDE_M` or `WIDE_RAD` off."""
+    wide = np.array([WIDE_M if JOINT_PARAMETERS[JP_INDEX[n]].kind is Kind.POSITION else WIDE_RAD for n in names])
     return np.diag(1.0 / wide**2)
 
 
@@ -286,28 +242,32 @@ def _expected(nominal: Parameters, free: tuple[str, ...], prior: JointPrior) -> 
     return nominal.joint[[JP_INDEX[n] for n in free]] + mean, np.asarray(np.linalg.inv(covariance), float)
 
 
+def _placed(part: Array, places: IntArray, size: int) -> Array:
+    """(size, size) with a part of it at some rows and columns, zero elsewhere."""
+    out = np.zeros((size, size))
+    out[np.ix_(places, places)] = part
+    return out
+
+
 def _repeated(
-    tasks: Sequence[TaskTrials], search: JointSearch, noise: Sequence[float], precision: Array
+    kinds: Sequence[str], search: JointSearch, state: ReducedState, noise: Sequence[float], precision: Array
 ) -> dict[str, float]:
     """Kind of task -> f, of those with several trials."""
-    state, first, out = search.problem.at(search.first()), 0, dict[str, float]()
-    count = len(precision)
-    for task in tasks:
-        members = range(first, first + len(task.problems))
-        first = members.stop
+    out, count = dict[str, float](), len(precision)
+    for kind in dict.fromkeys(kinds):
+        members = [k for k, of in enumerate(kinds) if of == kind]
         if len(members) < 2:
             continue
         scores, informations = [], []
         for k in members:
-            places = search.problem.columns[k]
+            trial, places = state.trials[k], search.problem.columns[k]
             own = places < count
-            score, information = np.zeros(count), np.zeros((count, count))
-            score[places[own]] = state.trials[k].reduced_gradient[own] / noise[k] ** 2
-            information[np.ix_(places[own], places[own])] = state.trials[k].matrices.hessian[np.ix_(own, own)]
+            score = np.zeros(count)
+            score[places[own]] = trial.reduced_gradient[own] / noise[k] ** 2
             scores.append(score)
-            informations.append(information / noise[k] ** 2)
+            informations.append(_placed(trial.hessian[np.ix_(own, own)] / noise[k] ** 2, places[own], count))
         share = _independent_share(scores, informations, precision)
-        out[task.kind] = share + len(members) * (1.0 - share)
+        out[kind] = share + len(members) * (1.0 - share)
     return out
 
 
@@ -325,16 +285,6 @@ def _independent_share(scores: Sequence[Array], informations: Sequence[Array], p
         chi2 += float(along @ np.linalg.solve(part, along))
     chi2 -= float(total @ np.linalg.solve(base.T @ sum(informations) @ base, total))
     return float(min(chi2 / ((len(scores) - 1) * base.shape[1]), 1.0))
-
-
-def _placed(search: JointSearch, fit: JointFit, noise: Sequence[float]) -> list[Array]:
-    """Per trial S_t among all (np + nz) unknowns."""
-    out, size = [], len(fit.values)
-    for trial, places, nu in zip(fit.state.trials, search.problem.columns, noise, strict=True):
-        whole = np.zeros((size, size))
-        whole[np.ix_(places, places)] = trial.matrices.hessian / nu**2
-        out.append(whole)
-    return out
 
 
 def _scores(

@@ -37,7 +37,7 @@ LEAST_ERROR, MEMORY_S = 5e-5, 0.25
 
 
 @dataclass(frozen=True)
-class SeenNoise:
+class ForbiddenNoise:
     """The noise of one trial in the directions that its joints forbid."""
 
     variance: float
@@ -66,7 +66,7 @@ def least_noise(basis: SplineBasis) -> float:
     return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * frame_rate(basis), 1.0)))
 
 
-def seen_noise(problem: TrialProblem, parameters: Parameters, nodes: Array) -> SeenNoise:
+def forbidden_noise(problem: TrialProblem, parameters: Parameters, nodes: Array) -> ForbiddenNoise:
     """The noise at a motion, nodes (nn, nq).
 
     Segments of fewer than three markers have no rigid fit, and leave their joints out. Where no joint is left, d is
@@ -87,7 +87,7 @@ def seen_noise(problem: TrialProblem, parameters: Parameters, nodes: Array) -> S
     flat = gap.reshape(-1, len(seen)).T
     smooth = problem.basis.evaluate(problem.basis.fit(flat)) * seen[:, None]
     tau = frames_per_sample(smooth, seen)
-    return SeenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
+    return ForbiddenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
 
 
 def _rigid_gap(problem: TrialProblem, parameters: Parameters, nodes: Array) -> tuple[Array, list[int], BoolArray]:
@@ -110,7 +110,7 @@ def _rigid_gap(problem: TrialProblem, parameters: Parameters, nodes: Array) -> t
     return gap, segments, seen
 
 
-def trial_noises(seen: Sequence[SeenNoise], least: Sequence[float], served: float) -> list[float]:
+def trial_noises(seen: Sequence[ForbiddenNoise], least: Sequence[float], served: float) -> list[float]:
     """m, nu of every trial of a fit in which `served` parameters were found from the samples of all of them."""
     samples = sum(trial.samples for trial in seen)
     spent = samples / max(samples - served - 2.0, LEAST_SAMPLES * samples)

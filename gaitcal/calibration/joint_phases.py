@@ -3,13 +3,15 @@
 A phase fits some joint parameters to some trials by the one estimator (`joint_estimate.py`); whatever it knew before
 is its prior, and what it finds is where the next one starts. Two protocols are lists of phases:
 
-default    legs with soft tissue and priors of anatomy, trunk and arms by themselves (`joint_evidence.py`).
+default    the legs with soft tissue and priors of anatomy, isolated trials and gait together. An isolated trial is
+           fitted by its joint alone, whose proximal segment is free in the laboratory, so that an uncalibrated
+           neighbour joint has no say; gait by pelvis and legs. Every joint parameter that a trial can move is free.
+           Then trunk and arms in gait by themselves, as their skin and single spine joint make errors of another size.
 published  Reinbolt et al. 2007: equal weights, bounds, and no prior, or a weak one of which every phase makes a
            posterior, the prior of the next. Soft tissue is not fitted; it is a source of error (`joint_estimate.py`),
-           and widens that posterior. Sequential, an isolated trial is fitted by its joint alone: the proximal segment
-           is free in the laboratory, so that an uncalibrated neighbour joint has no say; gait trials are fitted by the
-           whole linkage. Simultaneous, every trial is fitted by pelvis and legs, whose joints are all free: each trial
-           then also says what it knows of its neighbours, and no nominal joint is left to pull.
+           and widens that posterior. Sequential, isolated trials are fitted as above and gait by the whole linkage.
+           Simultaneous, every trial is fitted by pelvis and legs, whose joints are all free: each trial then also says
+           what it knows of its neighbours, and no nominal joint is left to pull.
 
 Without a prior, a phase freezes what its trials cannot see, and fits the rest again (`identifiability.py`); with one,
 what the trials do not tell stays where the prior holds it, with the prior's spread as its error.
@@ -23,29 +25,45 @@ from functools import partial
 
 import numpy as np
 
-from gaitcal.calibration.error_sources import ErrorSources, nominal_influence
+from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.identifiability import (
     Turns,
+    ambiguous_arm_findings,
+    arm_ambiguity,
     beyond_bounds,
     in_words,
     small_turns,
     turns_of,
     unmoved_parameters,
     unseen_parameters,
+    without_arms,
 )
 from gaitcal.calibration.joint_calibration import JointSettings, passed
-from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, TaskTrials, estimate_joints
-from gaitcal.calibration.joint_prior import GAIT, TaskTissue, prior_of
-from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
+from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, Tasks, estimate_joints, free_of
+from gaitcal.calibration.joint_prior import ANATOMY, prior_of
+from gaitcal.calibration.soft_tissue_artefact import (
+    GAIT,
+    LEAST_SQUARES,
+    NO_TISSUE,
+    SoftTissueScale,
+    TaskTissue,
+    TissuePrior,
+    task_tissue,
+    tissue_prior,
+)
 from gaitcal.findings import Finding
-from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS
-from gaitcal.model.parameters import JP_INDEX, Parameters, isolated_parameters
+from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters
+from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 
 LEARNT = 0.9
 """A parameter whose standard error is more than this part of its prior's is not determined by the trials."""
+UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
+LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
+UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
 
 
 @dataclass(frozen=True)
@@ -101,8 +119,8 @@ class JointCalibration:
     phases: tuple[Phase, ...]
     free: tuple[str, ...]
     """Every joint parameter that was fitted."""
-    influence: ErrorSources
-    """Of every source of error on all joint parameters, fitted or not."""
+    errors: ErrorSources
+    """Errors of all joint parameters by source, fitted or not."""
     unidentifiable: tuple[str, ...]
     """Parameters that were to be fitted and that the trials cannot see; they keep their nominal value, or stay where
     their prior holds them."""
@@ -128,7 +146,7 @@ class JointPhase:
     """What a phase fits."""
 
     name: str
-    tasks: tuple[TaskTrials, ...]
+    tasks: Tasks
     free: tuple[str, ...]
     recordings: tuple[str, ...]
     """Name of each trial, whatever its problem is called."""
@@ -137,21 +155,23 @@ class JointPhase:
 
     def with_tissue(self, soft: TaskTissue) -> JointPhase:
         """The same with what may move the markers against their bones."""
-        own, tasks = iter(self.recordings), list[TaskTrials]()
-        for task in self.tasks:
-            tasks.append(replace(task, problems=tuple(soft.on(next(own), problem) for problem in task.problems)))
-        plan = replace(self, tasks=tuple(tasks))
-        return replace(plan, tissue=soft.prior(plan.problems))
+        names = iter(self.recordings)
+        tasks = {
+            kind: tuple(replace(problem, tissue=soft.of(next(names), problem)) for problem in problems)
+            for kind, problems in self.tasks.items()
+        }
+        plan = replace(self, tasks=tasks)
+        return replace(plan, tissue=tissue_prior(plan.problems, soft.scales))
 
     @property
     def problems(self) -> list[TrialProblem]:
         """Of all tasks."""
-        return [problem for task in self.tasks for problem in task.problems]
+        return [problem for problems in self.tasks.values() for problem in problems]
 
     @property
     def joints(self) -> list[str | None]:
         """Of each problem; None for gait."""
-        return [None if task.kind == GAIT else task.kind for task in self.tasks for _ in task.problems]
+        return [None if kind == GAIT else kind for kind, problems in self.tasks.items() for _ in problems]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +192,6 @@ class PhaseSettings:
 class FittedPhase:
     """What the fit of a phase gives."""
 
-    plan: JointPhase
     estimate: JointEstimate
     errors: ErrorSources
     summary: Phase
@@ -181,6 +200,7 @@ class FittedPhase:
     turned: Turns = field(default_factory=dict)
     """How far isolated trials move their joints."""
     findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def fit_phase(
@@ -207,7 +227,7 @@ def fit_phase(
     turned = turns_of(plan.problems, estimate.nodes, plan.joints)
     frozen: tuple[str, ...] = ()
     if how.prior is None:
-        alone = plan.tasks[0].kind if len(plan.tasks) == 1 else GAIT
+        (alone,) = plan.tasks if len(plan.tasks) == 1 else (GAIT,)
         unmoved = () if alone == GAIT else unmoved_parameters(plan.free, alone, turned[alone])
         frozen = unseen_parameters(plan.free, estimate.covariance, estimate.information, unmoved)
     iterations, seconds = estimate.iterations, estimate.seconds
@@ -233,7 +253,6 @@ def fit_phase(
         noise=dict(zip(plan.recordings, estimate.noise, strict=True)),
     )
     return FittedPhase(
-        plan=plan,
         estimate=estimate,
         errors=errors,
         summary=summary,
@@ -246,7 +265,7 @@ def fit_phase(
 def sequential_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
     """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials.
 
-    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate.
+    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate (so below).
     """
     phases = [
         _phase(f"joint:{joint}", [t for t in trials if t.joint == joint], isolated_parameters(joint))
@@ -259,10 +278,7 @@ def sequential_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str
 
 
 def simultaneous_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
-    """All trials at once: every parameter that an isolated trial determines, and those of `gait` where there is gait.
-
-    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate.
-    """
+    """All trials at once: every parameter that an isolated trial determines, and those of `gait` if there is gait."""
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
     of_gait = {name for names in gait.values() for name in names}
     wanted = {name for t in used for name in (of_gait if t.joint is None else isolated_parameters(t.joint))}
@@ -272,37 +288,118 @@ def simultaneous_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[s
 
 
 def _phase(name: str, trials: Sequence[JointTrial], wanted: tuple[str, ...]) -> JointPhase:
-    tasks = tuple(
-        TaskTrials(kind, tuple(t.fitted for t in trials if t.kind == kind))
-        for kind in dict.fromkeys(t.kind for t in trials)
-    )
-    recordings = tuple(t.name for task in tasks for t in trials if t.kind == task.kind)
-    free = passed([problem for task in tasks for problem in task.problems], wanted)
+    kinds = dict.fromkeys(t.kind for t in trials)
+    tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
+    recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
+    free = passed([problem for problems in tasks.values() for problem in problems], wanted)
     return JointPhase(name=name, tasks=tasks, free=free, recordings=recordings)
 
 
 def calibrate_in_phases(phases: Sequence[JointPhase], nominal: Parameters, how: PhaseSettings) -> JointCalibration:
     """One phase after the other, each from where the last one ended; what it knows is the prior of the next."""
-    present, known, following = nominal, nominal_influence(), how
+    present, known, following = nominal, nominal_errors(), how
     done: list[FittedPhase] = []
     for plan in phases:
         found = fit_phase(plan, nominal, following, present, known)
-        present, known = found.estimate.parameters, found.errors
+        estimate, known = found.estimate, found.errors
+        present = estimate.parameters
         if following.prior is not None:
-            following = replace(following, prior=following.prior.updated(_posterior(found.estimate, nominal)))
+            free, index = estimate.free, [JP_INDEX[name] for name in estimate.free]
+            mean = present.joint[index] - nominal.joint[index]
+            covariance = estimate.whole_covariance[: len(free), : len(free)]
+            posterior = JointPrior(names=free, mean=mean, covariance=covariance)
+            following = replace(following, prior=following.prior.updated(posterior))
         done.append(found)
-    whole = calibration_of(done, nominal, how.prior, how.search, known)
+    whole = _calibration_of(done, nominal, how.prior, how.search, known)
     reached = {name: phase.estimate.parameters for phase in done for name in phase.summary.trials}
     return replace(whole, reached=reached)
 
 
-def _posterior(estimate: JointEstimate, nominal: Parameters) -> JointPrior:
-    index, count = _index(estimate.free), len(estimate.free)
-    mean = estimate.parameters.joint[index] - nominal.joint[index]
-    return JointPrior(names=estimate.free, mean=mean, covariance=estimate.whole_covariance[:count, :count])
+def calibrate_by_evidence(
+    trials: Sequence[JointTrial],
+    nominal: Parameters,
+    bounds: JointSettings,
+    sides: Sequence[str],
+    prior: JointPrior = ANATOMY,
+) -> JointCalibration:
+    """Joint parameters of the legs of `sides`, of the trunk and of the arms; those beyond `bounds` are told."""
+    how = PhaseSettings(prior=prior)
+    used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
+    kinds = list(dict.fromkeys(t.kind for t in used))
+    legs = [
+        replace(t, fitted=t.fitted if t.joint else segments_of(t.fitted, LOWER_BODY, nominal))
+        for t in sorted(used, key=lambda t: kinds.index(t.kind))
+    ]
+    free = free_of([t.fitted for t in legs], [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
+    done, tissue = list[FittedPhase](), dict[str, SoftTissue]()
+    if free:
+        soft = task_tissue({t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal)
+        plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(soft)
+        found = fit_phase(plan, nominal, how)
+        errors, notes = _with_found_tissue(found), _tissue_notes(soft.scales, found.estimate)
+        done.append(replace(found, errors=errors, notes=notes))
+        tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
+    done += _trunk_and_arms(trials, nominal, how)
+    return replace(_calibration_of(done, nominal, prior, bounds, nominal_errors(prior=prior)), tissue=tissue)
 
 
-def calibration_of(
+def _with_found_tissue(phase: FittedPhase) -> ErrorSources:
+    """Motions are tracked with markers in their places: the soft tissue found is an error of theirs, all of it."""
+    estimate, errors = phase.estimate, phase.errors
+    if not estimate.keys:
+        return errors
+    column = np.zeros((len(errors.free), 1))
+    column[len(estimate.free) :, 0] = estimate.tissue
+    return ErrorSources(errors.free, np.hstack([errors.parameters, column]), (*errors.clusters, "skin/found"))
+
+
+def _tissue_notes(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate) -> tuple[str, ...]:
+    """What soft tissue was found, and how far repeated trials repeat their errors."""
+    named = {GAIT if kind == GAIT else "isolated trials": scale for kind, scale in scales.items()}
+    sizes = ", ".join(
+        f"{kind} {np.sqrt(scale.linear):.2g}"
+        + (f" (and {np.sqrt(scale.squares):.2g} with the squares of angles)" if scale.squares >= LEAST_SQUARES else "")
+        for kind, scale in named.items()
+    )
+    out = [
+        "soft tissue moves the markers with the joints beside them, by this much of what people show in such a task: "
+        f"{sizes}; the joint parameters were fitted together with it"
+    ]
+    out += [
+        f"the trials of {kind} repeat each other's errors: each counts as one of {repeated:.1f} that say the same"
+        for kind, repeated in estimate.repeated.items()
+        if repeated > 1.05
+    ]
+    return tuple(out)
+
+
+def segments_of(body: TrialProblem, segments: tuple[str, ...], nominal: Parameters) -> TrialProblem:
+    """Some segments of a whole body, the first free in the laboratory, with the same bandwidth."""
+    part = body.part(segments[0], segments)
+    return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
+
+
+def _trunk_and_arms(trials: Sequence[JointTrial], nominal: Parameters, how: PhaseSettings) -> list[FittedPhase]:
+    """Gait by itself above the pelvis; empty where nothing is free."""
+    walks = [t for t in trials if t.joint is None]
+    parts = [segments_of(t.fitted, UPPER_BODY, nominal) for t in walks]
+    # the pelvis' markers once more: what they do here has a name of its own among the sources of error
+    problems = tuple(replace(part, name=f"{part.name}, trunk and arms") for part in parts)
+    plan = JointPhase(
+        name="joint parameters of trunk and arms",
+        tasks={GAIT: problems},
+        free=free_of(problems, UPPER_PARAMETERS),
+        recordings=tuple(t.name for t in walks),
+    )
+    if not plan.free:
+        return []
+    found = fit_phase(plan, nominal, how)
+    if turned := arm_ambiguity(problems, found.estimate.nodes, nominal):
+        found = fit_phase(replace(plan, free=without_arms(plan.free, turned)), nominal, how)
+    return [replace(found, findings=ambiguous_arm_findings(turned))]
+
+
+def _calibration_of(
     done: Sequence[FittedPhase],
     nominal: Parameters,
     prior: JointPrior | None,
@@ -320,37 +417,32 @@ def calibration_of(
     parameters, spread, bounded = nominal, dict[str, float](), dict[str, None]()
     for phase in done:
         estimate = phase.estimate
-        parameters = parameters.with_joint(estimate.free, estimate.parameters.joint[_index(estimate.free)])
-        deviations = np.sqrt(np.diag(estimate.covariance)).tolist()
-        spread |= dict(zip(estimate.free, deviations[: len(estimate.free)], strict=True))
+        free = estimate.free
+        parameters = parameters.with_joint(free, estimate.parameters.joint[[JP_INDEX[name] for name in free]])
+        spread |= dict(zip(free, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
         bounded |= dict.fromkeys(estimate.at_bound)
         known = known.updated(phase.errors)
     free, apart = tuple(spread), np.abs(parameters.joint - nominal.joint)
     bounded |= dict.fromkeys(n for n in free if apart[JP_INDEX[n]] > bounds.bound(n))
     if prior is None:
-        unseen, near = tuple(n for phase in done for n in phase.frozen if n not in spread), ""
+        unseen, kept = tuple(n for phase in done for n in phase.frozen if n not in spread), "kept at nominal values"
     else:
         before = np.sqrt(np.diag(prior_of(free, prior)[1]))
         unseen = tuple(n for n, deviation in zip(free, before, strict=True) if spread[n] > LEARNT * deviation)
         near = prior.held_near([n for n in unseen if n.startswith(LEG_JOINTS)])
-    told = [n for n in unseen if n.startswith(LEG_JOINTS)]
-    kept = "kept at nominal values" if prior is None else f"held near {near or 'nominal values'}"
+        kept = f"held near {near or 'nominal values'}"
     turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}
     return JointCalibration(
         parameters=parameters,
         phases=tuple(phase.summary for phase in done),
         free=free,
-        influence=known,
+        errors=known,
         unidentifiable=unseen,
         findings=(
             *(finding for phase in done for finding in phase.findings),
-            *in_words(told, kept, turned),
+            *in_words([n for n in unseen if n.startswith(LEG_JOINTS)], kept, turned),
             *beyond_bounds(tuple(bounded)),
         ),
         at_bound=tuple(bounded),
-        notes=prior.notes if prior else (),
+        notes=(*(prior.notes if prior else ()), *(note for phase in done for note in phase.notes)),
     )
-
-
-def _index(names: Sequence[str]) -> list[int]:
-    return [JP_INDEX[name] for name in names]

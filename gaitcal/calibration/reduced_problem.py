@@ -1,25 +1,21 @@
 """What trials share, alone: the motions of all trials eliminated (variable projection).
 
 Trials share the joint parameters and the columns of soft tissue, together p. For given p every trial's nodes N(p)
-minimise that trial's marker cost C_t. What is left is a small problem in p with gradient g = sum_t g_p and Gauss-Newton
-matrix S = sum_t (H_pp - H_pq H_qq^-1 H_qp) (Golub and Pereyra 1973; Kaufman 1975). With S = V diag(s) V^T it is handed
-to SciPy as the compressed pair
+minimise that trial's marker cost C_t. What is left is a small problem in p with gradient
+g = sum_t g_p and Gauss-Newton matrix S = sum_t (H_pp - H_pq H_qq^-1 H_qp) (Golub and Pereyra 1973; Kaufman 1975). With
+S = V diag(s) V^T it is handed to SciPy as the compressed pair
 
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
 the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full problem of tens of thousands of rows
-(where priors make S regular, with its Cholesky factor in place of V s^1/2).
-A singular S is no obstacle: its null directions are parameters that these trials cannot see, and p does not move
-along them. Priors add their cost, gradient and matrix to C, g and S first.
+(where priors make S regular, with its Cholesky factor in place of V s^1/2). A singular S is no obstacle: its null
+directions are parameters that these trials cannot see, and p does not move along them. Priors add their cost, gradient
+and matrix to C, g and S first.
 
 On the way, a motion is predicted from the last point by dN/dp and solved no further than the next step needs
 (`CORRECTOR`); while parameters and motion have moved less than `KEPT_WITHIN` since H was formed, H, S and dN/dp are
 kept and only the gradient is formed. `settle` ends with all of them formed anew, and with motions solved as far as
 tracking alone would solve them.
-
-One trial with its joint parameters open: its motion moves, and what the parameters would change is carried along.
-
-Of a trial's normal equations at one point, the nodes eliminated, the matrices are kept for points nearby.
 """
 
 from __future__ import annotations
@@ -34,17 +30,26 @@ from gaitcal.arrays import Array
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
-from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
+from gaitcal.motion.descent import DescentSettings, Evaluation, descend
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
 KEPT_WITHIN = 0.005
 """m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""
+CORRECTOR = DescentSettings(gain=1e-4, kept_gain=1.0, keep_within=KEPT_WITHIN, persistent=False)
+"""A predicted motion is near enough, after one more step, where that step gains less than 1e-4 of the cost; where plain
+steps do not get there, it is tracked."""
+FIRST_GAIN = 0.1
+"""What the first motion's last step may gain by, as a part of its cost, before full equations take over."""
+NULL = 1e-12
+"""Eigenvalues of S below this fraction of the largest count as zero."""
+COST_FALLEN_TO = 0.5
+"""A trial whose cost has fallen to this part tries Gauss-Newton's steps again."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Matrices:
-    """What a trial's normal equations give at one point, as long as it serves."""
+    """A trial's normal equations at one point, the nodes eliminated; kept for points nearby."""
 
     values: Array
     """(np_t,) the free parameters of this trial's chain where they were formed."""
@@ -52,15 +57,10 @@ class Matrices:
     """(nn, nq) where they were formed."""
     eliminated: Elimination
 
-    @property
-    def hessian(self) -> Array:
-        """(np_t, np_t) reduced."""
-        return self.eliminated.hessian
-
-    def serve(self, values: Array, nodes: Array) -> bool:
+    def near(self, values: Array, nodes: Array) -> bool:
         """Whether another point is near enough."""
-        far = max(np.abs(values - self.values).max(initial=0.0), np.abs(nodes - self.nodes).max(initial=0.0))
-        return bool(far < KEPT_WITHIN)
+        apart = max(np.abs(values - self.values).max(initial=0.0), np.abs(nodes - self.nodes).max(initial=0.0))
+        return bool(apart < KEPT_WITHIN)
 
     def solve(self, gradient: Array) -> Array:
         """H_qq^-1 times a gradient by the nodes, one after the other."""
@@ -79,6 +79,11 @@ class TrialState:
     reduced_gradient: Array
     """(np_t,) half gradient."""
     converged: bool
+
+    @property
+    def hessian(self) -> Array:
+        """(np_t, np_t) reduced."""
+        return self.matrices.eliminated.hessian
 
 
 @dataclass(frozen=True)
@@ -112,8 +117,11 @@ class OpenMotion:
         nodes = self.nodes(x)
         return OpenMatrix(self.values, nodes, self.problem.equations(nodes, self.constants, curved=curved))
 
-    def ended(self, end: Descent[OpenEvaluation, Matrices]) -> TrialState:
-        """The trial where an iteration on it converged."""
+    def corrected(self, nodes: Array, kept: Matrices | None) -> TrialState | None:
+        """The trial where plain steps from `nodes` (nn, nq) converge; None where they do not."""
+        end = descend(self, nodes.ravel(), CORRECTOR, kept)
+        if not end.converged:
+            return None
         matrices = end.factor or self.linearise(end.x, curved=False).factor(0.0)
         return self._state(end.x, end.evaluation, matrices, end.predicted_reduction, converged=True)
 
@@ -151,18 +159,7 @@ class OpenMatrix:
 
     def factor(self, damping: float) -> Matrices:
         """With the nodes eliminated."""
-        return Matrices(values=self.values, nodes=self.nodes, eliminated=eliminate(self.equations, damping))
-
-
-CORRECTOR = DescentSettings(gain=1e-4, kept_gain=1.0, keep_within=KEPT_WITHIN, persistent=False)
-"""A predicted motion is near enough, after one more step, where that step gains less than 1e-4 of the cost; where plain
-steps do not get there, it is tracked."""
-FIRST_GAIN = 0.1
-"""What the first motion's last step may gain by, as a part of its cost, before full equations take over."""
-NULL = 1e-12
-"""Eigenvalues of S below this fraction of the largest count as zero."""
-MUCH_NEARER = 0.5
-"""A trial whose cost has fallen to this part tries Gauss-Newton's steps again."""
+        return Matrices(self.values, self.nodes, eliminate(self.equations, damping))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,17 +193,15 @@ class ReducedProblem:
         tissue: tuple[str, ...] = (),
     ) -> None:
         """`prior`: (n, np) weights in m per unit of p of the rows prior (p - centre); none unless given."""
-        self.free, self.shared = free, (*free, *tissue)
-        self.parameters = parameters
-        self.settings = settings
+        self.free, shared = free, (*free, *tissue)
+        self.parameters, self.settings, self.starts = parameters, settings, list(starts)
         self.shares = [1.0] * len(problems)
         """What the cost of each trial counts."""
         self.fixed = [replace(problem.with_free(()), tissue=None) for problem in problems]
         self.open = [problem.with_free(free) for problem in problems]
-        self.columns = [problem.places_in(self.shared) for problem in self.open]
-        self.starts = list(starts)
-        self.prior = np.zeros((0, len(self.shared))) if prior is None else prior
-        self.centre = np.zeros(len(self.shared)) if centre is None else centre
+        self.columns = [problem.places_in(shared) for problem in self.open]
+        self.prior = np.zeros((0, len(shared))) if prior is None else prior
+        self.centre = np.zeros(len(shared)) if centre is None else centre
         self.state: ReducedState | None = None
         self.best: ReducedState | None = None
         """The point of least cost so far: where SciPy steps from, and motions are predicted from. A point that it
@@ -227,28 +222,18 @@ class ReducedProblem:
         parameters = self.linkage(p)
         return self._keep(p, tuple(self._solve(k, p, parameters) for k in range(len(self.open))))
 
+    def settle(self, p: Array) -> ReducedState:
+        """The same with every motion solved as far as the settings ask, and nothing kept from other points."""
+        state, parameters = self.at(p), self.linkage(p)
+        return self._keep(p, tuple(self._settled(k, trial, p, parameters) for k, trial in enumerate(state.trials)))
+
     def linkage(self, p: Array) -> Parameters:
         """All joint parameters at p."""
         return self.parameters.with_joint(self.free, p[: len(self.free)])
 
-    def _placed(self, k: int, values: Array) -> tuple[TrialProblem, TrialProblem]:
-        """A trial with its soft tissue and secondary motions where its own part of p has them: for motions alone, and
-        with all of p open.
-        """
-        opened = self.open[k]
-        if opened.tissue is None:
-            return self.fixed[k], opened
-        moved = opened.displaced(values[opened.joint_parameters :])
-        return self.fixed[k].with_data(moved.data), moved
-
     def moved(self, p: Array) -> list[TrialProblem]:
         """Per trial, the motion alone, with soft tissue and secondary motions where p has them."""
-        return [self._placed(k, p[columns])[0] for k, columns in enumerate(self.columns)]
-
-    def settle(self, p: Array) -> ReducedState:
-        """The same with every motion solved to the end, and nothing kept from other points."""
-        state, parameters = self.at(p), self.linkage(p)
-        return self._keep(p, tuple(self._settled(k, trial, p, parameters) for k, trial in enumerate(state.trials)))
+        return [self._placed(k, p)[0] for k in range(len(self.open))]
 
     def weigh(self, shares: Sequence[float]) -> None:
         """Let the cost of each trial count so much. No motion moves by that: the best point is summed up anew."""
@@ -261,7 +246,7 @@ class ReducedProblem:
         """Sum the trials up, and remember the point if it is the best."""
         hessian, gradient, cost = np.zeros((len(p), len(p))), np.zeros(len(p)), 0.0
         for trial, columns, share in zip(trials, self.columns, self.shares, strict=True):
-            hessian[np.ix_(columns, columns)] += share * trial.matrices.hessian
+            hessian[np.ix_(columns, columns)] += share * trial.hessian
             gradient[columns] += share * trial.reduced_gradient
             cost += share * trial.cost
         state = ReducedState(p=p.copy(), trials=trials, cost=cost, hessian=hessian, gradient=gradient)
@@ -274,54 +259,56 @@ class ReducedProblem:
         """m^2, priors included."""
         return state.cost + float(np.sum((self.prior @ (state.p - self.centre)) ** 2))
 
+    def _placed(self, k: int, p: Array) -> tuple[TrialProblem, TrialProblem]:
+        """A trial with its soft tissue and secondary motions where p has them: for the motion alone, and with all of p
+        open.
+        """
+        opened, values = self.open[k], p[self.columns[k]]
+        if opened.tissue is None:
+            return self.fixed[k], opened
+        moved = opened.displaced(values[opened.joint_parameters :])
+        return self.fixed[k].with_data(moved.data), moved
+
+    def _motion(self, k: int, p: Array, parameters: Parameters) -> tuple[TrialProblem, OpenMotion]:
+        fixed, problem = self._placed(k, p)
+        return fixed, OpenMotion(problem, problem.constants(parameters), p[self.columns[k]])
+
     def _solve(self, k: int, p: Array, parameters: Parameters) -> TrialState:
         """The motion of one trial at p, predicted and then corrected by a few plain steps, or else tracked."""
-        values = p[self.columns[k]]
-        fixed, problem = self._placed(k, values)
-        constants = problem.constants(parameters)
+        fixed, motion = self._motion(k, p, parameters)
         near = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
         kept: Matrices | None = None
         if self.best is None:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
             about = self.settings if damped else replace(near, gain=max(near.gain, FIRST_GAIN))
-            predicted = track_nodes(fixed, constants.without_parameters(), self.starts[k], about).nodes
+            predicted = track_nodes(fixed, motion.constants.without_parameters(), self.starts[k], about).nodes
         else:
             last = self.best.trials[k]
             ahead = last.matrices.eliminated.follow((p - self.best.p)[self.columns[k]])
-            predicted, kept = last.nodes - ahead.reshape(last.nodes.shape), last.matrices
+            predicted = last.nodes - ahead.reshape(last.nodes.shape)
+            kept = last.matrices if last.matrices.near(motion.values, predicted) else None
         if self._curved(k):
-            return self._tracked(k, predicted, values, parameters, self.settings)
-        motion = OpenMotion(problem, constants, values)
-        serving = kept if kept is not None and kept.serve(values, predicted) else None
-        end = descend(motion, predicted.ravel(), CORRECTOR, serving)
-        return motion.ended(end) if end.converged else self._tracked(k, predicted, values, parameters, near)
+            return self._tracked(k, predicted, fixed, motion, self.settings)
+        return motion.corrected(predicted, kept) or self._tracked(k, predicted, fixed, motion, near)
 
     def _settled(self, k: int, trial: TrialState, p: Array, parameters: Parameters) -> TrialState:
-        """One trial, solved as far as the settings of tracking ask."""
-        values = p[self.columns[k]]
-        _, problem = self._placed(k, values)
-        constants = problem.constants(parameters)
-        stepped, share = OpenMotion(problem, constants, values).stepped(trial.nodes, converged=trial.converged)
-        if share <= self.settings.gain:
-            return stepped
-        return self._tracked(k, trial.nodes, values, parameters, self.settings)
+        fixed, motion = self._motion(k, p, parameters)
+        stepped, share = motion.stepped(trial.nodes, converged=trial.converged)
+        return stepped if share <= self.settings.gain else self._tracked(k, trial.nodes, fixed, motion, self.settings)
 
     def _tracked(
-        self, k: int, nodes: Array, values: Array, parameters: Parameters, settings: DescentSettings
+        self, k: int, nodes: Array, fixed: TrialProblem, motion: OpenMotion, settings: DescentSettings
     ) -> TrialState:
         """The motion found by tracking, and one step of the open equations from there."""
-        fixed, problem = self._placed(k, values)
-        constants = problem.constants(parameters)
         settings = replace(settings, first_damping=0.0, curved=self._curved(k))
-        tracked = track_nodes(fixed, constants.without_parameters(), nodes, settings)
+        tracked = track_nodes(fixed, motion.constants.without_parameters(), nodes, settings)
         if tracked.curved and not settings.curved:
             self.slow_at[k] = min(self.slow_at[k], tracked.cost)
-        motion = OpenMotion(problem, constants, values)
         return motion.stepped(tracked.nodes, converged=tracked.converged)[0]
 
     def _curved(self, k: int) -> bool:
         """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where it did."""
-        return self.best is not None and self.best.trials[k].cost > MUCH_NEARER * self.slow_at[k]
+        return self.best is not None and self.best.trials[k].cost > COST_FALLEN_TO * self.slow_at[k]
 
     def residual(self, p: Array) -> Array:
         """(np + 1,) compressed residuals f, m."""

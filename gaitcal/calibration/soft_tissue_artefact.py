@@ -5,8 +5,8 @@ A marker of a segment lies, in the segment's axes, at
     l + sum_c z_c psi_c(t),        psi_c = (phi_c - mean phi_c) / max(sd phi_c, 2 deg),
 
 phi_c the angles of the joints beside the segment that the task moves, mean and sd over all trials of one kind of task
-(gait, or the isolated trials of one joint), and with them psi_c^2 less its mean where there is evidence. Each kind has
-unknowns z of its own.
+(gait, or the isolated trials of one joint), tracked with nominal joints and markers in their places, and with them
+psi_c^2 less its mean where there is evidence. Each kind has unknowns z of its own; in gait knees are no hinges besides.
 All markers of a segment shift together, turn together about their middle, and move each by itself:
 
     z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
@@ -37,7 +37,7 @@ same s for all, hips of people with quadratic artefacts came to 15 mm from the t
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -45,7 +45,9 @@ from scipy.special import logsumexp
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_noise import LEAST_SAMPLES, frames_per_sample, least_noise
-from gaitcal.model.linkage import BENDS, JOINTS, Source
+from gaitcal.model.linkage import BENDS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
 from gaitcal.motion.soft_tissue import (
     COMPONENTS,
@@ -54,6 +56,7 @@ from gaitcal.motion.soft_tissue import (
     SecondaryColumns,
     SegmentTissue,
     SoftTissue,
+    secondary_columns,
     together,
 )
 from gaitcal.motion.trial_problem import TrialProblem
@@ -99,6 +102,10 @@ SCALES = np.geomspace(0.005, 4.0, 41)
 """Values of s looked at."""
 SQUARES = "^2"
 """Ends the name of a regressor psi^2."""
+GAIT = "gait"
+"""Kind of task of a trial that is no isolated one; that of isolated trials has their joint's name."""
+LEAST_SQUARES = 0.01
+"""E[s^2] below which columns of squares would move next to nothing: markers by a tenth of what people show."""
 TRUSTED = 0.5
 """Part of its own weight below which a loss let a marker go, and of the frames below which one is seldom seen, and left
 aside where three others are seen more often."""
@@ -106,29 +113,12 @@ SEEN_RANK = 1e-9
 """Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those before it."""
 
 
-# ------------------------------------------------------------------------------------------------- columns of a trial
-
-
 def beside(segment: str) -> tuple[str, ...]:
     """Coordinates of the joints of the legs at both ends of a segment; the talus carries no skin."""
-    through = (segment, segment.replace("shank", "talus").replace("foot", "talus"))
-    return tuple(
-        e.name
-        for joint in JOINTS
-        if joint.name.startswith(("hip", "knee", "talocrural", "subtalar"))
-        and (joint.parent in through or joint.child in through)
-        and segment in _carriers(joint.name, joint.parent, joint.child)
-        for e in joint.elements
-        if e.source is Source.COORDINATE
-    )
-
-
-def _carriers(joint: str, parent: str, child: str) -> tuple[str, ...]:
-    """The segments whose skin a joint moves: shank and foot for both joints of the ankle."""
-    side = joint[-1]
-    if joint.startswith("talocrural"):
-        return (parent, f"foot_{side}")
-    return (f"foot_{side}",) if joint.startswith("subtalar") else (parent, child)
+    above = JOINT_OF_CHILD.get(segment)
+    ends = {segment} if above is None or segment_kind(above.parent).markers else {segment, above.parent}
+    joints = [j for j in JOINTS if j.name.startswith(LEG_JOINTS) and not ends.isdisjoint((j.parent, j.child))]
+    return tuple(e.name for joint in joints for e in joint.elements if e.source is Source.COORDINATE)
 
 
 def task_regressors(angles: Sequence[Mapping[str, Array]], *, squares: bool = False) -> list[dict[str, Array]]:
@@ -162,15 +152,16 @@ def tissue_of(
         segment = problem.chain.segments[s]
         if segment.split("_")[0] not in SIZES or not (problem.data.weight[markers] > 0).any():
             continue
-        near = beside(segment)
+        near, local = beside(segment), problem.data.local[markers]
         names = tuple(name for name in regressors if name.removesuffix(SQUARES) in near)
+        pulling = (problem.data.weight[markers] > 0).any(axis=1)
         if names:
             groups.append(
                 SegmentTissue(
                     segment=s,
                     carrier=segment,
                     markers=markers,
-                    pattern=together(problem.data.local[markers] - _middle(problem, markers)),
+                    pattern=together(local - local[pulling].mean(axis=0)),
                     names=tuple(f"{kind}/{name}" for name in names),
                     regressors=np.array([regressors[name] for name in names]),
                 )
@@ -180,19 +171,11 @@ def tissue_of(
     return SoftTissue(tuple(groups), secondary) if groups or secondary else None
 
 
-def _middle(problem: TrialProblem, markers: slice) -> Array:
-    """(3,) m, of the markers of a segment that pull at all."""
-    pulls = (problem.data.weight[markers] > 0).any(axis=1)
-    out: Array = problem.data.local[markers][pulls].mean(axis=0)
-    return out
-
-
 def marker_covariance(segment: str, local: Array) -> Array:
     """(3 nm, 3 nm) m^2, Sigma of one regressor for markers at `local` (nm, 3) m."""
     size = SIZES[segment.split("_")[0]]
     rigid = together(local - local.mean(axis=0)).reshape(-1, WIDTH) * np.repeat([size.shift, size.turn], 3)
-    out: Array = rigid @ rigid.T + size.own**2 * np.eye(len(rigid))
-    return out
+    return rigid @ rigid.T + size.own**2 * np.eye(len(rigid))
 
 
 def rigid_covariance(segment: str, pattern: Array) -> Array:
@@ -201,9 +184,6 @@ def rigid_covariance(segment: str, pattern: Array) -> Array:
     out: Array = np.diag(np.repeat([size.shift, size.turn], 3) ** 2)
     out += size.own**2 * np.linalg.pinv(flat.T @ flat, rcond=1e-6, hermitian=True)
     return out
-
-
-# ------------------------------------------------------------------------------------------ how soft is this person?
 
 
 @dataclass(frozen=True)
@@ -218,57 +198,42 @@ class SoftTissueScale:
         return self.squares if regressor.endswith(SQUARES) else self.linear
 
 
-@dataclass
-class _Deformation:
-    """Q and b of one segment over all trials of a kind, by columns of unit variance."""
-
-    names: list[str] = field(default_factory=list)
-    information: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    right: Array = field(default_factory=lambda: np.zeros(0))
-
-    def add(self, names: Sequence[str], information: Array, right: Array) -> None:
-        width = len(right) // len(names)
-        new = [name for name in names if name not in self.names]
-        self.names += new
-        grown, before = np.zeros((width * len(self.names),) * 2), len(self.right)
-        grown[:before, :before] = self.information
-        place = np.concatenate([width * self.names.index(name) + np.arange(width) for name in names])
-        grown[np.ix_(place, place)] += information
-        self.information = grown
-        self.right = np.concatenate([self.right, np.zeros(width * len(new))])
-        self.right[place] += right
-
-    def of(self, *, squares: bool) -> Array:
-        """Places of the columns of linear regressors, or of squares."""
-        width = len(self.right) // max(len(self.names), 1)
-        return np.repeat([name.endswith(SQUARES) is squares for name in self.names], width)
-
-
 def soft_tissue_scale(trials: Sequence[TrialProblem]) -> SoftTissueScale:
     """The scale of a person in one kind of task from trials whose soft tissue holds every column that may be."""
-    found: dict[tuple[str, tuple[str, ...]], _Deformation] = {}
+    seen: dict[tuple[str, tuple[str, ...]], list[tuple[Sequence[str], Array, Array]]] = {}
+    """Segment and its markers -> in every trial, regressors, Q and b by columns of unit variance."""
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
             information, right = _deformation(problem, group)
             if information.any():
-                segment, labels = group.carrier, problem.labels[group.markers]
-                root = np.linalg.cholesky(marker_covariance(segment, problem.data.local[group.markers]))
+                root = np.linalg.cholesky(marker_covariance(group.carrier, problem.data.local[group.markers]))
                 every = np.kron(np.eye(len(group.names)), root)
-                found.setdefault((segment, labels), _Deformation()).add(
-                    group.names, every.T @ information @ every, every.T @ right
-                )
+                parts = seen.setdefault((group.carrier, problem.labels[group.markers]), [])
+                parts.append((group.names, every.T @ information @ every, every.T @ right))
     plain, bent = [], []
-    for seen in found.values():
-        linear, squares = seen.of(squares=False), seen.of(squares=True)
-        information, mixed = seen.information[np.ix_(linear, linear)], seen.information[np.ix_(squares, linear)]
-        plain.append((information, seen.right[linear]))
+    for parts in seen.values():
+        names, information, right = _together(parts)
+        bends = np.repeat([name.endswith(SQUARES) for name in names], len(right) // len(names))
+        linear, mixed = information[np.ix_(~bends, ~bends)], information[np.ix_(bends, ~bends)]
+        plain.append((linear, right[~bends]))
         # what is left for the squares once the linear columns are integrated out, however large they may be
-        inner = information + np.eye(len(information)) / SCALES[-1] ** 2
-        left = np.linalg.solve(inner, np.column_stack([mixed.T, seen.right[linear]]))
-        own = seen.information[np.ix_(squares, squares)] - mixed @ left[:, :-1]
-        bent.append((own, seen.right[squares] - mixed @ left[:, -1]))
+        inner = linear + np.eye(len(linear)) / SCALES[-1] ** 2
+        left = np.linalg.solve(inner, np.column_stack([mixed.T, right[~bends]]))
+        bent.append((information[np.ix_(bends, bends)] - mixed @ left[:, :-1], right[bends] - mixed @ left[:, -1]))
     squares_seen = any(len(right) for _, right in bent)
     return SoftTissueScale(_mean_square(plain), _mean_square(bent, possibly_none=True) if squares_seen else 0.0)
+
+
+def _together(parts: Sequence[tuple[Sequence[str], Array, Array]]) -> tuple[list[str], Array, Array]:
+    """Regressors, and the sums of Q and b over them, of one segment in all its trials."""
+    names = list(dict.fromkeys(name for own, _, _ in parts for name in own))
+    width = len(parts[0][2]) // len(parts[0][0])
+    information, right = np.zeros((width * len(names),) * 2), np.zeros(width * len(names))
+    for own, of_trial, score in parts:
+        place = np.concatenate([width * names.index(name) + np.arange(width) for name in own])
+        information[np.ix_(place, place)] += of_trial
+        right[place] += score
+    return names, information, right
 
 
 def _mean_square(parts: Sequence[tuple[Array, Array]], *, possibly_none: bool = False) -> float:
@@ -338,9 +303,6 @@ def _noise(errors: Array, psi: Array, directions: int, least: float) -> float:
     return max(float(np.sqrt(variance)), least)
 
 
-# ------------------------------------------------------------------------------------------------------------- prior
-
-
 @dataclass(frozen=True)
 class TissuePrior:
     """The columns of all kinds of task, and how large they may be."""
@@ -375,3 +337,63 @@ def secondary_prior(trials: Sequence[TrialProblem]) -> TissuePrior:
     square = f"/{BENDS[0]}/"
     sizes = [SECONDARY_SIZES[key.rpartition(".")[2]] * (1.0 if square in key else CUBE_SHARE) for key in keys]
     return TissuePrior(keys, np.diag(np.square(sizes)))
+
+
+@dataclass(frozen=True)
+class TaskTissue:
+    """What may move the markers of each trial against their bones, and how far."""
+
+    kinds: Mapping[str, str]
+    """Trial -> kind of task."""
+    regressors: Mapping[str, Mapping[str, Array]]
+    """Trial -> coordinate -> (nf,) psi of the joints that its task moves."""
+    scales: Mapping[str, SoftTissueScale]
+    """Kind of task -> how soft the person is there."""
+    secondary: Mapping[str, SecondaryColumns]
+    """Trial of gait -> what knees do besides flexing."""
+
+    def of(self, name: str, problem: TrialProblem, known: Collection[str] | None = None) -> SoftTissue | None:
+        """The columns of a trial on the markers of some part of the body, or those `known` of them."""
+        return tissue_of(problem, self.kinds[name], self.regressors[name], known, secondary=self.secondary.get(name))
+
+    def of_bodies(self, bodies: Mapping[str, TrialProblem], known: Collection[str]) -> dict[str, SoftTissue]:
+        """Trial -> the columns `known` on the markers of the whole body; without those that have none."""
+        found = {name: self.of(name, body, known) for name, body in bodies.items()}
+        return {name: columns for name, columns in found.items() if columns is not None}
+
+
+def task_tissue(kinds: Mapping[str, str], parts: Mapping[str, TrialProblem], nominal: Parameters) -> TaskTissue:
+    """The soft tissue of trials, name -> kind of task, each by the part of the body that is fitted to it."""
+    angles = {name: _angles(nominal, parts[name]) for name in kinds}
+    regressors, scales = dict[str, Mapping[str, Array]](), dict[str, SoftTissueScale]()
+    for kind in dict.fromkeys(kinds.values()):
+        names = [name for name in kinds if kinds[name] == kind]
+        regressors |= dict(zip(names, task_regressors([angles[n] for n in names], squares=True), strict=True))
+    gait = [name for name in kinds if kinds[name] == GAIT]
+    secondary = dict(zip(gait, secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
+    for alike in (gait, [name for name in kinds if kinds[name] != GAIT]):
+        soft = [replace(parts[n], tissue=tissue_of(parts[n], kinds[n], regressors[n])) for n in alike]
+        scale = soft_tissue_scale(soft)
+        scales |= {kinds[name]: scale for name in alike}
+        if scale.squares < LEAST_SQUARES:
+            for n in alike:
+                regressors[n] = {c: psi for c, psi in regressors[n].items() if not c.endswith(SQUARES)}
+    return TaskTissue(kinds, regressors, scales, secondary)
+
+
+def _angles(nominal: Parameters, part: TrialProblem) -> dict[str, Array]:
+    """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
+    q = tracked_motion(part, nominal).q
+    return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
+
+
+def tissue_of_walk(walk: TrialProblem, nominal: Parameters, known: Collection[str]) -> SoftTissue | None:
+    """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
+    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one.
+    """
+    angles = _angles(nominal, walk)
+    (every,) = task_regressors([angles], squares=True)
+    regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{GAIT}/{name}/") for key in known)}
+    knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}
+    (secondary,) = secondary_columns(GAIT, [knees])
+    return tissue_of(walk, GAIT, regressors, known, secondary if secondary.names else None)

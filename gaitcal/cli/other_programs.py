@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from gaitcal.cli.console import Console
-from gaitcal.dynamics.joint_moments import MomentFrame
+from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import UsageError, nearest
 from gaitcal.export.osim import write_osim
 from gaitcal.export.robot_files import write_mjcf, write_urdf

@@ -23,7 +23,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, UPPER_PARAMETERS
+from gaitcal.calibration.joint_phases import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_deviations, prior_of, prior_of_study, prior_root
 from gaitcal.codes import Code
 from gaitcal.cohort.learning import FEWEST, PartEvidence, PersonEvidence, folds_of, heights_of, learn_part

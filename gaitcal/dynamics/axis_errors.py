@@ -27,10 +27,8 @@ their mean errs by 9 mm, and against the sacrum, 10 mm, by 13.5 mm over 170 mm: 
 by others scatter alike: mostly less than 5 deg, least in obliquity and hip adduction, most in rotations of hip and knee
 (McGinley et al., Gait Posture 29:360-369, 2009).
 
-Standard errors of generalised forces, and which source of error makes them.
-
-Sources are independent of each other, so that variances add: the share of a source in the error bar of a torque is its
-part of the variance, summed over valid frames.
+Sources of error are independent of each other, so that variances add: the share of a source in the error bar of a
+torque is its part of the variance, summed over valid frames.
 """
 
 from __future__ import annotations
@@ -42,9 +40,9 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
-from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, unloaded_forces
+from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, PlacedLinkage
 from gaitcal.dynamics.joint_kinetics import KineticErrors
-from gaitcal.model.chain import chain_of, forward, jacobian, segment_poses
+from gaitcal.model.chain import chain_of
 from gaitcal.model.linkage import (
     COORDINATE_INDEX,
     COORDINATES,
@@ -58,7 +56,6 @@ from gaitcal.model.linkage import (
     segment_kind,
 )
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
-from gaitcal.model.subject_model import build_linkage
 
 PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
     row.name: row.palpated for row in SEGMENT_TABLE.values() if row.palpated
@@ -89,27 +86,28 @@ class _Crossing:
     @property
     def carried(self) -> tuple[str, ...]:
         """Three turns whose generalised forces are the joint's whole moment; empty where no torque of it moves."""
-        if any(name in REACTIONS for name in self.turns):
-            at = next(k for k, name in enumerate(self.turns) if name in REACTIONS)
-            return self.turns[at - 1 : at + 2]
+        for at, name in enumerate(self.turns):
+            if name in REACTIONS:
+                return self.turns[at - 1 : at + 2]
         return self.turns if set(self.turns) <= set(COORDINATES) else ()
 
 
-def _crossings() -> Iterator[_Crossing]:
+CROSSINGS = tuple(
+    _Crossing(parent, child, tuple(e.name for e in elements if e.rotates and e.source is not Source.ZERO_ANGLE))
     for parent, child, elements in (
         (None, "pelvis", root_elements("pelvis")),
         *((joint.parent, joint.child, joint_elements(joint, reactions=True)) for joint in JOINTS),
-    ):
-        yield _Crossing(
-            parent, child, tuple(e.name for e in elements if e.rotates and e.source is not Source.ZERO_ANGLE)
-        )
-
-
-CROSSINGS = tuple(_crossings())
+    )
+)
+_HELD = tuple(name for crossing in CROSSINGS for name in crossing.carried if name in JP_INDEX)
+"""Joint parameters that complete a knee's moment."""
 
 
 class AxisErrors:
-    """Axes of all segments of one set of parameters, each wrong by its standard deviation."""
+    """Axes of all segments of one set of parameters, each wrong by its standard deviation.
+
+    `columns`: what each column of the moves below turns, a segment about its x, y or z.
+    """
 
     def __init__(
         self, parameters: Parameters, deviations_deg: Mapping[str, tuple[float, float, float]] = PALPATED_DEG
@@ -117,16 +115,10 @@ class AxisErrors:
         """`deviations_deg`: standard deviations by segment, without its side, about x, y and z."""
         self._chain = chain_of(free=_ORIENTATIONS, reactions=True)
         self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
-        free = tuple(name for c in CROSSINGS for name in c.carried if name in JP_INDEX)
-        self._linkage = build_linkage(parameters, free, reactions=True)
-        self._fixed = {name: float(parameters.joint[JP_INDEX[name]]) for name in free}
-        self._data = self._linkage.model.createData()
+        self._dynamics = Dynamics(parameters, _HELD)
         each = {s: deviations_deg.get(segment_kind(s).name, ()) for s in self._chain.segments}
         self._deviations = {segment: np.deg2rad(turns) for segment, turns in each.items() if any(turns)}
-        self.segments = tuple(self._deviations)
-        """Whose axes are wrong."""
-        self.columns = tuple((segment, axis) for segment in self.segments for axis in range(3))
-        """What each column of the moves below turns: a segment about its x, y or z."""
+        self.columns = tuple((segment, axis) for segment in self._deviations for axis in range(3))
 
     def coordinate_errors(self, q: Array) -> Array:
         """(nf, nq) m, rad: standard errors that these leave in coordinates (nf, nq)."""
@@ -138,20 +130,20 @@ class AxisErrors:
 
     def coordinate_moves(self, q: Array) -> Array:
         """(nf, nq, k) m, rad: one standard deviation of each turn, at coordinates (nf, nq)."""
-        axes, segments, _ = self._placed(q)
-        out = np.zeros((*q.shape, len(self.columns)))
-        for _, place, taken in self._taken(axes, segments):
+        placed, out = self._placed(q), np.zeros((*q.shape, len(self.columns)))
+        for _, _, place, _, taken in self._taken(placed):
             for name, by in taken.items():
-                if name in COORDINATES:
-                    out[:, COORDINATES.index(name), place] += by
+                if name in COORDINATE_INDEX:
+                    out[:, COORDINATE_INDEX[name], place] += by
         return out
 
-    def segment_turns(self, q: Array) -> Iterator[tuple[str, slice, Array]]:
-        """Segment, its three columns, and (nf, 3, 3) rad, laboratory: its turn about each of its axes, one a row."""
-        _, segments, _ = self._placed(q)
-        for k, segment in enumerate(self.segments):
-            place = slice(3 * k, 3 * k + 3)
-            yield segment, place, self._turns(segments, place)
+    def segment_turns(self, q: Array) -> dict[str, Array]:
+        """Segment -> (nf, k, 3) rad, laboratory: how far each column turns it."""
+        placed = self._placed(q)
+        out = {segment: np.zeros((len(q), len(self.columns), 3)) for segment in self._deviations}
+        for segment, place, turns in self._turns(placed):
+            out[segment][:, place] = turns
+        return out
 
     def rate_moves(self, q: Array, time: Array) -> Array:
         """(nf, nq, k) m/s, rad/s: what they make of the rates of a motion (nf, nq) at the times (nf,) s."""
@@ -160,74 +152,43 @@ class AxisErrors:
 
     def torque_moves(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, nt, k) N·m, N: the same of the generalised forces, foot wrenches being (nf, 2, 6)."""
-        axes, segments, columns = self._placed(q)
-        forces = self._forces(q, v, a, wrenches, columns)
+        placed, forces = self._placed(q), self._dynamics.forces(q, v, a, wrenches)
+        index = {name: k for k, name in enumerate((*FORCES, *_HELD))}
         out = np.zeros((len(q), len(FORCES), len(self.columns)))
-        for crossing, place, taken in self._taken(axes, segments):
+        for crossing, segment, place, turns, taken in self._taken(placed):
             if not crossing.carried:
                 continue
-            sides = np.stack([axes[name] for name in crossing.carried], axis=1)  # (nf, 3, 3), an axis a row
-            told = np.stack([forces[name] for name in crossing.carried], axis=1)
-            moment = np.linalg.solve(sides, told[..., None])[:, None, :, 0]  # (nf, 1, 3)
-            turned = self._turns(segments, place) if self.columns[place.start][0] == crossing.parent else 0.0
-            turned = np.zeros((len(q), 3, 3)) + turned  # (nf, turn, xyz)
+            sides = np.stack([placed.axis(name) for name in crossing.carried], axis=1)  # (nf, 3, 3), an axis a row
+            torques = forces[:, [index[name] for name in crossing.carried]]
+            moment = np.linalg.solve(sides, torques[..., None])[:, None, :, 0]  # (nf, 1, 3)
+            turned = turns if segment == crossing.parent else np.zeros((len(q), 3, 3))  # (nf, turn, xyz)
             for name in crossing.turns:
+                axis = placed.axis(name)[:, None]
                 if name in FORCES:
-                    moved = cross(turned, axes[name][:, None])
-                    out[:, FORCES.index(name), place] += (moved * moment).sum(axis=2)
+                    out[:, index[name], place] += (cross(turned, axis) * moment).sum(axis=2)
                 if name in taken:
-                    turned = turned + taken[name][:, :, None] * axes[name][:, None]
+                    turned = turned + taken[name][:, :, None] * axis
         return out
 
-    def _placed(self, q: Array) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
-        """Turn -> axis (nf, 3); segment -> axes (nf, 3, 3), one a row; variable -> spatial column (nf, 6)."""
-        whole = np.zeros((len(q), len(self._chain.coordinates)))
-        whole[:, [self._chain.coordinates.index(name) for name in COORDINATES]] = q
-        poses = forward(self._chain, self._constants, whole)
-        spatial = jacobian(self._chain, self._constants, poses).transpose(0, 2, 1)
-        names = (*self._chain.coordinates, *self._chain.free)
-        columns = dict(zip(names, spatial, strict=True))
-        frames, _ = segment_poses(self._chain, self._constants, poses)
-        segments = dict(zip(self._chain.segments, frames.transpose(0, 3, 1, 2), strict=True))
-        return {name: column[:, 3:] for name, column in columns.items()}, segments, columns
+    def _placed(self, q: Array) -> PlacedLinkage:
+        return PlacedLinkage(self._chain, self._constants, q)
 
-    def _turns(self, segments: Mapping[str, Array], place: slice) -> Array:
-        """(nf, 3, 3) rad, laboratory: turn of a segment about each of its axes, one a row."""
-        segment = self.columns[place.start][0]
-        return segments[segment] * self._deviations[segment][:, None]
+    def _turns(self, placed: PlacedLinkage) -> Iterator[tuple[str, slice, Array]]:
+        """Segment, its three columns, and (nf, 3, 3) rad, laboratory: its turn about each of its axes, one a row."""
+        for k, (segment, deviation) in enumerate(self._deviations.items()):
+            yield segment, slice(3 * k, 3 * k + 3), placed.frame(segment) * deviation[:, None]
 
-    def _taken(
-        self, axes: Mapping[str, Array], segments: Mapping[str, Array]
-    ) -> Iterator[tuple[_Crossing, slice, dict[str, Array]]]:
-        """Joint, columns of a segment beside it, and by how much (nf, 3) each of its turns takes these up."""
-        for k, segment in enumerate(self.segments):
-            place = slice(3 * k, 3 * k + 3)
-            turns = self._turns(segments, place)
+    def _taken(self, placed: PlacedLinkage) -> Iterator[tuple[_Crossing, str, slice, Array, dict[str, Array]]]:
+        """Joint, a segment beside it, its columns and turns; by how much (nf, 3) the joint's turns take these up."""
+        for segment, place, turns in self._turns(placed):
             for crossing in CROSSINGS:
                 if segment not in (crossing.parent, crossing.child):
                     continue
                 above = segment == crossing.parent
                 names = crossing.absorbing[:3] if above else crossing.absorbing[-3:]
-                basis = np.stack([axes[name] for name in names], axis=2)
+                basis = np.stack([placed.axis(name) for name in names], axis=2)
                 found = np.linalg.solve(basis, (-turns if above else turns).transpose(0, 2, 1))
-                yield crossing, place, dict(zip(names, found.transpose(1, 0, 2), strict=True))
-
-    def _forces(self, q: Array, v: Array, a: Array, wrenches: Array, columns: Mapping[str, Array]) -> dict[str, Array]:
-        """Turn -> (nf,) N·m its generalised force; also of the joint parameters that complete a knee's moment."""
-        state = np.zeros((3, len(q), len(self._linkage.coordinates)))
-        place = [self._linkage.index(name) for name in COORDINATES]
-        for values, given in zip(state, (q, v, a), strict=True):
-            values[:, place] = given
-        for name, value in self._fixed.items():
-            state[0][:, self._linkage.index(name)] = value
-        forces = dict(zip(self._linkage.coordinates, unloaded_forces(self._linkage, self._data, *state).T, strict=True))
-        names = (*self._chain.coordinates, *self._chain.free)
-        for foot, segment in enumerate(FEET):
-            column = self._chain.segments.index(segment)
-            for name in forces:
-                if self._chain.support[names.index(name), column]:
-                    forces[name] = forces[name] - (columns[name] * wrenches[:, foot]).sum(axis=1)
-        return forces
+                yield crossing, segment, place, turns, dict(zip(names, found.transpose(1, 0, 2), strict=True))
 
 
 class ErrorSource(Enum):

@@ -6,25 +6,19 @@ Of the residual's three components i (force, or moment), laboratory axes, over t
     V_i = S_i + A_i,     S_i = mean_f SE_if^2,     A_i = U_i^2 + mean_f B_if^2
     expected^2 = mean_i V_i,     limit^2 = expected^2 chi^2_n(1 - RARE) / n
 
-SE is the error bar of the generalised forces of the pelvis: markers, skin, joints, masses, plates, and segments that
-markers do not determine (`torque_sources.py`). U is what walks without a fault leave once inertial parameters have
-taken their part, as no body is made of rigid segments. B is what the plates hold above the cut-off of the motion: the
-impact of a heel is over before a smoothed motion can follow it. The error bar counts as one draw a component in a
-whole trial, since masses, joints and skin are in error from its first frame to its last; the rest forgets itself within
-`TAU`. With T the duration of the valid frames, a sum of squares is chi^2 distributed (Satterthwaite, Biometrics
-Bulletin 2:110-114, 1946) with
+SE is the error bar of the generalised forces of the pelvis (`calibration/torque_errors.py`). U is what walks without a
+fault leave once inertial parameters have taken their part, as no body is made of rigid segments. B is what the plates
+hold above the cut-off of the motion: the impact of a heel is over before a smoothed motion can follow it. The error bar
+counts as one draw a component in a whole trial, since masses, joints and skin are in error from its first frame to its
+last; the rest forgets itself within `TAU`. With T the duration of the valid frames, a sum of squares is chi^2
+distributed (Satterthwaite, Biometrics Bulletin 2:110-114, 1946) with
 
     n = (sum_i V_i)^2 / sum_i (S_i^2 + A_i^2 / max(1, T / TAU)).
 
-How large pelvis residuals are, and what is asked of simulations.
-
-Hicks et al., Journal of Biomechanical Engineering 2015: a residual force under 5 % of the peak net external force, and
-a residual moment under 1 % of the height of the mass centre times that force.
-
-An RMS of a residual is one over valid frames and the three components everywhere (`Moments.residual_rms`). The limits
-are those of a magnitude, for motions that were changed until they agree with the forces; they are drawn beside its
-course, and nothing is judged by them, as few walks lie within as they are measured: plates have the impact of a heel,
-and a smoothed motion does not. What is judged: `expected_residual.py`.
+What is asked of simulations (Hicks et al., Journal of Biomechanical Engineering 2015), a residual force under 5 % of
+the peak net external force and a residual moment under 1 % of the height of the mass centre times that force, are
+limits of a magnitude, for motions that were changed until they agree with the forces. They are drawn beside its course;
+nothing is judged by them: plates have the impact of a heel, and a smoothed motion does not.
 """
 
 from __future__ import annotations
@@ -38,7 +32,7 @@ from scipy.special import chdtri
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.axis_errors import TorqueErrors
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.io.force_plate import low_pass
 from gaitcal.io.recording import ForcePlate
@@ -47,7 +41,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.motion import Motion
 
-USUAL = np.array([0.030, 0.045, 0.015, 0.0060, 0.0020, 0.0080])
+BASELINE = np.array([0.030, 0.045, 0.015, 0.0060, 0.0020, 0.0080])
 """U of force (body weight) and moment (body weight times height) forward, up and to the right."""
 TAU = 0.07
 """s, over which what clean walks leave forgets itself."""
@@ -56,6 +50,10 @@ RARE = 1e-3
 PELVIS = [COORDINATE_INDEX[f"pelvis_{name}"] for name in ("tx", "ty", "tz", "list", "rotation", "tilt")]
 """Generalised forces whose errors are those of force and moment forward, up and to the right: the pelvis leans little
 enough for its three axes to count as those of the laboratory."""
+FORCE_SHARE, MOMENT_SHARE = 0.05, 0.01
+"""Of the peak net external force; of that times the height of the mass centre."""
+MOST_FRAMES = 50
+"""Frames over which the height of the mass centre is averaged."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,8 +97,8 @@ def expected_residual(
         return None
     residual = np.hstack([moments.residual_force, moments.residual_moment])[frames]
     bar = (errors.tau[frames][:, PELVIS] ** 2).mean(axis=0)
-    usual = (USUAL * np.repeat([weight, moments.bwh], 3)) ** 2
-    other = usual + (_faster(reactions, motion, frames) ** 2).mean(axis=0)
+    baseline = (BASELINE * np.repeat([weight, moments.bwh], 3)) ** 2
+    other = baseline + (_faster(reactions, motion, frames) ** 2).mean(axis=0)
     draws = max(1.0, float(frames.sum()) * _step(motion.time) / TAU)
     squares = (residual**2).mean(axis=0)
     force, moment = (_held(squares[of], bar[of], other[of], draws) for of in (slice(0, 3), slice(3, 6)))
@@ -131,11 +129,6 @@ def _faster(reactions: GroundReactions, motion: Motion, frames: BoolArray) -> Ar
 def _step(time: Array) -> float:
     """S between frames."""
     return float(np.median(np.diff(time))) if len(time) > 1 else TAU
-
-
-FORCE_SHARE, MOMENT_SHARE = 0.05, 0.01
-MOST_FRAMES = 50
-"""Frames over which the height of the mass centre is averaged."""
 
 
 @dataclass(frozen=True)
@@ -195,18 +188,10 @@ def residual_limits(
     net = np.linalg.norm(reactions.wrench[valid].sum(axis=1)[:, :3], axis=1)
     peak = float(net.max())
     chosen = valid[:: max(1, len(valid) // MOST_FRAMES)]
-    height = _mass_centre_height(parameters, q[chosen]) - _floor(plates)
-    return ResidualLimits(FORCE_SHARE * peak, MOMENT_SHARE * height * peak, peak, height)
-
-
-def _mass_centre_height(parameters: Parameters, q: Array) -> float:
     model = build_linkage(parameters).model
     data = model.createData()
-    return float(np.mean([pin.centerOfMass(model, data, row)[1] for row in q]))
-
-
-def _floor(plates: Sequence[ForcePlate]) -> float:
-    """m: the height of the plates, else 0."""
+    centre = float(np.mean([pin.centerOfMass(model, data, row)[1] for row in q[chosen]]))
     corners = [plate.corners for plate in plates if plate.corners is not None]
-    heights = [float(c[:, 1].mean()) for c in corners if np.isfinite(c).all()]
-    return float(np.mean(heights)) if heights else 0.0
+    floors = [float(c[:, 1].mean()) for c in corners if np.isfinite(c).all()]
+    height = centre - (float(np.mean(floors)) if floors else 0.0)
+    return ResidualLimits(FORCE_SHARE * peak, MOMENT_SHARE * height * peak, peak, height)

@@ -1,14 +1,15 @@
-"""When a foot is on the ground, told by its motion and by the events of the file, and not by forces.
+"""Feet on the ground: when one rests, told by its motion and not by forces; its sole; and whose foot loads a plate.
 
 A heel or a toe that moves with the ground rests. A resting foot that no plate carries stands on the floor: what the
 ground does to it is not known. Resting begins up to 40 ms after the true contact and ends up to 90 ms before it (40
 contacts on plates of nine people), so that so much around it is unknown too. Where the file tells foot strikes and offs
 that agree with its own plates, they say it to the frame.
 
-The sole of a foot as cells of equal length, seen from above, and the part of it that lies beside force plates.
+The sole, seen from above, begins a little before the heel marker, which sits on the back of the heel, and ends at the
+tip of the foot; it is as wide as Winter (2009) gives the foot, less at heel and toes. Its cells count by their area.
 
-The sole begins a little before the heel marker, which sits on the back of the heel, and ends at the tip of the foot; it
-is as wide as Winter (2009) gives the foot, less at heel and toes. A cell counts by its area.
+A loading of a plate is of the foot under whose sole its centre of pressure lies; one that two feet make one after the
+other is divided where the first has left the ground and the second rests.
 """
 
 from __future__ import annotations
@@ -19,8 +20,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.dynamics.plate_errors import outside
-from gaitcal.io.intervals import runs
+from gaitcal.findings import Finding, Severity
+from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import SIDES
@@ -65,8 +69,7 @@ class FootPoints:
     @property
     def resting(self) -> BoolArray:
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
-        out: BoolArray = np.minimum(self.heel_speed, self.toe_speed) < RESTING
-        return out
+        return np.minimum(self.heel_speed, self.toe_speed) < RESTING
 
 
 def ground_velocity(points: Array, velocity: Array) -> Array:
@@ -99,8 +102,7 @@ def near(marked: BoolArray, time: Array) -> BoolArray:
         return marked.copy()
     after = np.clip(np.searchsorted(times, time), min(1, len(times) - 1), len(times) - 1)
     gap = np.minimum(np.abs(time - times[after]), np.abs(time - times[np.maximum(after - 1, 0)]))
-    out: BoolArray = marked | (gap <= EDGE)
-    return out
+    return marked | (gap <= EDGE)
 
 
 def on_the_floor(resting: BoolArray, loaded: BoolArray, time: Array, events: Sequence[FootEvent] = ()) -> BoolArray:
@@ -121,9 +123,13 @@ def on_the_floor(resting: BoolArray, loaded: BoolArray, time: Array, events: Seq
             begin, end = float(time[run.start]), float(time[run.stop - 1])
             before, after = time[: run.start][loaded[: run.start, foot]], time[run.stop :][loaded[run.stop :, foot]]
             if run.start > 0:
-                begin = float(before[-1]) if carried[run.start - 1] else _strike(strikes, begin)
+                strike = _event_near(strikes, begin - SAME_EVENT, begin + BELIEVED, begin)
+                at_earliest = begin - LANDING if strike is None else strike
+                begin = float(before[-1]) if carried[run.start - 1] else at_earliest
             if run.stop < len(time):
-                end = float(after[0]) if carried[run.stop] else _off(offs, end)
+                off = _event_near(offs, end - BELIEVED, end + SAME_EVENT, end)
+                at_latest = end + LEAVING if off is None else off
+                end = float(after[0]) if carried[run.stop] else at_latest
             inner = (time > begin) & (time < end)
             inner[run.start] |= run.start == 0
             inner[run.stop - 1] |= run.stop == len(time)
@@ -131,16 +137,10 @@ def on_the_floor(resting: BoolArray, loaded: BoolArray, time: Array, events: Seq
     return out
 
 
-def _strike(strikes: Array, resting: float) -> float:
-    """s, when a foot that rests from `resting` (s) on struck the floor, by the file's strikes or at the earliest."""
-    close = strikes[(strikes >= resting - SAME_EVENT) & (strikes <= resting + BELIEVED)]
-    return float(close[np.abs(close - resting).argmin()]) if len(close) else resting - LANDING
-
-
-def _off(offs: Array, resting: float) -> float:
-    """s, when a foot that rests up to `resting` (s) left the floor, by the file's offs or at the latest."""
-    close = offs[(offs >= resting - BELIEVED) & (offs <= resting + SAME_EVENT)]
-    return float(close[np.abs(close - resting).argmin()]) if len(close) else resting + LEAVING
+def _event_near(times: Array, earliest: float, latest: float, contact: float) -> float | None:
+    """s, the event of a file nearest to the beginning or end of a contact (s); None where none lies between."""
+    close = times[(times >= earliest) & (times <= latest)]
+    return float(close[np.abs(close - contact).argmin()]) if len(close) else None
 
 
 def agree(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
@@ -151,10 +151,8 @@ def agree(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
             ends = {FootMoment.STRIKE: run.start > 0, FootMoment.OFF: run.stop < len(time)}
             for moment, inside in ends.items():
                 at = time[run.start if moment is FootMoment.STRIKE else run.stop - 1]
-                all_of_them = _times(events, side, moment)
-                if inside and len(all_of_them):
-                    gap = float(np.abs(all_of_them - at).min())
-                    gaps += [gap] if gap < SAME_EVENT else []
+                apart = np.abs(_times(events, side, moment) - at).tolist() if inside else []
+                gaps += sorted(gap for gap in apart if gap < SAME_EVENT)[:1]
     return bool(gaps) and max(gaps) <= BELIEVED
 
 
@@ -199,8 +197,7 @@ class SoleCells:
 
     def share_of(self, chosen: BoolArray) -> Array:
         """(nf,) share of the sole's area in the chosen cells (nf, n)."""
-        out: Array = chosen @ self.share
-        return out
+        return chosen @ self.share
 
     def share_of_halves(self, chosen: BoolArray) -> Array:
         """(nf, 2) share of the heel's half, and of the toes', in the chosen cells (nf, n).
@@ -208,8 +205,7 @@ class SoleCells:
         A heel is a small part of a sole, and bears the whole body where it alone rests.
         """
         halves = np.stack([self.rear, ~self.rear], axis=1) * self.share[:, None]
-        out: Array = chosen @ (halves / halves.sum(axis=0))
-        return out
+        return chosen @ (halves / halves.sum(axis=0))
 
     def offsets(self, point: Array) -> tuple[Array, Array]:
         """(nf, n) m along the foot and (nf, n) m across it, from points (nf, 3) to the cells, not negative."""
@@ -240,3 +236,134 @@ def sole_of(feet: FootPoints, foot: int, frames: slice) -> SoleCells:
     heel_rests, toe_rests = (speed[frames, foot] < RESTING for speed in (feet.heel_speed, feet.toe_speed))
     resting = np.where(rear, heel_rests[:, None], toe_rests[:, None])
     return SoleCells(cells=cells, share=area / area.sum(), resting=resting, rear=rear, forward=forward)
+
+
+UNDER_FOOT = 0.15
+"""m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
+SHORTEST = 0.05
+"""s: a shorter loading is a knock, not a step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loading:
+    """One plate under load, given to one foot."""
+
+    plate: ForcePlate
+    foot: int
+    """0 right, 1 left."""
+    frames: slice
+    point: Array
+    """(n, 3) m, centre of pressure at these frames."""
+    load: Array
+    """(n,) N, vertical force at these frames."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Loading):
+    """A loading of the tracked motion."""
+
+    wrench: Array
+    """(nf, 6) of the plate at all frames of the trial, not filtered."""
+    words: str
+    """Plate and time, for messages."""
+
+    def wrench_in(self, frames: slice) -> Array:
+        """(n, 6) its wrench in some frames, zero outside of it."""
+        out = np.zeros((frames.stop - frames.start, 6))
+        first, last = max(self.frames.start, frames.start), min(self.frames.stop, frames.stop)
+        out[first - frames.start : last - frames.start] = self.wrench[first:last]
+        return out
+
+
+def steps_on(
+    plate: ForcePlate, wrench: Array, time: Array, feet: FootPoints, side: str | None
+) -> tuple[list[Step], list[Finding]]:
+    """The steps on one plate, and loadings that fit no foot.
+
+    Parameters
+    ----------
+    wrench : (nf, 6) of the plate at the frames, not filtered.
+    side : "r" or "l" where the study says whose plate it is; None: found.
+    """
+    steps, findings = list[Step](), list[Finding]()
+    height = surface_height(plate)
+    for stretch in runs(wrench[:, 1] > LOADED_N):
+        if duration(time, stretch) < SHORTEST:
+            continue
+        foot = SIDES.index(side) if side else foot_under(wrench, stretch, feet)
+        if foot is None:
+            findings.append(_under_neither(plate, f"plate {plate.name}, {spans(time, [stretch])}"))
+            continue
+        for frames, of in [(stretch, foot)] if side else _divided(wrench, stretch, foot, time, feet):
+            steps.append(
+                Step(
+                    foot=of,
+                    frames=frames,
+                    plate=plate,
+                    wrench=wrench,
+                    point=centre_on_ground(wrench[frames], height),
+                    load=wrench[frames, 1],
+                    words=f"plate {plate.name}, {spans(time, [frames])}",
+                )
+            )
+    return steps, findings
+
+
+def surface_height(plate: ForcePlate) -> float:
+    """m, of the plane in which the centre of pressure lies."""
+    if plate.corners is not None and np.isfinite(plate.corners).all():
+        return float(plate.corners[:, 1].mean())
+    height = plate.point[np.nan_to_num(plate.force[:, 1]) > LOADED_N, 1]
+    return float(np.nanmedian(height)) if np.isfinite(height).any() else 0.0
+
+
+def foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
+    """The foot whose heel-toe line is nearest to the centre of pressure, weighed by the load; None: far from both."""
+    distances = [np.average(_away(wrench, stretch, feet, k), weights=wrench[stretch, 1]) for k in range(len(SIDES))]
+    best = int(np.argmin(distances))
+    return best if distances[best] < UNDER_FOOT else None
+
+
+def _divided(wrench: Array, stretch: slice, foot: int, time: Array, feet: FootPoints) -> list[tuple[slice, int]]:
+    """The stretch, or its two parts, each with the foot that made it."""
+    other, resting = 1 - foot, feet.resting
+    gone = ~near(resting[:, foot], time)[stretch] & resting[stretch, other]
+    away, mine = (_away(wrench, stretch, feet, k) for k in (other, foot))
+    nearer = runs(gone & (away < np.minimum(mine, UNDER_FOOT)))
+    taken = [run for run in nearer if duration(time[stretch], run) >= SHORTEST]
+    if not taken:
+        return [(stretch, foot)]
+    first, last = stretch.start + taken[0].start, stretch.start + taken[-1].stop
+    if not resting[stretch, foot][: taken[0].start].any():  # the other foot was there first
+        return [(slice(stretch.start, last), other), (slice(last, stretch.stop), foot)]
+    return [(slice(stretch.start, first), foot), (slice(first, stretch.stop), other)]
+
+
+def _away(wrench: Array, stretch: slice, feet: FootPoints, foot: int) -> Array:
+    """(n,) m from the centre of pressure to the line heel-toe of a foot."""
+    centre = centre_on_ground(wrench[stretch])[:, [0, 2]]
+    return distance_to_line(centre, feet.heel[stretch, foot][:, [0, 2]], feet.toe[stretch, foot][:, [0, 2]])
+
+
+def distance_to_line(point: Array, a: Array, b: Array) -> Array:
+    """(n,) m, from points (n, 2) to the stretches from a to b (n, 2)."""
+    along = b - a
+    t = np.clip(np.sum((point - a) * along, axis=1) / np.maximum(np.sum(along * along, axis=1), 1e-12), 0.0, 1.0)
+    return np.linalg.norm(a + t[:, None] * along - point, axis=1)
+
+
+def _under_neither(plate: ForcePlate, span: str) -> Finding:
+    return Finding(
+        severity=Severity.WARNING,
+        topic="plate to foot",
+        where="",
+        cause=f"the load on plate {plate.name} is under neither foot",
+        found=f"{span}: its centre of pressure is further than {1e3 * UNDER_FOOT:.0f} mm from both feet; left out",
+        cure="check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
+        code=Code.UNDER_NO_FOOT,
+    )
+
+
+def meeting(steps: Sequence[Step], foot: int, frames: slice) -> list[Step]:
+    """The steps of a foot that last in some of these frames."""
+    return [s for s in steps if s.foot == foot and s.frames.start < frames.stop and frames.start < s.frames.stop]

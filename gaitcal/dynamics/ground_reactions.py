@@ -1,36 +1,46 @@
-"""Ground reactions of a trial: filtered as the settings say, assigned to the feet of the tracked motion.
+"""What the ground does to each foot, and in which frames that is known for each leg.
 
-Where a leg segment shows no marker its motion is a guess of the splines: no torque of that leg follows from it, and
-these frames are not valid for it, nor for the whole body.
+A leg's torques need its own foot: on the ground wholly on plates that together carry it, or in the air. Where a foot is
+down and no plate carries it, where it rests partly beside its plates, where a plate carries both feet, or where the
+centre of pressure is not under it, the torques of that leg are not valid; those of the other leg may be. Pelvis, trunk
+and the fit of masses need both feet at once. Whether a foot is down at all is told by its motion, or by events
+(`foot_contact.py`). The size of the forces plays no part in this: residuals stay a check. Where a leg segment shows no
+marker its motion is a guess of the splines: these frames are not valid for that leg, nor for the whole body.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import FOOT_BREADTH, FootPoints, ground_velocity
-from gaitcal.dynamics.ground_contact import SPLINE_ENDS, GroundReactions, ground_reactions_on_feet
+from gaitcal.dynamics.foot_contact import FOOT_BREADTH, FootPoints, Step, ground_velocity, on_the_floor, steps_on
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
+from gaitcal.dynamics.off_sole import beside_plates, off_sole_frames, shared_plates
 from gaitcal.dynamics.plate_errors import foot_tip
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.force_plate import filterable
-from gaitcal.io.intervals import runs, spans
-from gaitcal.io.recording import Recording
+from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_wrench
+from gaitcal.io.intervals import duration, runs, spans
+from gaitcal.io.labels import FootEvent
+from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.chain import chain_of, forward, segment_poses
-from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDES
+from gaitcal.model.coordinates import LEG_COORDINATES, split_side
+from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.spline import DEGREE
 from gaitcal.runtime import with_one_blas_thread
 
+_OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in LEG_COORDINATES))
+"""How the names of what belongs to a leg begin."""
+SPLINE_ENDS = 2
+"""Knot spans at either end of a trial whose accelerations nothing before or after supports; not valid."""
 FORCE_HZ = 50.0
 """Filter of the plates unless told otherwise. RMS errors of leg torques on synthetic walks whose truth is known, true
 model, mean of three seeds, N·m (50 Hz, filtered like the motion, not filtered): impacts that shake the whole body
@@ -39,12 +49,143 @@ model, mean of three seeds, N·m (50 Hz, filtered like the motion, not filtered)
 """
 SMOOTHED_ENDS = 0.5
 """Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only; not valid."""
-PELVIS_UP = COORDINATES.index("pelvis_ty")
 CONTRADICTION = 0.25
 """Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
 CONTRADICTED = "the plates' vertical force is not what the motion asks for"
 CONTRADICTION_S = 0.05
 """s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundReactions:
+    """Ground reactions on the feet at the marker frames."""
+
+    wrench: Array
+    """(nf, 2, 6) [force N; moment N·m about the laboratory origin] on the right and left foot; 0 where none."""
+    valid: BoolArray
+    """(nf,) whole body: each foot is wholly on plates of its own or in the air, by its motion alone, too, and a plate
+    carries the body. Masses are fitted to these frames: no event that somebody set decides on them, and no centre of
+    pressure, which would make a residual small by construction."""
+    valid_legs: BoolArray
+    """(nf, 2) right, left: that foot is on the ground wholly on plates of its own, with the centre of pressure under
+    it, or in the air."""
+    loaded: BoolArray
+    """(nf, 2) a plate carries the foot."""
+    resting: BoolArray
+    """(nf, 2) the foot is down, judged by its motion."""
+    notes: tuple[str, ...]
+    """What was found and assumed."""
+    findings: tuple[Finding, ...] = ()
+    """What speaks against these ground reactions, and frames that they leave out; without the name of their trial."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against these ground reactions, in words."""
+        return tuple(f.evidence for f in self.findings if f.severity is not Severity.INFO)
+
+    @property
+    def valid_r(self) -> BoolArray:
+        """(nf,) of the right leg."""
+        return np.asarray(self.valid_legs[:, 0])
+
+    @property
+    def valid_l(self) -> BoolArray:
+        """(nf,) of the left leg."""
+        return np.asarray(self.valid_legs[:, 1])
+
+    @property
+    def has_torques(self) -> bool:
+        """Whether a leg is valid in some frame in which a plate carries it."""
+        return bool((self.valid_legs & self.loaded).any())
+
+    def valid_for(self, name: str) -> BoolArray:
+        """(nf,) of a coordinate or torque: `hip_flexion_r` as its leg, what belongs to no leg as the whole body."""
+        side = leg_of(name)
+        return self.valid_legs[:, SIDES.index(side)] if side else self.valid
+
+    def without(self, legs: Sequence[str]) -> GroundReactions:
+        """The same with no valid frame of some legs (`r`, `l`), and so none of the whole body."""
+        kept = np.array([side not in legs for side in SIDES])
+        return replace(self, valid=self.valid & kept.all(), valid_legs=self.valid_legs & kept)
+
+
+def leg_of(name: str) -> str:
+    """`r` or `l` of a coordinate or torque of a leg; empty for pelvis, trunk and arms."""
+    return split_side(name)[1] if name.startswith(_OF_LEG) else ""
+
+
+def ground_reactions_on_feet(
+    plates: Sequence[ForcePlate],
+    time: Array,
+    feet: FootPoints,
+    *,
+    cutoff: float | None,
+    ends: float = 0.0,
+    assigned: Mapping[str, str] | None = None,
+    events: Sequence[FootEvent] = (),
+) -> GroundReactions:
+    """Assign plates to feet, filter their wrenches and bring them to the marker frames.
+
+    Parameters
+    ----------
+    time : (nf,) s of the marker frames.
+    cutoff : Hz of the zero-lag low-pass filter on the wrenches; None: none.
+    ends : s at the beginning and end of the trial that are not valid, as accelerations are not supported there.
+    assigned : plate name -> "r", "l" or "none", from the study; the rest is found.
+    events : of the file, for feet beside all plates; used where they agree with the plates.
+    """
+    wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
+    notes, findings = list[str](), list[Finding]()
+    known = np.full(len(time), bool(plates))
+    used, steps = list[ForcePlate](), list[Step]()
+    for plate in plates:
+        raw = np.nan_to_num(resample_wrench(plate, time))
+        filtered = plate if cutoff is None or not filterable(plate, cutoff) else filter_plate(plate, cutoff)
+        smooth = resample_wrench(filtered, time)
+        known &= np.isfinite(smooth).all(axis=1)
+        side = (assigned or {}).get(plate.name)
+        if side == "none":
+            continue
+        used.append(plate)
+        found, unfit = steps_on(plate, raw, time, feet, side)
+        findings += unfit
+        for step in found:
+            wide = _widen(step.frames, raw[:, 1] > LOADED_N, time, cutoff)
+            wrench[wide, step.foot] += np.nan_to_num(smooth[wide])
+            loaded[step.frames, step.foot] = True
+            how = "as the study says" if side else "by its centre of pressure"
+            notes.append(f"{step.words}: {SIDE_WORDS[SIDES[step.foot]]} foot, {how}")
+        steps += found
+    resting = feet.resting
+    floor, at_most = (on_the_floor(resting, loaded, time, told) for told in (events, ()))
+    partly, beside = beside_plates(steps, used, time, feet, loaded)
+    shared, both = shared_plates(steps, used, time, feet, at_most)
+    off, unlike = off_sole_frames(steps, time, feet)
+    inner = known & (time >= time[0] + ends) & (time <= time[-1] - ends)
+    legs = inner[:, None] & ~floor & ~partly & ~shared[:, None]
+    return GroundReactions(
+        wrench=wrench,
+        valid=legs.all(axis=1) & loaded.any(axis=1) & ~at_most.any(axis=1),
+        valid_legs=legs & ~off,
+        loaded=loaded,
+        resting=resting,
+        notes=tuple(notes),
+        findings=(*findings, *beside, *both, *unlike),
+    )
+
+
+def _widen(stretch: slice, pressed: BoolArray, time: Array, cutoff: float | None) -> slice:
+    """A stretch with the tails that the filter makes, up to half way to the plate's next loading."""
+    if cutoff is None:
+        return stretch
+    tail = 1.0 / cutoff
+    before = np.flatnonzero(pressed[: stretch.start])
+    after = np.flatnonzero(pressed[stretch.stop :])
+    low = 0 if not len(before) else (int(before[-1]) + stretch.start) // 2 + 1
+    high = len(time) if not len(after) else (stretch.stop + int(after[0]) + stretch.stop) // 2
+    start = int(np.searchsorted(time, time[stretch.start] - tail))
+    stop = int(np.searchsorted(time, time[stretch.stop - 1] + tail)) + 1
+    return slice(max(start, low), min(stop, high))
 
 
 @with_one_blas_thread
@@ -117,24 +258,21 @@ def reactions_of_motion(
     for segment, lost in unseen.items():
         valid &= ~lost
         legs[:, SIDES.index(segment[-1])] &= ~lost
-    filtered = _filter_words(recording, hz)
     ends_left_out = f"the first and last {ends:.2f} s are not valid: ends of the splines"
     contradictions = _contradictions(measured.wrench, valid, parameters, motion)
     return replace(
         measured,
         valid=valid,
         valid_legs=legs,
-        notes=(*measured.notes, ends_left_out, filtered),
-        findings=(*measured.findings, *unseen_findings(unseen, motion), *contradictions),
+        notes=(*measured.notes, ends_left_out, _filter_words(recording, hz)),
+        findings=(*measured.findings, *_unseen_findings(unseen, motion), *contradictions),
     )
 
 
 def _filter_words(recording: Recording, hz: float | None) -> str:
-    """How the forces were filtered."""
     plain = [plate.name for plate in recording.plates if hz is not None and not filterable(plate, hz)]
     if hz is None or len(plain) == len(recording.plates):
-        why = "" if hz is None else f": sampled at twice {hz:.4g} Hz or less"
-        return f"forces not filtered{why}"
+        return "forces not filtered" + ("" if hz is None else f": sampled at twice {hz:.4g} Hz or less")
     but = f"; not those of plate {', '.join(plain)}, sampled at twice that or less" if plain else ""
     return f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order){but}"
 
@@ -144,15 +282,13 @@ def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, mot
 
     To leave them out would make every residual look small by construction.
     """
-    none = np.zeros_like(wrench)
-    needed = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, none)[:, PELVIS_UP]
-    gap = np.abs(wrench[:, :, 1].sum(axis=1) - needed) / (parameters.mass * GRAVITY)
+    residual = Dynamics(parameters).residual_force(motion.q, motion.velocity, motion.acceleration, wrench)[:, 1]
+    gap = np.abs(residual) / (parameters.mass * GRAVITY)
     apart, time = np.zeros_like(valid), motion.time
     for run in runs(valid & (gap > CONTRADICTION), 2):
-        apart[run] = time[run.stop - 1] - time[run.start] >= CONTRADICTION_S
+        apart[run] = duration(time, run) >= CONTRADICTION_S
     if not apart.any():
         return []
-    where = spans(time, runs(apart), most=len(apart))
     most = 100 * float(gap[apart].max())
     return [
         Finding(
@@ -160,7 +296,7 @@ def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, mot
             topic="forces",
             where="",
             cause=CONTRADICTED,
-            found=f"{where}: it differs by up to {most:.0f} % of body weight",
+            found=f"{spans(time, runs(apart), most=len(apart))}: it differs by up to {most:.0f} % of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
             weight=most / (100 * CONTRADICTION),
             code=Code.FORCES_CONTRADICT,
@@ -213,30 +349,29 @@ def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
     return out
 
 
-def unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Finding]:
+def _unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Finding]:
     """What to say of `unseen_frames`: one line for the segments that are lost in the same frames."""
     lost_alike: dict[bytes, list[str]] = {}
     for segment, lost in frames.items():
         lost_alike.setdefault(lost.tobytes(), []).append(segment)
     findings = []
     for segments in lost_alike.values():
-        lost, names = frames[segments[0]], ", ".join(segments)
-        sides = {segment[-1] for segment in segments}
+        lost, sides = frames[segments[0]], {segment[-1] for segment in segments}
         leg = sides.pop() if len(sides) == 1 else ""
-        of_leg = " of this leg" if leg else ""
-        severity, found, cure = Severity.WARNING, f"no torque{of_leg} is valid", "label them, or leave the trial out"
-        if not lost.all():
-            severity, cure = Severity.INFO, "fill short gaps when labelling"
+        whole = bool(lost.all())
+        if whole:
+            found = f"no torque{' of this leg' if leg else ''} is valid"
+        else:
             found = f"{spans(motion.time, runs(lost))}: {int(lost.sum())} frames are not valid"
             found += " for this leg" if leg else ""
         findings.append(
             Finding(
-                severity=severity,
+                severity=Severity.WARNING if whole else Severity.INFO,
                 topic="markers",
                 where="",
-                cause=f"no marker of {names} with weight is seen",
+                cause=f"no marker of {', '.join(segments)} with weight is seen",
                 found=found,
-                cure=cure,
+                cure="label them, or leave the trial out" if whole else "fill short gaps when labelling",
                 leg=leg,
                 code=Code.UNSEEN_SEGMENT,
             )

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -24,8 +25,8 @@ import pinocchio as pin
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.model.chain import chain_of, forward, jacobian
-from gaitcal.model.linkage import COORDINATES, REACTIONS, is_translation
+from gaitcal.model.chain import Chain, ChainConstants, chain_of, forward, jacobian, segment_poses
+from gaitcal.model.linkage import COORDINATES, JOINTS, REACTIONS, is_translation, joint_elements, root_elements
 from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, placed_dynamic_parameters
 from gaitcal.model.subject_model import LinkageModel, SubjectModel, build_linkage
 from gaitcal.motion.motion import Motion
@@ -35,6 +36,10 @@ FEET: tuple[str, ...] = ("foot_r", "foot_l")
 """Order of the second axis of every array of foot wrenches."""
 FORCES: tuple[str, ...] = (*COORDINATES, *REACTIONS)
 """Order of the 29 generalised forces of a frame: the 27 coordinates, then the two knee reactions."""
+ORDER = tuple(
+    e.name for part in (root_elements("pelvis"), *(joint_elements(j, reactions=True) for j in JOINTS)) for e in part
+)
+"""Every turn and slide of the linkage, each after what moves it."""
 NOTHING_HELD: Mapping[str, float] = {}
 """No joint parameter as a joint."""
 
@@ -80,6 +85,48 @@ class Moments:
         return float(force), float(moment)
 
 
+class PlacedLinkage:
+    """The chain with its locked reactions in some frames, in laboratory axes, the reactions at zero.
+
+    `names`: its variables, coordinates before free joint parameters; `rank`: (n,) of each its place in `ORDER`.
+    """
+
+    def __init__(self, chain: Chain, constants: ChainConstants, q: Array) -> None:
+        self.chain, self._constants = chain, constants
+        self.names = (*chain.coordinates, *chain.free)
+        self.rank = np.array([ORDER.index(name) for name in self.names])
+        self._poses = forward(chain, constants, self.whole(q))
+
+    def whole(self, values: Array) -> Array:
+        """(nf, nc) by the coordinates of the chain, from (nf, nq); zero for the reactions."""
+        out = np.zeros((len(values), len(self.chain.coordinates)))
+        out[:, [self.chain.coordinates.index(name) for name in COORDINATES]] = values
+        return out
+
+    @cached_property
+    def columns(self) -> Array:
+        """(nf, n, 6) spatial velocity [v; w] about the laboratory origin per unit of each variable."""
+        return np.ascontiguousarray(jacobian(self.chain, self._constants, self._poses).transpose(2, 0, 1))
+
+    @cached_property
+    def segments(self) -> tuple[Array, Array]:
+        """(nf, ns, 3, 3) axes, one a row, and (nf, ns, 3) m origins of the segments."""
+        axes, origins = segment_poses(self.chain, self._constants, self._poses)
+        return np.ascontiguousarray(axes.transpose(3, 0, 1, 2)), np.ascontiguousarray(origins.transpose(2, 0, 1))
+
+    def axis(self, name: str) -> Array:
+        """(nf, 3) about which a variable turns what comes after it."""
+        return self.columns[:, self.names.index(name), 3:]
+
+    def frame(self, segment: str) -> Array:
+        """(nf, 3, 3) axes of a segment, one a row."""
+        return self.segments[0][:, self.chain.segments.index(segment)]
+
+    def moves(self, segment: str) -> BoolArray:
+        """(n,) which variables move a segment."""
+        return np.asarray(self.chain.support[:, self.chain.segments.index(segment)] > 0)
+
+
 class Dynamics:
     """The linkage of one set of parameters, ready for inverse dynamics of any number of frames.
 
@@ -96,7 +143,6 @@ class Dynamics:
         names = (*self._chain.coordinates, *self._chain.free)
         self._rows = np.array([self.linkage.index(name) for name in (*FORCES, *held)])
         self._chain_rows = np.array([names.index(name) for name in (*FORCES, *held)])
-        self._moving = [names.index(name) for name in COORDINATES]
 
     def forces(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, nt) generalised forces for coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6).
@@ -107,24 +153,19 @@ class Dynamics:
 
     def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
-        out: Array = self._unloaded(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
-        return out
+        return self._unloaded(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
 
     def _unloaded(self, q: Array, v: Array, a: Array) -> Array:
         state = (with_reactions(self.linkage, q, self._held), *(with_reactions(self.linkage, x) for x in (v, a)))
-        tau = unloaded_forces(self.linkage, self._data, *state)
-        rows: Array = tau[:, self._rows]
-        return rows
+        return unloaded_forces(self.linkage, self._data, *state)[:, self._rows]
 
     def of_ground(self, q: Array, wrenches: Array) -> Array:
         """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
-        whole = np.zeros((len(q), len(self._chain.coordinates)))
-        whole[:, self._moving] = q
-        columns = jacobian(self._chain, self._constants, forward(self._chain, self._constants, whole))
-        out = np.zeros((len(q), len(columns), wrenches.shape[3]))
+        placed = PlacedLinkage(self._chain, self._constants, q)
+        out = np.zeros((len(q), len(placed.names), wrenches.shape[3]))
         for foot, name in enumerate(FEET):
-            moved = np.flatnonzero(self._chain.support[:, self._chain.segments.index(name)])
-            out[:, moved] -= columns[moved].transpose(2, 0, 1) @ wrenches[:, foot]
+            moved = np.flatnonzero(placed.moves(name))
+            out[:, moved] -= placed.columns[:, moved] @ wrenches[:, foot]
         return out[:, self._chain_rows]
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:

@@ -16,16 +16,14 @@ on the plate: 2.3, 2.6, 11.8 and 14.0 mm off on average on four commercial plate
 33:724, 2011), 9.7 mm RMS, that is 6.9 mm along each axis; 3.5 and 6.3 mm on average along the short and the long side
 of three piezoelectric plates, 20 mm at most (Bobbert and Schamhardt, J Biomech 23:705, 1990), 6.4 mm RMS along each
 axis; up to 30 mm elsewhere (Schmiedmayer and Kastner, J Biomech 32:1237, 1999). The plate in the room: 5 to 10 mm are
-reckoned with (McCaw and DeVita, J Biomech 28:985, 1995), 5 mm along each axis. Together 8 mm. What can be done: 0.5 to
-2.3 mm on the first four plates once they were calibrated where they stood, less than 4 mm in four laboratories that
-test themselves (Gait & Posture 2016, doi 10.1016/j.gaitpost.2016.08.017). Two corners 0.5 m apart, each known to 5 mm
-along each axis, tell the turn to 0.8 deg, taken as 1. The same four plates' forces were 3 to 5 N wrong, up to 1 % of a
-person's weight. The clock has no such source: 2 ms is a fifth of a frame at 100 Hz.
+reckoned with (McCaw and DeVita, J Biomech 28:985, 1995), 5 mm along each axis. Together 8 mm. Calibrated where they
+stood: 0.5 to 2.3 mm on the first four plates, less than 4 mm in four laboratories (Gait & Posture 2016, doi
+10.1016/j.gaitpost.2016.08.017). Two corners 0.5 m apart, each known to 5 mm along each axis, tell the turn to 0.8 deg,
+taken as 1. The same four plates' forces were 3 to 5 N wrong, up to 1 % of a person's weight. The clock has no such
+source: 2 ms is a fifth of a frame at 100 Hz.
 
-Feet beside their force plate: a part of the ground reaction that no plate measures.
-
-Told by geometry alone, never by the forces: where an end of a foot rests on the floor, outside the outlines of all
-plates that carry the foot, the measured force is only a part of the true one.
+Whether a foot rests beside its plate is told by geometry alone, never by the forces: where an end of a foot is outside
+the outlines of all plates that carry it, the measured force is only a part of the true one.
 """
 
 from __future__ import annotations
@@ -42,6 +40,10 @@ from gaitcal.study.settings import PlateErrorTable
 
 OF_A_PLATE = ("gain", "x", "y", "z", "turn")
 """Errors of either foot's plate, in the order of the columns of `wrench_errors`."""
+FOOT_LENGTH = 0.152
+"""Of body height (Winter 2009): the tip of the foot lies this far before the heel marker, or at the toe marker."""
+OUTSIDE_SHARE = 0.1
+"""Of the load, with its centre of pressure outside the corners, above which the corners are not believed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,10 +80,7 @@ DEFAULT = PlateErrors.of(PlateErrorTable())
 
 def wrench_rates(time: Array, wrenches: Array) -> Array:
     """(nf, 2, 6) per s, how foot wrenches (nf, 2, 6) change at the frames (nf,) s."""
-    if len(time) < 2:
-        return np.zeros_like(wrenches)
-    out: Array = np.gradient(wrenches, time, axis=0)
-    return out
+    return np.zeros_like(wrenches) if len(time) < 2 else np.gradient(wrenches, time, axis=0)
 
 
 def wrench_errors(wrenches: Array, rates: Array, errors: PlateErrors) -> Array:
@@ -96,35 +95,19 @@ def wrench_errors(wrenches: Array, rates: Array, errors: PlateErrors) -> Array:
         out[:, foot, :, first] = errors.gain * wrench
         for k, axis in enumerate(np.eye(3)):
             out[:, foot, 3:, first + 1 + k] = errors.place * np.cross(axis, wrench[:, :3])
-        out[:, foot, :, first + 4] = errors.turn * _turned(wrench)
+        on = wrench[:, 1] > LOADED_N  # where a foot hardly presses there is no centre of pressure to turn about
+        turned = cross(UP, wrench[on, :3])
+        about = cross(centre_on_ground(wrench[on], 0.0), turned)
+        out[on, foot, :, first + 4] = errors.turn * np.hstack([turned, about])
     out[..., -1] = errors.clock * rates
     return out
-
-
-def _turned(wrench: Array) -> Array:
-    """(nf, 6) how wrenches (nf, 6) change by a turn about the vertical through their centre of pressure, per rad.
-
-    Where a foot hardly presses there is no such centre, and nothing to turn.
-    """
-    out = np.zeros_like(wrench)
-    on = wrench[:, 1] > LOADED_N
-    out[on, :3] = cross(UP, wrench[on, :3])
-    out[on, 3:] = cross(centre_on_ground(wrench[on], 0.0), out[on, :3])
-    return out
-
-
-FOOT_LENGTH = 0.152
-"""Of body height (Winter 2009): the tip of the foot lies this far before the heel marker, or at the toe marker."""
-OUTSIDE_SHARE = 0.1
-"""Of the load, with its centre of pressure outside the corners, above which the corners are not believed."""
 
 
 def foot_tip(heel: Array, toe: Array, height: float) -> Array:
     """(..., 3) m, the tip of the foot of a person of this height (m), on the line from heel to toe marker (..., 3)."""
     along = toe - heel
     length = np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
-    out: Array = heel + along / length * np.maximum(length, FOOT_LENGTH * height)
-    return out
+    return heel + along / length * np.maximum(length, FOOT_LENGTH * height)
 
 
 def inside(corners: Array, point: Array) -> Array:
@@ -158,5 +141,4 @@ def outline_known(plate: ForcePlate, load: float) -> bool:
 def outside(plates: Sequence[ForcePlate], point: Array) -> Array:
     """(n,) m, how far points (n, 3) lie outside every one of these plates; not positive on one of them."""
     depths = [inside(plate.corners, point) for plate in plates if plate.corners is not None]
-    out: Array = -np.max(depths, axis=0)
-    return out
+    return -np.max(depths, axis=0)

@@ -21,8 +21,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import near
-from gaitcal.dynamics.plate_steps import UNDER_FOOT
+from gaitcal.dynamics.foot_contact import UNDER_FOOT, near
 from gaitcal.faults.contacts import Feet, feet_of, overhang, steps
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding

@@ -9,16 +9,23 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, ground_velocity, sole_of
-from gaitcal.dynamics.off_sole import one_centre
-from gaitcal.dynamics.partly_carried import MOST_BESIDE
+from gaitcal.dynamics.foot_contact import (
+    FOOT_BREADTH,
+    RESTING,
+    SHORTEST,
+    UNDER_FOOT,
+    FootPoints,
+    Loading,
+    distance_to_line,
+    ground_velocity,
+    sole_of,
+)
+from gaitcal.dynamics.off_sole import MOST_BESIDE, one_centre
 from gaitcal.dynamics.plate_errors import foot_tip, outline_known
-from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, resample_wrench
 from gaitcal.io.intervals import duration, runs, spans
-from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import SIDES
 
 FEET = ("right", "left")
@@ -29,21 +36,13 @@ LATE_S = 0.08
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
-    """A plate under load, and the foot whose line from heel to toe is nearest to the centre of pressure."""
+class Step(Loading):
+    """A plate under load, given to the foot whose line from heel to toe is nearest to the centre of pressure."""
 
-    plate: ForcePlate
-    frames: slice
-    foot: int
-    """0 right, 1 left."""
     distance: float
     """m, mean distance of the centre of pressure from that line, weighed by the load."""
     other: float
     """m, the same for the other foot."""
-    point: Array
-    """(nf, 3) m, centre of pressure at the frames."""
-    load: Array
-    """(nf,) N, vertical force at the frames."""
 
 
 class Feet:

@@ -11,8 +11,8 @@ The pelvis residual of one or several trials in units of what clean recordings l
     r = e + N eta,  eta ~ N(0, 1)      N: change of r with one standard deviation of each inertial parameter, which all
                                        trials of a person share
     e: first-order autoregressive in each of the six components of each trial, rho = exp(-dt / TAU), standard
-       deviations USUAL times body weight (forces) and body weight times height (moments)
-    white(r)_i = (r_i - rho_i r_(i-1)) / (USUAL sqrt(1 - rho_i^2))
+       deviations BASELINE times body weight (forces) and body weight times height (moments)
+    white(r)_i = (r_i - rho_i r_(i-1)) / (BASELINE sqrt(1 - rho_i^2))
     A = white(N) = U S V^T
     y = (I + A A^T)^(-1/2) white(r) = white(r) - U (1 - 1 / sqrt(1 + S^2)) U^T white(r)
 
@@ -34,12 +34,10 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross
-from gaitcal.dynamics.expected_residual import TAU, USUAL
-from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.ground_reactions import foot_points, reactions_of_motion
+from gaitcal.dynamics.expected_residual import BASELINE, TAU
+from gaitcal.dynamics.foot_contact import SHORTEST, UNDER_FOOT, FootPoints, distance_to_line
+from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
-from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
 from gaitcal.faults.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
 from gaitcal.faults.plate_forces import PlateForces
 from gaitcal.io.axes import ABOUT_Y
@@ -392,7 +390,7 @@ class ForceResidual:
     def _white(self, trial: int, r: Array) -> Array:
         """(6 k, ...) of (k, 6, ...)."""
         evidence = self.trials[trial]
-        scale = USUAL * np.repeat([evidence.weight, evidence.bwh], 3)
+        scale = BASELINE * np.repeat([evidence.weight, evidence.bwh], 3)
         r = r / scale.reshape((6,) + (1,) * (r.ndim - 2))
         rho = self._rho[trial].reshape((-1,) + (1,) * (r.ndim - 1))
         out = r.copy()

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import near
-from gaitcal.dynamics.off_sole import Loading, Place, divided_cause, divided_frames, places_of
-from gaitcal.dynamics.plate_steps import UNDER_FOOT
+from gaitcal.dynamics.foot_contact import UNDER_FOOT, Loading, near
+from gaitcal.dynamics.off_sole import Place, divided_cause, divided_frames, places_of
 from gaitcal.faults.contacts import FEET, Feet, Step, feet_of, steps
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.plates import PLATES_ELSEWHERE
@@ -109,11 +108,11 @@ def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Fi
     yield from _findings(trial, feet.time, [off for off in found if not _explained(trial, off, others)])
 
 
-def _loading(trial: TrialEvidence, step: Step) -> Loading:
+def _loading(trial: TrialEvidence, step: Step) -> Step:
     """A step under the foot that the study names, or else the nearer one."""
     side = trial.trial.plates.get(step.plate.name)
     foot = SIDES.index(side) if side in SIDES else step.foot
-    return Loading(plate=step.plate, foot=foot, frames=step.frames, point=step.point, load=step.load)
+    return replace(step, foot=foot)
 
 
 def _outside(feet: Feet, parts: Sequence[tuple[Loading, Place, BoolArray]]) -> Outside | None:

@@ -27,8 +27,8 @@ import numpy as np
 
 from gaitcal.arrays import Array, cross
 from gaitcal.codes import Code
+from gaitcal.dynamics.foot_contact import UNDER_FOOT
 from gaitcal.dynamics.plate_errors import OUTSIDE_SHARE, share_outside
-from gaitcal.dynamics.plate_steps import UNDER_FOOT
 from gaitcal.faults.contacts import Feet, Step, feet_of, steps
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.joint_moments import MomentFrame
+from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.model.coordinates import coordinate_words, is_of_leg, senses_of
 from gaitcal.model.subject_model import Subject
 

@@ -29,8 +29,7 @@ from typing import Final
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.ground_reactions import foot_points, has_feet
+from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, has_feet
 from gaitcal.findings import Finding
 from gaitcal.gait.cycles import EventSource, FootEvents, GaitEvent, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, order_findings

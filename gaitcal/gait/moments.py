@@ -13,7 +13,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
-from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES, Moments
 from gaitcal.gait.strides import Layout
 from gaitcal.model import linkage

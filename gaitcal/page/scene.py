@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.export.osim import frames_of
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.recording import Recording

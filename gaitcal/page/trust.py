@@ -13,7 +13,7 @@ import numpy as np
 
 from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.dynamics.expected_residual import HeldResidual
-from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.gait.moments import MomentNumbers, capitalised, coordinate_title, joint_words, moment_of
 from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words, split_side

@@ -11,8 +11,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.ground_contact import leg_of
-from gaitcal.dynamics.ground_reactions import unseen_frames
+from gaitcal.dynamics.ground_reactions import leg_of, unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import (

@@ -24,8 +24,8 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.dynamics.ground_contact import leg_of
-from gaitcal.dynamics.joint_moments import MomentFrame
+from gaitcal.dynamics.ground_reactions import leg_of
+from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles, normalise

@@ -129,7 +129,7 @@ def fitted_together(a: Study, b: Study) -> SharedJoints:
         raise ConvergenceError(f"phase {late[0].name} of both sessions together did not converge: {late[0].message}")
     names = tuple(name for name in joint.free if name.startswith(LEG_JOINTS))
     values = joint.parameters.joint[[JP_INDEX[name] for name in names]]
-    errors = joint.influence.of(names)
+    errors = joint.errors.of(names)
     return SharedJoints(names=names, a=values, b=values, influences=(errors, errors))
 
 

@@ -17,21 +17,29 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedSettings, CombinedTrial, combined_fit
-from gaitcal.calibration.error_sources import nominal_influence
+from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.inertial_calibration import (
+    ConsistentSettings,
     InertialFit,
     LoadedMotion,
+    LogChart,
     TorqueScale,
     equations_of,
     fit_published,
     torque_length,
 )
-from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
-from gaitcal.calibration.inertial_evidence import fit_by_evidence, spread_of_the_rest, stay_nominal, unmeasured_stay
+from gaitcal.calibration.inertial_evidence import (
+    LoadedProblem,
+    PlateNoise,
+    fit_by_evidence,
+    residual_noise,
+    spread_of_the_rest,
+    stay_nominal,
+    unmeasured_stay,
+)
 from gaitcal.calibration.joint_phases import Phase
-from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residual_noise
 from gaitcal.calibration.torque_errors import inertial_square_root
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.study import check_study
@@ -102,7 +110,7 @@ def track(session: Session, progress: Progress) -> Session:
         session,
         parameters=counted.parameters,
         static_angles=counted.static,
-        uncertainty=Uncertainty(nominal_influence() if joint is None else joint.influence, None),
+        uncertainty=Uncertainty(nominal_errors() if joint is None else joint.errors, None),
     )
     stage = Stage.NOMINAL if joint is None else Stage.JP
     session = replace(session, trials=tuple(tracked(t, session, stage) for t in session.trials))
@@ -215,7 +223,7 @@ def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> InertialFit:
     noise = residual_noise(
         [LoadedProblem(problem=t.with_skin, nodes=t.motion.nodes, reactions=r, scores=t.scores) for t, r in loaded],
         parameters,
-        session.uncertainty.joint or nominal_influence(),
+        session.uncertainty.joint or nominal_errors(),
         subject,
         LogChart(parameters.inertial, which),
         torque_length(subject, scale, width),

@@ -20,17 +20,18 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_evidence import calibrate_by_evidence
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
     JointTrial,
     PhaseSettings,
+    calibrate_by_evidence,
     calibrate_in_phases,
     parameters_for,
     sequential_phases,
     simultaneous_phases,
 )
-from gaitcal.calibration.joint_prior import WEAK, task_tissue
+from gaitcal.calibration.joint_prior import WEAK
+from gaitcal.calibration.soft_tissue_artefact import task_tissue
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.intervals import runs, spans

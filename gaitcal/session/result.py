@@ -15,7 +15,7 @@ from gaitcal.calibration.joint_phases import JointCalibration, Phase
 from gaitcal.codes import Code
 from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualMagnitudes, residual_magnitudes
-from gaitcal.dynamics.ground_contact import GroundReactions, leg_of
+from gaitcal.dynamics.ground_reactions import GroundReactions, leg_of
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.joint_kinetics import JointKinetics
 from gaitcal.errors import InputError, nearest

@@ -9,9 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.joint_kinetics import POWER_COORDINATES, POWERS, JointKinetics, component_of, power_name, power_of
-from gaitcal.dynamics.joint_moments import COMPONENTS, NET_JOINTS, VECTOR_FRAMES, MomentFrame
+from gaitcal.dynamics.ground_reactions import GroundReactions
+from gaitcal.dynamics.joint_kinetics import (
+    COMPONENTS,
+    NET_JOINTS,
+    POWER_COORDINATES,
+    POWERS,
+    VECTOR_FRAMES,
+    JointKinetics,
+    MomentFrame,
+    component_of,
+    power_name,
+    power_of,
+)
 from gaitcal.gait.cycles import GaitCycle
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.spatiotemporal import Stride

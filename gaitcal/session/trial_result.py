@@ -27,7 +27,7 @@ from gaitcal.calibration.error_sources import (
     marker_moves,
 )
 from gaitcal.calibration.joint_phases import parameters_for
-from gaitcal.calibration.joint_prior import tissue_of_walk
+from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
@@ -166,17 +166,16 @@ def _erring_forces(
     """
     if trial.reactions is None or impossible_bodies(trial.parameters.inertial):
         return None
-    joint, nodes = session.uncertainty.joint, trial.motion.nodes
     return ErringForces(
-        problem=trial.body,
-        nodes=nodes,
-        parameters=trial.parameters,
-        wrenches=trial.reactions.wrench,
-        free=joint.free if joint else (),
-        moves=moves or marker_moves(trial.body, nodes, trial.parameters, joint),
-        inertial=session.uncertainty.inertial,
-        plates=PlateErrors.of(session.settings.plate_error),
-        axes=axes,
+        trial.body,
+        trial.motion.nodes,
+        trial.parameters,
+        trial.reactions.wrench,
+        session.uncertainty.joint,
+        session.uncertainty.inertial,
+        moves,
+        PlateErrors.of(session.settings.plate_error),
+        axes,
     )
 
 

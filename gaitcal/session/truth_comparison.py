@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.gait.moments import joint_words, moment_names, moment_of
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import LEG_JOINTS, SIDES, is_translation

@@ -44,9 +44,7 @@ def calibration_findings(
     places = tuple[Finding, ...]()
     if session.joint is not None:
         isolated = {t.joint for t in results if t.joint is not None}
-        found = joint_place_findings(
-            session.model, session.parameters, session.joint.influence, session.prior, isolated
-        )
+        found = joint_place_findings(session.model, session.parameters, session.joint.errors, session.prior, isolated)
         places = tuple(found)
     return (*bodies_that_cannot_be(session), *disagreements(results), *unfinished(phases), *places)
 

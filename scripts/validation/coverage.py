@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from gaitcal.calibration.error_sources import ErrorSources, coordinate_standard_errors, marker_moves
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_estimate import JointEstimate, TaskTrials, estimate_joints
-from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints
+from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.joint_kinetics import kinetic_values
 from gaitcal.io.recording import Recording
@@ -77,7 +77,7 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     fit, influence = estimated(problem, truth, free)
     wrench = residual_free_wrench(truth, motion)
     moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
-    spread = torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves)
+    spread = ErringForces(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves).errors()
     errors = spread.every
     found = [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)]
     moved = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
@@ -119,7 +119,7 @@ def noisy_problem(
 
 def estimated(problem: TrialProblem, truth: Parameters, free: tuple[str, ...]) -> tuple[JointEstimate, ErrorSources]:
     """As the published protocol has it: nothing is expected, markers stay in their places."""
-    return estimate_joints([TaskTrials("trial", (problem,))], truth, free, prior=None, settings=JointSettings())
+    return estimate_joints({"trial": (problem,)}, truth, free, prior=None, settings=JointSettings())
 
 
 def _torques(parameters: Parameters, motion: list[Array], wrench: Array) -> Array:

@@ -128,7 +128,7 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
         raise RuntimeError("no joint parameters were fitted")
     truth = in_static_frames(worn, HipCentre(study.settings.hip_rule)).joint
     return MadeSession(
-        truth=truth, nominal=nominal.parameters.joint, fitted=stage.parameters.joint, influence=stage.joint.influence
+        truth=truth, nominal=nominal.parameters.joint, fitted=stage.parameters.joint, influence=stage.joint.errors
     )
 
 

@@ -198,7 +198,7 @@ def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
     stage = fit_joints(session_of(replace(made.study, joint_prior=prior), made.nominal))
     if stage.joint is None:
         raise RuntimeError("no joint parameters were fitted")
-    return Fit(fitted=stage.parameters.joint, influence=stage.joint.influence)
+    return Fit(fitted=stage.parameters.joint, influence=stage.joint.errors)
 
 
 def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:

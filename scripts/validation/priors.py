@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_evidence import LEG_PARAMETERS
+from gaitcal.calibration.joint_phases import LEG_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_root
 from gaitcal.cohort.learn_priors import Rules, learn_cohort, priors_words
 from gaitcal.cohort.learning import PersonEvidence

@@ -18,10 +18,9 @@ import numpy as np
 
 from gaitcal import Study
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments, moments_of
-from gaitcal.dynamics.joint_kinetics import JointKinetics, component_of, kinetics_of, power_of
-from gaitcal.dynamics.joint_moments import MomentFrame
+from gaitcal.dynamics.joint_kinetics import JointKinetics, MomentFrame, component_of, kinetics_of, power_of
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.joint_moments import VECTOR_FRAMES, MomentFrame
+from gaitcal.dynamics.joint_kinetics import VECTOR_FRAMES, MomentFrame
 from gaitcal.model.linkage import SIDES
 from scripts.validation.harness import matching, say
 from scripts.validation.vendor_walks import (

@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.calibration.combined import CombinedSettings, CombinedTrial, combined_fit
-from gaitcal.calibration.error_sources import coordinate_standard_errors, marker_moves, trial_scores
-from gaitcal.model.parameters import Parameters, symmetric_set
-from gaitcal.model.subject_model import Subject
+from gaitcal.calibration.error_sources import coordinate_standard_errors, marker_moves, whole_body_scores
+from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.spline import smoothing
 from gaitcal.motion.track import track_nodes
@@ -36,12 +34,12 @@ def smoothed_trial() -> tuple[TrialProblem, Array]:
 def test_the_source_is_what_more_of_the_penalty_would_do() -> None:
     problem, nodes = smoothed_trial()
     assert problem.smoothing is not None
-    scores = trial_scores(problem, PARAMETERS, nodes)
-    plain = trial_scores(replace(problem, smoothing=None), PARAMETERS, nodes)
+    scores = whole_body_scores(problem, nodes, PARAMETERS, None)
+    plain = whole_body_scores(replace(problem, smoothing=None), nodes, PARAMETERS, None)
     assert scores.clusters == (*plain.clusters, "bandwidth/random")
     stiffer = replace(problem.smoothing, coupling=(1 + STEP) * problem.smoothing.coupling)
     change = (solved(replace(problem, smoothing=stiffer), nodes) - nodes) / STEP
-    source = -scores.nodes[:, -1].reshape(nodes.shape)
+    source = scores.nodes[:, -1].reshape(nodes.shape)
     np.testing.assert_allclose(source, change, rtol=0, atol=FIRST_ORDER * np.abs(change).max())
     assert np.abs(change).max() > 1e-5
 
@@ -57,15 +55,3 @@ def test_the_source_widens_error_bars() -> None:
     bias = noisy.basis.evaluate(moves.nodes[:, -1].reshape(nodes.shape))
     np.testing.assert_allclose(wide**2, narrow**2 + bias**2, rtol=1e-9)
     assert (wide > 1.05 * narrow).mean() > 0.2
-
-
-def test_the_penalty_is_no_marker_error() -> None:
-    """The third step weighs markers by their own residual alone."""
-    problem, nodes = smoothed_trial()
-    settings = CombinedSettings(descent=DescentSettings(most_steps=1))
-    subject = Subject("anyone", 70.0, 1.75, "male")
-    sigmas = [
-        combined_fit([CombinedTrial(trial, nodes, None, None)], PARAMETERS, (), symmetric_set(), subject, settings)
-        for trial in (problem, replace(problem, smoothing=None))
-    ]
-    assert sigmas[0].marker_sigma == sigmas[1].marker_sigma > 0.0

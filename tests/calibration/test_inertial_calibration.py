@@ -1,21 +1,36 @@
-"""What an inertial fit says of its errors: their covariance, and the noise of the pelvis residual behind it."""
+"""Inertial parameters from the pelvis residual: possible bodies, derivatives, and what a fit says of its errors."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from gaitcal.calibration.inertial_calibration import fit_consistent, root_equations
-from gaitcal.calibration.inertial_chart import ConsistentSettings
+from gaitcal.calibration.inertial_calibration import (
+    ConsistentSettings,
+    LogChart,
+    RootEquations,
+    fit_consistent,
+    root_equations,
+)
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import IP_NAMES, dynamic_jacobian, dynamic_parameters, full_set, symmetric_set
+from gaitcal.model.parameters import (
+    IP_NAMES,
+    InertialSet,
+    dynamic_jacobian,
+    dynamic_parameters,
+    full_set,
+    is_physical,
+    symmetric_set,
+    table,
+)
 from gaitcal.synthetic.motion import gait_motion
-from tests.derivatives import Array
+from tests.derivatives import Array, assert_derivative
 
 MODEL, MOTION = published_model(), gait_motion()
 WEIGHT, LENGTH = MODEL.subject.weight, MODEL.subject.height
+SETS = pytest.mark.parametrize("which", [symmetric_set(), full_set()], ids=["36", "84"])
 
 
 def loads(noise: float, seed: int) -> tuple[Array, Array]:
@@ -30,29 +45,53 @@ def loads(noise: float, seed: int) -> tuple[Array, Array]:
     return regressor, white - exact
 
 
+def system(noise: float, seed: int) -> RootEquations:
+    return root_equations(*loads(noise, seed), WEIGHT, LENGTH)
+
+
+@SETS
+def test_consistent_inertias_are_possible_and_keep_the_mass(which: InertialSet) -> None:
+    s, exact = symmetric_set().selection, system(0.0, 0)
+    mean = s.T @ MODEL.parameters.inertial / (s * s).sum(axis=0)
+    start = MODEL.parameters.inertial + s @ (mean * np.random.default_rng(1).uniform(-0.05, 0.05, s.shape[1]))
+    found = fit_consistent(exact, start, which)
+    assert found.rms_force < exact.rms(start)[0]
+    assert is_physical(found.inertial).all()
+    assert table(found.inertial)[:, 0].sum() == pytest.approx(table(start)[:, 0].sum(), abs=1e-10)
+
+
+def test_log_chart_derivative() -> None:
+    chart = LogChart(MODEL.parameters.inertial, symmetric_set())
+    x = np.random.default_rng(2).normal(0, 0.1, chart.size)
+    assert_derivative(chart.jacobian(x), chart.inertial, x)
+    assert is_physical(chart.inertial(10 * x)).all()
+
+
+def test_an_impossible_seed_is_refused() -> None:
+    bad = MODEL.parameters.inertial.copy()
+    bad[4] = -1.0
+    with pytest.raises(ValueError, match="physically possible"):
+        LogChart(bad, symmetric_set())
+
+
 @pytest.mark.parametrize("noise", [0.02, 0.05])
 def test_residuals_are_weighed_against_the_noise_that_the_fit_leaves(noise: float) -> None:
     """Its standard deviation in each of the six components of a frame, of which one in `independent` counts."""
-    regressor, ground = loads(noise, 61)
     settings = ConsistentSettings()
-    found = fit_consistent(
-        root_equations(regressor, ground, WEIGHT, LENGTH), MODEL.parameters.inertial, symmetric_set(), settings
-    )
+    found = fit_consistent(system(noise, 61), MODEL.parameters.inertial, symmetric_set(), settings)
     scale = np.repeat([1.0 / WEIGHT, 1.0 / (WEIGHT * LENGTH)], 3)
-    by_inertial = np.einsum("i,fisd,sdk->fisk", scale, regressor, dynamic_jacobian(found.inertial))
+    by_inertial = np.einsum("i,fisd,sdk->fisk", scale, loads(noise, 61)[0], dynamic_jacobian(found.inertial))
     plain = by_inertial.reshape(-1, len(IP_NAMES)) @ found.jacobian
-    size = len(found.names)
-    weight = np.linalg.norm(found.residual_jacobian[:-size]) / np.linalg.norm(plain)
+    weight = np.linalg.norm(found.residual_jacobian[: -len(found.names)]) / np.linalg.norm(plain)
     deviation = 1.0 / (weight * np.sqrt(settings.independent))
     # 1248 samples know it to 2 %; the parameters fitted take up less than that
     assert deviation == pytest.approx(noise, rel=0.05)
 
 
-@pytest.mark.parametrize("which", [symmetric_set(), full_set()], ids=["36", "84"])
-def test_the_spread_of_the_inertial_parameters_is_the_inverse_of_what_the_fit_knows(which) -> None:
+@SETS
+def test_the_spread_of_the_inertial_parameters_is_the_inverse_of_what_the_fit_knows(which: InertialSet) -> None:
     """R R^T = (d IP / d x) (A^T A)^-1 (d IP / d x)^T, A the Jacobian of residuals and penalties."""
-    regressor, ground = loads(0.02, 62)
-    found = fit_consistent(root_equations(regressor, ground, WEIGHT, LENGTH), MODEL.parameters.inertial, which)
+    found = fit_consistent(system(0.02, 62), MODEL.parameters.inertial, which)
     a = found.residual_jacobian
     covariance = found.jacobian @ np.linalg.solve(a.T @ a, found.jacobian.T)
     root = inertial_square_root(found)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from gaitcal.calibration import reduced_problem
 from gaitcal.calibration import reduced_problem as open_motion
@@ -21,7 +20,6 @@ from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue, together
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.published.joint_recovery import step_together
 from gaitcal.synthetic.motion import gait_motion, marker_noise, synthetic_markers
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
@@ -45,44 +43,6 @@ def fit(problem: TrialProblem, start: Parameters, free: tuple[str, ...], **setti
 
 def values(parameters: Parameters, names: tuple[str, ...]) -> Array:
     return parameters.joint[[JP_INDEX[name] for name in names]]
-
-
-def test_noise_free_parameters_are_recovered_exactly() -> None:
-    problem, truth = knee_trial(1)
-    start = truth.with_joint(KNEE, values(published_subject(), KNEE))
-    found = fit(problem, start, KNEE)
-    assert found.converged
-    np.testing.assert_allclose(found.values, values(truth, found.free), atol=1e-11)
-
-
-def test_from_absolute_zero_gait_is_found() -> None:
-    """Every node and the 17 parameters of a leg at zero, the published subject's walk."""
-    model, motion, free = published_model(), gait_motion(), gait_parameters("l")
-    markers = synthetic_markers(model.parameters, model.markers, motion.q)
-    recording = Recording(source="gait", time=motion.basis.time, labels=model.markers.labels, markers=markers)
-    problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
-    zero = model.parameters.with_joint(free, np.zeros(len(free)))
-    p, nodes, _ = step_together([problem], zero, free, [np.zeros_like(motion.nodes)], np.zeros(len(free)))
-    found = JointSearch([problem], zero.with_joint(free, p), free, nodes).run()
-    np.testing.assert_allclose(found.values, values(model.parameters, free), atol=1e-11)
-
-
-def test_reduced_problem_has_the_cost_and_minimum_of_the_whole() -> None:
-    """Nodes and parameters in one dense least-squares problem, by SciPy."""
-    problem, truth = knee_trial(3, noise=0.004, frames=40)
-    start = truth.with_joint(KNEE, values(published_subject(), KNEE))
-    found = fit(problem, start, KNEE, tolerance=1e-13)
-    nodes = found.nodes[0]
-
-    def residual(x: Array) -> Array:
-        moved = truth.with_joint(KNEE, x[nodes.size :])
-        gap = problem.positions(x[: nodes.size].reshape(nodes.shape), problem.constants(moved))
-        return (gap - problem.data.measured).ravel()
-
-    start_x = np.concatenate([nodes.ravel(), found.values]) + 1e-3
-    dense = least_squares(residual, start_x, method="lm", xtol=1e-14, ftol=1e-14)
-    assert found.state.cost == pytest.approx(2 * dense.cost, rel=1e-8)
-    np.testing.assert_allclose(found.values, dense.x[nodes.size :], atol=2e-5)
 
 
 def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]) -> TrialProblem:
@@ -167,7 +127,7 @@ def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
     starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in trials]
     search = JointSearch(trials, start, KNEE, starts, expected=expected)
     even = search.approach(1e-7)
-    search.weigh(shares)
+    search.problem.weigh(shares)
     found = search.run()
     scaled = [problem.scaled(share) for problem, share in zip(trials, shares, strict=True)]
     wanted = JointSearch(scaled, start, KNEE, starts, expected=expected).run()
@@ -209,7 +169,7 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     solved = BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
     whole = equations.parameters - equations.mixed.T @ solved
     np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())
-    assert kept.state.trials[0].matrices.serve(kept.values, kept.nodes[0])
+    assert kept.state.trials[0].matrices.near(kept.values, kept.nodes[0])
     np.testing.assert_array_equal(kept.state.trials[0].matrices.values, kept.values)
     monkeypatch.setattr(open_motion, "KEPT_WITHIN", 0.0)
     monkeypatch.setattr(reduced_problem, "CORRECTOR", replace(reduced_problem.CORRECTOR, keep_within=0.0))

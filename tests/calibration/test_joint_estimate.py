@@ -12,7 +12,7 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_estimate import (
     DETERMINED,
     JointEstimate,
-    TaskTrials,
+    Tasks,
     _independent_share,
     estimate_joints,
     free_of,
@@ -51,8 +51,8 @@ def hip_trial(seed: int, frames: int = 300, nodes: int = 12) -> tuple[TrialProbl
     return problem, parameters.joint[[JP_INDEX[n] for n in HIP]]
 
 
-def gait(*problems: TrialProblem) -> list[TaskTrials]:
-    return [TaskTrials("gait", problems)]
+def gait(*problems: TrialProblem) -> Tasks:
+    return {"gait": problems}
 
 
 def drawn_nominal(rng: np.random.Generator, truth: Array) -> Parameters:
@@ -70,7 +70,7 @@ def test_without_noise_the_truth_is_found_and_without_markers_the_prior_stays() 
     still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], 300, axis=2))
     kept, spread = estimate_joints(gait(still), wrong, HIP)
     # a joint that does not move tells where its two sides meet, not where along with each: half of the directions
-    assert 2.0 < kept.served < 3.5
+    assert 2.0 < kept.effective_parameters < 3.5
     prior = dict(zip(HIP, np.sqrt(np.diag(prior_of(HIP, None)[1])), strict=True))
     assert spread.standard_errors[HIP[0]] > 0.5 * prior[HIP[0]]
     assert errors.standard_errors[HIP[0]] < 0.02 * prior[HIP[0]]
@@ -160,32 +160,6 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
         np.testing.assert_allclose(gap, 0.0, atol=1e-4)
 
 
-def test_soft_tissue_that_is_not_fitted_moves_no_estimate_and_bars_hold_the_truth() -> None:
-    """Skin in step with the joint, drawn from its prior 30 times: noise alone knows nothing of it."""
-    rng, inside = np.random.default_rng(12), dict[bool, list[Array]]()
-    problem, truth = hip_trial(3, frames=200, nodes=30)
-    nodes = problem.basis.fit(np.column_stack([0.4 * np.sin(k * np.linspace(0, 7, 200)) for k in range(1, 10)]))
-    parameters = perturbed_parameters(rng, 0.0, 0.0).with_joint(HIP, truth)
-    names = problem.chain.coordinates
-    (psi,) = task_regressors([dict(zip(names, problem.basis.evaluate(nodes).T, strict=True))])
-    problem = replace(problem, tissue=tissue_of(problem, "gait", psi))
-    prior = tissue_prior([problem], {"gait": SoftTissueScale(1.0)})
-    for _ in range(30):
-        at = problem.displaced(rng.multivariate_normal(np.zeros(len(prior.keys)), prior.covariance))
-        seen = at.positions(nodes, at.constants(parameters))
-        trial = problem.with_measured(seen + rng.normal(0, 5e-4, seen.shape))
-        nominal, found = drawn_nominal(rng, truth), dict[bool, JointEstimate]()
-        for soft in (False, True):
-            task, columns = (trial, prior) if soft else (replace(trial, tissue=None), NO_TISSUE)
-            found[soft], errors = estimate_joints(
-                gait(task), nominal, HIP, tissue=columns, fits_tissue=False, prior=None, equal_weights=True
-            )
-            bars = np.array([errors.standard_errors[name] for name in HIP])
-            inside.setdefault(soft, []).append(np.abs(found[soft].values - truth) < 1.96 * bars)
-        np.testing.assert_array_equal(found[True].values, found[False].values)
-    assert np.mean(inside[False]) < 0.6 and np.mean(inside[True]) > 0.9
-
-
 def test_a_joint_is_free_where_both_its_segments_show_markers() -> None:
     rng = np.random.default_rng(6)
     problem, _ = random_trial(rng, perturbed_parameters(rng), segments=LOWER_BODY)
@@ -220,17 +194,14 @@ def test_a_kind_of_task_has_its_own_noise_whatever_the_others_disagree_about() -
     rng = np.random.default_rng(9)
     elsewhere, _ = random_trial(rng, perturbed_parameters(rng), segments=SEGMENTS, frames=300, nodes=12)
     shaken = elsewhere.data.measured + rng.normal(0, 0.02, quiet.data.measured.shape)
-    tasks = [TaskTrials("hip_r", (replace(quiet, name="isolated"),)), *gait(elsewhere.with_measured(shaken))]
+    isolated = {"hip_r": (replace(quiet, name="isolated"),)}
     wrong = perturbed_parameters(np.random.default_rng(10), 0.01, 0.0)
-    alone = estimate_joints(tasks[:1], wrong, HIP)[0]
-    both = estimate_joints(tasks, wrong, HIP)[0]
-    assert both.noise[:1] == alone.noise == noise_of(tasks[0], wrong, HIP)
+    alone = estimate_joints(isolated, wrong, HIP)[0]
+    both = estimate_joints({**isolated, **gait(elsewhere.with_measured(shaken))}, wrong, HIP)[0]
+    assert both.noise[:1] == alone.noise == tuple(noise_of(isolated["hip_r"], wrong, HIP))
     assert both.noise[1] > 20 * both.noise[0]
     assert both.repeated == alone.repeated == {}
     np.testing.assert_allclose(both.values, truth, atol=2e-4)
-
-
-# ------------------------------------------------------------------------------------------------- repeated errors
 
 
 def scores(rng: np.random.Generator, informations: list[Array], common: float = 0.0) -> list[Array]:
@@ -280,16 +251,13 @@ def test_one_trial_told_three_times_counts_as_one() -> None:
         for trials in ((noisy,), (noisy,) * 3, (noisy, second, third))
     )
     assert thrice.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}
-    mixed, _ = estimate_joints([TaskTrials("hip_r", (second,)), *gait(noisy, noisy, noisy)], wrong, HIP)
+    mixed, _ = estimate_joints({"hip_r": (second,), **gait(noisy, noisy, noisy)}, wrong, HIP)
     assert mixed.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}, "whatever other kinds of task there are"
     assert one.repeated == {} and 1.0 <= three.repeated["gait"] < 2.0
     np.testing.assert_allclose(thrice.values, one.values, atol=2e-4)
     for name in HIP:  # three times the samples for as many parameters: a smaller noise
         assert same.standard_errors[name] == pytest.approx(bars.standard_errors[name], rel=0.15)
     assert np.mean([smaller.standard_errors[n] / bars.standard_errors[n] for n in HIP]) < 0.9
-
-
-# ------------------------------------------------------------------------------------------------------ soft tissue
 
 
 LATERAL = "hip_r.pelvis.lat"

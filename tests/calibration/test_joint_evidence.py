@@ -9,14 +9,10 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.error_sources import source_of
-from gaitcal.calibration.identifiability import beyond_bounds
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_evidence import LEG_PARAMETERS, calibrate_by_evidence
-from gaitcal.calibration.joint_phases import JointCalibration, JointTrial
-from gaitcal.calibration.joint_prior import GAIT
-from gaitcal.calibration.soft_tissue_artefact import SQUARES, beside, marker_covariance, task_regressors
+from gaitcal.calibration.joint_phases import LEG_PARAMETERS, JointCalibration, JointTrial, calibrate_by_evidence
+from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, marker_covariance, task_regressors
 from gaitcal.dynamics.axis_errors import ErrorSource
-from gaitcal.findings import Severity
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_NAMES, Parameters
 from gaitcal.motion.trial_problem import TrialProblem
@@ -60,9 +56,9 @@ def nominal() -> Parameters:
 def test_every_column_of_influence_is_of_the_source_that_made_it() -> None:
     found = calibrated(1.0)
     by_source: dict[ErrorSource, set[str]] = {}
-    for name in found.influence.clusters:
+    for name in found.errors.clusters:
         by_source.setdefault(source_of(name), set()).add(name)
-    assert len(set(found.influence.clusters)) == len(found.influence.clusters)
+    assert len(set(found.errors.clusters)) == len(found.errors.clusters)
     # every joint parameter has its prior, of legs, trunk and arms alike
     assert by_source[ErrorSource.JOINT_NOMINAL] == {f"nominal/{name}" for name in JP_NAMES}
     assert {name.split("/")[0] for name in by_source[ErrorSource.SKIN]} == {"skin"}
@@ -90,7 +86,7 @@ def test_motions_have_the_soft_tissue_of_their_kind_and_what_was_found_is_an_err
     assert {group.carrier for group in found.tissue["bends"].groups} == set(segments)
     assert {key.split("/")[0] for key in found.tissue["walk"].keys} == {GAIT}
     assert {key.split("/")[0] for key in found.tissue["bends"].keys} == {"knee_r"}
-    errors = found.influence
+    errors = found.errors
     knees = found.tissue["walk"].secondary
     assert knees is not None and found.tissue["bends"].secondary is None
     of_skin = {*found.tissue["walk"].keys, *found.tissue["bends"].keys}
@@ -111,15 +107,3 @@ def test_squares_of_angles_have_columns_where_markers_show_them(bent: float) -> 
     found = calibrated(0.3, bent)
     squares = [key for key in found.tissue["nominal"].keys if SQUARES in key]
     assert bool(squares) is ("squares of angles" in found.notes[-1]) is bool(bent)
-
-
-def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
-    (one,) = beyond_bounds(["hip_r.thigh.sup", "hip_r.thigh.ant"])
-    assert (one.severity, one.leg) == (Severity.WARNING, "r") and "hip_r lies further" in one.cause
-    (arm,) = beyond_bounds(["shoulder_l.trunk.front"])
-    assert arm.severity is Severity.INFO
-    own = ["knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.shank.ant", "knee_r.shank.sup"]
-    assert [f.severity for f in beyond_bounds(own)] == [Severity.WARNING], "four of one joint are one odd joint"
-    *arms, body = beyond_bounds(["shoulder_l.trunk.front", *own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"])
-    assert body.severity is Severity.ERROR and "does not show the body" in body.cause
-    assert [f.severity for f in arms] == [Severity.INFO]

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_noise import SeenNoise, frames_per_sample, least_noise, seen_noise, trial_noises
+from gaitcal.calibration.joint_noise import (
+    ForbiddenNoise,
+    forbidden_noise,
+    frames_per_sample,
+    least_noise,
+    trial_noises,
+)
 from gaitcal.motion.spline import spline_basis
 from gaitcal.motion.track import track_nodes
 from tests.derivatives import Array, perturbed_parameters, random_trial
@@ -46,18 +52,18 @@ def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_mor
         np.repeat(rng.normal(0, WHITE, (2, 3, shape[2])), 4, axis=0),  # each cluster as a whole
     ):
         noisy = problem.with_measured(problem.data.measured + noise)
-        found.append(seen_noise(noisy, parameters, track_nodes(noisy, constants, nodes).nodes))
+        found.append(forbidden_noise(noisy, parameters, track_nodes(noisy, constants, nodes).nodes))
     assert np.sqrt(found[0].variance) == pytest.approx(WHITE, rel=0.15)
     # four markers alike: their mean has four times the variance that independent ones would give it
     assert np.sqrt(found[1].variance) == pytest.approx(2.0 * WHITE, rel=0.25)
 
 
 def test_parameters_use_samples_up_and_cameras_never_err_by_nothing() -> None:
-    seen = [SeenNoise(1e-6, 30.0), SeenNoise(4e-6, 10.0)]
+    seen = [ForbiddenNoise(1e-6, 30.0), ForbiddenNoise(4e-6, 10.0)]
     plain = trial_noises(seen, [0.0, 0.0], -2.0)
     np.testing.assert_allclose(plain, [1e-3, 2e-3])
     served = trial_noises(seen, [0.0, 0.0], 18.0)
     np.testing.assert_allclose(served, np.sqrt(2.0) * np.array(plain))
-    assert trial_noises([SeenNoise(0.0, 10.0)], [3e-4], 1.0) == [3e-4]
+    assert trial_noises([ForbiddenNoise(0.0, 10.0)], [3e-4], 1.0) == [3e-4]
     time = np.arange(100) / 100.0
     assert least_noise(spline_basis(time, 8)) < least_noise(spline_basis(time / 4.0, 8))

@@ -17,8 +17,8 @@ from gaitcal.calibration.joint_phases import (
     sequential_phases,
     simultaneous_phases,
 )
-from gaitcal.calibration.joint_prior import GAIT, WEAK, TaskTissue
-from gaitcal.calibration.soft_tissue_artefact import SoftTissueScale, task_regressors
+from gaitcal.calibration.joint_prior import WEAK
+from gaitcal.calibration.soft_tissue_artefact import GAIT, SoftTissueScale, TaskTissue, task_regressors
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
@@ -56,7 +56,7 @@ def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
     same = values(together.parameters, KNEE)
     gap, without = (np.linalg.norm(values(c.parameters, KNEE) - same) for c in (after, alone))
     assert gap < 0.05 * without
-    first, both, only = (np.array([c.influence.standard_errors[n] for n in KNEE]) for c in (after, together, alone))
+    first, both, only = (np.array([c.errors.standard_errors[n] for n in KNEE]) for c in (after, together, alone))
     np.testing.assert_allclose(first, both, rtol=0.2)  # noises of two trials, each known to some 10 %
     assert np.median(both / only) < 0.9
 
@@ -79,7 +79,7 @@ def test_soft_tissue_moves_no_flat_fit_and_a_posterior_is_as_wide_as_it_makes_it
         considered = replace(how, fits_tissue=False)
         plain, wide = (calibrate_in_phases(some[:1], truth, considered) for some in (rigid, phases))
         np.testing.assert_array_equal(plain.parameters.joint, wide.parameters.joint)
-        assert all(wide.influence.standard_errors[n] > 1.5 * plain.influence.standard_errors[n] for n in KNEE)
+        assert all(wide.errors.standard_errors[n] > 1.5 * plain.errors.standard_errors[n] for n in KNEE)
     both, after, walk = (
         values(calibrate_in_phases(some, truth, replace(WEAKLY, fits_tissue=False)).parameters, KNEE)
         for some in (rigid, phases, rigid[1:])
@@ -99,10 +99,10 @@ def test_equal_weights_are_those_of_the_plain_sum_of_squares_whatever_the_noises
     np.testing.assert_allclose(values(found.parameters, KNEE), plain.values, atol=1e-8)
     (phase,) = found.phases
     assert phase.noise["isolated"] > 3 * phase.noise["walk"]
-    scores = sum(phase.noise[t.name] ** 2 * s.matrices.hessian for t, s in zip(trials, plain.state.trials, strict=True))
+    scores = sum(phase.noise[t.name] ** 2 * s.hessian for t, s in zip(trials, plain.state.trials, strict=True))
     inverse = np.linalg.inv(plain.state.hessian)
     expected = np.sqrt(np.diag(inverse @ scores @ inverse))
-    np.testing.assert_allclose([found.influence.standard_errors[n] for n in KNEE], expected, rtol=1e-5)
+    np.testing.assert_allclose([found.errors.standard_errors[n] for n in KNEE], expected, rtol=1e-5)
 
 
 def test_phases_are_the_published_ones_and_trials_keep_what_they_were_fitted_with() -> None:
@@ -140,5 +140,5 @@ def test_a_knee_that_does_not_move_is_frozen_or_held_by_its_prior() -> None:
     np.testing.assert_array_equal(values(frozen.parameters, KNEE), values(nominal, KNEE))
     assert "kept at nominal values" in frozen.findings[-1].found
     # held by a prior, two sides of a joint share what only their sum tells: sqrt(1/2) of anatomy's 10 mm each
-    assert held.free == KNEE and held.influence.standard_errors["knee_r.thigh.sup"] > 0.006
-    assert frozen.influence.standard_errors["knee_r.thigh.sup"] == pytest.approx(0.010)
+    assert held.free == KNEE and held.errors.standard_errors["knee_r.thigh.sup"] > 0.006
+    assert frozen.errors.standard_errors["knee_r.thigh.sup"] == pytest.approx(0.010)

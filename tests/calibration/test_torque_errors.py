@@ -1,72 +1,63 @@
-"""Standard errors of torques and coordinates: sums of squares of finite differences; blocks of long trials change
-nothing. Their size is in `test_coverage`.
+"""What sources of error make of a motion, its torques, powers and moments: sums of squares of finite differences.
+
+Their size is in `test_coverage`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from gaitcal.calibration import error_sources as moves_module
-from gaitcal.calibration import torque_errors
+from gaitcal.calibration import error_sources, torque_errors
 from gaitcal.calibration.error_sources import (
+    LEVERAGE_CAP,
     ErrorSources,
     MotionSensitivity,
     _product_squares,
     coordinate_standard_errors,
     marker_moves,
-    nominal_influence,
+    nominal_errors,
     source_of,
 )
-from gaitcal.calibration.joint_calibration import JointSearch
-from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
+from gaitcal.dynamics.joint_kinetics import COMPONENTS, POWERS, VECTOR_FRAMES, MomentFrame, kinetic_values, power_of
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parameters
-from gaitcal.motion.spline import NodeRule
+from gaitcal.motion.descent import DescentSettings
+from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.synthetic.motion import NODES, gait_motion, marker_noise, residual_free_wrench, synthetic_markers
-from tests.derivatives import Array, perturbed_parameters, random_trial
+from gaitcal.motion.track import track_nodes
+from gaitcal.motion.trial_problem import TrialProblem
+from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
-DIFFERENCES = 1e-6
+DIFFERENCES = 1e-5
 """Relative to the largest error: what central differences can tell."""
 STEP = 1e-4
 """Of one standard deviation; the forces are cubic at most in the inertial parameters."""
+UNMOVED = 0.05
+"""Of what axes do to the power of one coordinate: rates are told from frames 10 ms apart."""
+NOISE = 1e-5
+"""m, so small that what Gauss-Newton leaves out does not show."""
+LINEAR = 2e-3
+"""Relative to the largest change: what is left of that, and of the solvers' tolerances."""
 FREE = gait_parameters("r")
+FRAMES = 10
 
 
-def moved_torques(
-    problem: TrialProblem, nodes: Array, parameters: Parameters, wrench: Array, error: tuple[Array, Array, Array]
-) -> Array:
-    """(nf, 29) change of the generalised forces by one source of error: of the nodes (nn, nq), of `FREE` and of the
-    inertial parameters (84,), by central differences.
+def test_errors_are_what_every_source_moves_by_itself() -> None:
+    """Squares summed over marker coordinates, with joint parameters and motion, over inertial parameters and plates.
+    Torque and rate of a source move together: the errors of a power are not those of its factors.
     """
-    by_nodes, by_joint, by_inertial = error
-    at = parameters.joint[[JP_INDEX[name] for name in FREE]]
-
-    def torques(step: float) -> Array:
-        moved = parameters.with_joint(FREE, at + step * by_joint)
-        moved = moved.with_inertial(parameters.inertial + step * by_inertial)
-        return Dynamics(moved).forces(*(problem.basis.evaluate(nodes + step * by_nodes, k) for k in range(3)), wrench)
-
-    return (torques(STEP) - torques(-STEP)) / (2 * STEP)
-
-
-def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
-    """The sum of squares over marker coordinates, with joint parameters and motion, and over inertial parameters."""
     rng = np.random.default_rng(51)
     parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
-    wrench = rng.normal(0, 300, (14, 2, 6))
+    problem, nodes = random_trial(rng, parameters, frames=FRAMES, nodes=6)
+    wrench = rng.normal(0, 300, (FRAMES, 2, 6))
     free = problem.with_free(FREE).chain.free
-    assert set(free) == set(FREE)
     own, others = 3, 2
     moves = MotionSensitivity(
         shift=rng.normal(0, 0.005, (len(free), others)),
@@ -75,85 +66,55 @@ def test_torque_errors_are_what_every_source_moves_by_itself() -> None:
         own=(ErrorSource.MOTION,) * own,
         others=(ErrorSource.JOINT_MARKERS, ErrorSource.SKIN),
     )
-    spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(len(IP_NAMES), 4))
-    influence = ErrorSources(free, moves.shift, tuple(f"source {k}" for k in range(others)))
-    errors: list[tuple[Array, Array, Array]] = []
-    still, rigid = np.zeros(nodes.shape), np.zeros(len(IP_NAMES))
-    order = [free.index(name) for name in FREE]
-    errors += [(column.reshape(nodes.shape), np.zeros(len(FREE)), rigid) for column in moves.nodes.T]
-    errors += [(-(moves.sensitivity @ s).reshape(nodes.shape), s[order], rigid) for s in moves.shift.T]
-    errors += [(still, np.zeros(len(FREE)), column) for column in spread.T]
-    changes = np.array([moved_torques(problem, nodes, parameters, wrench, error) for error in errors])
-    dense = np.sqrt((changes**2).sum(axis=0))
-    errors_found = torque_standard_errors(problem, nodes, parameters, wrench, influence, spread, moves)
-    found = errors_found.every
-    np.testing.assert_allclose(found, dense, rtol=0, atol=DIFFERENCES * dense.max())
-    groups = {
-        ErrorSource.MOTION: slice(0, own),
-        ErrorSource.JOINT_MARKERS: slice(own, own + 1),
-        ErrorSource.SKIN: slice(own + 1, own + others),
-        ErrorSource.INERTIA: slice(own + others, None),
+    spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(len(IP_NAMES), 2))
+    start = parameters.joint[[JP_INDEX[name] for name in free]]
+    plates = PlateErrors(place=0.003, gain=0.01, clock=0.002)
+
+    def change(by_nodes: Array, by_joint: Array, by_inertial: Array, by_wrench: Array) -> Array:
+        """(nf, 29 + 28 + 63)."""
+
+        def values(step: float) -> Array:
+            moved = parameters.with_joint(free, start + step * by_joint)
+            moved = moved.with_inertial(parameters.inertial + step * by_inertial)
+            state = [problem.basis.evaluate(nodes + step * by_nodes, k) for k in range(3)]
+            forces = Dynamics(moved).forces(*state, wrench + step * by_wrench)
+            power, moment = kinetic_values(moved, *state, wrench + step * by_wrench)
+            return np.hstack([forces, power, moment.reshape(FRAMES, -1)])
+
+        return (values(STEP) - values(-STEP)) / (2 * STEP)
+
+    still, fixed, rigid, measured = (np.zeros(n) for n in (nodes.shape, len(free), len(IP_NAMES), wrench.shape))
+    changes = {
+        ErrorSource.MOTION: [change(column.reshape(nodes.shape), fixed, rigid, measured) for column in moves.nodes.T],
+        ErrorSource.INERTIA: [change(still, fixed, column, measured) for column in spread.T],
+        ErrorSource.PLATES: [
+            change(still, fixed, rigid, other)
+            for other in plate_changes(wrench, np.gradient(wrench, problem.basis.time, axis=0))
+        ],
     }
-    assert set(errors_found.by_source) == set(groups)
-    for source, columns in groups.items():
-        expected = (changes[columns] ** 2).sum(axis=0)
-        tolerance = DIFFERENCES * dense.max() ** 2
-        np.testing.assert_allclose(errors_found.by_source[source], expected, rtol=0, atol=tolerance, err_msg=source.key)
-    of_inertia = np.sqrt((changes[own + others :] ** 2).sum(axis=0))
-    assert np.median(of_inertia / dense) > 0.05  # so that its absence would show
+    for source, shift in zip(moves.others, moves.shift.T, strict=True):
+        changes[source] = [change(-(moves.sensitivity @ shift).reshape(nodes.shape), shift, rigid, measured)]
+    variances = {source: (np.array(columns) ** 2).sum(axis=0) for source, columns in changes.items()}
+    dense = np.sqrt(sum(variances.values()))
+    known = ErrorSources(free, moves.shift, tuple(f"source {k}" for k in range(others)))
+    found = ErringForces(problem, nodes, parameters, wrench, known, spread, moves, plates).errors()
+    assert found.kinetics is not None and found.kinetics.own is not None
+    power, moment = found.kinetics.power, found.kinetics.moment.reshape(FRAMES, -1)
+    for part, errors in zip(np.split(dense, [29, 29 + 28], axis=1), (found.every, power, moment), strict=True):
+        np.testing.assert_allclose(errors, part, rtol=0, atol=DIFFERENCES * part.max())
+    assert set(found.by_source) == set(variances)
+    torques = slice(len(FORCES))
+    for source, variance in variances.items():
+        tolerance = DIFFERENCES * dense[:, torques].max() ** 2
+        np.testing.assert_allclose(found.by_source[source], variance[:, torques], atol=tolerance, err_msg=source.key)
+    of_inertia = np.sqrt(variances[ErrorSource.INERTIA])[:, torques]
+    assert np.median(of_inertia / dense[:, torques]) > 0.05  # so that its absence would show
+    own_power = np.sqrt(variances[ErrorSource.MOTION])[:, len(FORCES) : len(FORCES) + len(POWERS)]
+    np.testing.assert_allclose(found.kinetics.own.power, own_power, rtol=0, atol=DIFFERENCES * own_power.max())
 
-    by_node = np.array([problem.basis.evaluate(by_nodes) for by_nodes, _, _ in errors[: own + others]])
-    coordinates = np.sqrt((by_node**2).sum(axis=0))
+    by_node = [column.reshape(nodes.shape) for column in np.hstack([moves.nodes, moves.sensitivity @ moves.shift]).T]
+    coordinates = np.sqrt(sum(problem.basis.evaluate(column) ** 2 for column in by_node))
     np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-10)
-
-
-def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_that_markers_move() -> None:
-    rng = np.random.default_rng(53)
-    parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
-    weight = problem.data.weight.copy()
-    weight[[problem.chain.segments[s].startswith("forearm") for s in problem.data.segment]] = 0.0
-    problem = problem.with_weight(weight)
-    wrench, known, axes = rng.normal(0, 300, (14, 2, 6)), nominal_influence(FREE), AxisErrors(parameters)
-    exact, moved = (
-        torque_standard_errors(problem, nodes, parameters, wrench, known, None, axes=a) for a in (None, axes)
-    )
-    assert ErrorSource.FRAMES not in exact.by_source
-    for source, variance in exact.by_source.items():
-        np.testing.assert_array_equal(moved.by_source[source], variance)
-    q, v, a = (problem.basis.evaluate(nodes, k) for k in range(3))
-    expected = (axes.torque_moves(q, v, a, wrench) ** 2).sum(axis=2)
-    np.testing.assert_allclose(moved.by_source[ErrorSource.FRAMES], expected, rtol=1e-9, atol=1e-12)
-    moves, turned = marker_moves(problem, nodes, parameters, known), axes.coordinate_errors(q)
-    plain, whole = coordinate_standard_errors(problem, moves), coordinate_standard_errors(problem, moves, turned)
-    held = ~problem.active
-    assert held.any()
-    np.testing.assert_array_equal(whole[:, held], plain[:, held])
-    np.testing.assert_allclose(whole[:, ~held], np.hypot(plain, turned)[:, ~held], rtol=1e-12)
-
-
-def test_force_plates_add_their_own_part_and_change_no_other() -> None:
-    rng = np.random.default_rng(52)
-    parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
-    wrench = rng.normal(0, 300, (14, 2, 6))
-    known = nominal_influence(FREE)
-    exact, moved = (
-        torque_standard_errors(problem, nodes, parameters, wrench, known, None, plates=plates)
-        for plates in (None, PlateErrors(place=0.003, gain=0.01, clock=0.002))
-    )
-    assert ErrorSource.PLATES not in exact.by_source
-    for source, variance in exact.by_source.items():
-        np.testing.assert_array_equal(moved.by_source[source], variance)
-    rates = np.gradient(wrench, problem.basis.time, axis=0)
-    q, v, a = (problem.basis.evaluate(nodes, k) for k in range(3))
-    before = Dynamics(parameters).forces(q, v, a, wrench)
-    expected = np.zeros_like(before)
-    for other in plate_changes(wrench, rates):
-        expected += (Dynamics(parameters).forces(q, v, a, wrench + other) - before) ** 2
-    found = moved.by_source[ErrorSource.PLATES]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
-    np.testing.assert_allclose(moved.every**2, exact.every**2 + found, rtol=1e-9)
 
 
 def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
@@ -167,6 +128,114 @@ def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
             else:
                 out[:, foot, 3:] = np.cross(0.003 * axis, wrench[:, foot, :3])
             yield out
+
+
+def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_that_markers_move() -> None:
+    rng = np.random.default_rng(53)
+    parameters = perturbed_parameters(rng)
+    problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
+    weight = problem.data.weight.copy()
+    weight[[problem.chain.segments[s].startswith("forearm") for s in problem.data.segment]] = 0.0
+    problem = problem.with_weight(weight)
+    wrench, known, axes = rng.normal(0, 300, (14, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
+    exact, moved = (ErringForces(problem, nodes, parameters, wrench, known, axes=a).errors() for a in (None, axes))
+    assert set(moved.by_source) == {*exact.by_source, ErrorSource.FRAMES}
+    for source, variance in exact.by_source.items():
+        np.testing.assert_array_equal(moved.by_source[source], variance)
+    q, v, a = (problem.basis.evaluate(nodes, k) for k in range(3))
+    expected = (axes.torque_moves(q, v, a, wrench) ** 2).sum(axis=2)
+    np.testing.assert_allclose(moved.by_source[ErrorSource.FRAMES], expected, rtol=1e-9, atol=1e-12)
+    moves, turned = marker_moves(problem, nodes, parameters, known), axes.coordinate_errors(q)
+    plain, whole = coordinate_standard_errors(problem, moves), coordinate_standard_errors(problem, moves, turned)
+    held = ~problem.active
+    assert held.any()
+    np.testing.assert_array_equal(whole[:, held], plain[:, held])
+    np.testing.assert_allclose(whole[:, ~held], np.hypot(plain, turned)[:, ~held], rtol=1e-12)
+
+
+def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hips and back: power is moment times angular velocity, whatever the axes; their torques' errors are those of the
+    vector along the joint's axes. A hinge stays where it is. Blocks of frames change nothing.
+    """
+    rng = np.random.default_rng(53)
+    parameters = perturbed_parameters(rng)
+    problem, nodes = random_trial(rng, parameters, frames=80, nodes=9)
+    wrench, known, axes = rng.normal(0, 300, (80, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
+    exact, turned = (
+        ErringForces(problem, nodes, parameters, wrench, known, None, axes=a).errors() for a in (None, axes)
+    )
+    assert exact.kinetics is not None and turned.kinetics is not None
+    inner = slice(2, -2)  # rates of the moves are differences between frames, one-sided at the ends
+
+    def added(name: str) -> float:
+        before, after = (power_of(errors, name)[inner] ** 2 for errors in (exact.kinetics, turned.kinetics) if errors)
+        return float(np.sqrt(np.mean(after - before)))
+
+    for joint, coordinate in (("hip_r", "hip_rotation_r"), ("hip_l", "hip_adduction_l"), ("lumbar", "lumbar_bending")):
+        assert added(joint) < UNMOVED * added(coordinate), joint
+    for hinge in ("knee_l", "ankle_r", "elbow_r"):
+        assert added(hinge) < UNMOVED * added("hip_rotation_r"), hinge
+    jcs = turned.kinetics.moment[:, VECTOR_FRAMES.index(MomentFrame.JCS)]
+    for k, name in enumerate(COMPONENTS):
+        if name.startswith(("hip", "lumbar")):
+            np.testing.assert_allclose(jcs[:, k], turned.every[:, FORCES.index(name)], rtol=1e-7, err_msg=name)
+    moves = marker_moves(problem, nodes, parameters, known)
+    coordinates = coordinate_standard_errors(problem, moves)
+    for module in (torque_errors, error_sources):
+        monkeypatch.setattr(module, "BLOCK", 7)
+    np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-9)
+    in_parts = ErringForces(problem, nodes, parameters, wrench, known, None, axes=axes).errors().kinetics
+    assert in_parts is not None
+    np.testing.assert_allclose(in_parts.power, turned.kinetics.power, rtol=1e-9)
+    np.testing.assert_allclose(in_parts.moment, turned.kinetics.moment, rtol=1e-9)
+
+
+def leverages(problem: TrialProblem, parameters: Parameters, nodes: Array) -> Array:
+    """(nm, 3, nf) of each marker coordinate in its frame's own least-squares problem; Jacobian by differences."""
+    q, constants, data = problem.basis.evaluate(nodes), problem.constants(parameters), problem.data
+    out = np.empty(data.measured.shape)
+    for f in range(len(q)):
+        one = data.frames(slice(f, f + 1))
+
+        def placed(x: Array, one: MarkerData = one) -> Array:
+            return marker_positions(problem.chain, constants, one.placed, x[None])
+
+        slope = np.sqrt(np.repeat(one.weight[:, 0], 3))[:, None] * central_differences(placed, q[f])
+        out[:, :, f] = np.diag(slope @ np.linalg.pinv(slope)).reshape(-1, 3)
+    return out
+
+
+def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters() -> None:
+    """`marker_moves` of a whole body with its joint parameters known: the motion tracked again."""
+    rng = np.random.default_rng(23)
+    parameters = perturbed_parameters(rng)
+    problem, _ = random_trial(rng, parameters, frames=30, nodes=7)
+    measured = problem.data.measured + rng.normal(0, NOISE, problem.data.measured.shape)
+    problem = replace(problem, data=replace(problem.data, measured=measured))
+    source = ErrorSources(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))
+
+    def motion(problem: TrialProblem, parameters: Parameters) -> Array:
+        constants = problem.constants(parameters)
+        start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
+        return track_nodes(problem, constants, start, DescentSettings(gain=1e-15)).nodes
+
+    nodes = motion(problem, parameters)
+    moves = marker_moves(problem, nodes, parameters, source)
+    residual = problem.positions(nodes, problem.constants(parameters)) - problem.data.measured
+    inflated = residual / (1.0 - np.clip(leverages(problem, parameters, nodes), 0.0, LEVERAGE_CAP))
+    for m, axis in ((0, 1), (17, 2)):
+        measured = problem.data.measured.copy()
+        measured[m, axis] -= inflated[m, axis]
+        moved = motion(replace(problem, data=replace(problem.data, measured=measured)), parameters) - nodes
+        np.testing.assert_allclose(
+            moves.nodes[:, 3 * m + axis], moved.ravel(), rtol=0, atol=LINEAR * float(np.abs(moved).max())
+        )
+    at = parameters.joint[[JP_INDEX[name] for name in FREE]]
+    shifted = parameters.with_joint(FREE, at + source.parameters[:, 0])
+    moved = motion(problem, shifted) - nodes
+    change = -moves.sensitivity @ moves.shift[:, -1]
+    sign = np.sign(change @ moved.ravel())  # only the square of what a source does is kept
+    np.testing.assert_allclose(sign * change, moved.ravel(), rtol=0, atol=LINEAR * float(np.abs(moved).max()))
 
 
 def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
@@ -212,33 +281,3 @@ def test_unknowns_that_nothing_moves_have_no_part() -> None:
     right[:10, :10] = rng.normal(size=(10, 10))
     np.testing.assert_allclose(_product_squares(left, right), ((left @ right) ** 2).sum(axis=1))
     np.testing.assert_array_equal(_product_squares(left, np.zeros((80, 80))), 0.0)
-
-
-def test_blocks_of_frames_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    model, motion = published_model(), gait_motion()
-    time = motion.basis.time
-    markers = synthetic_markers(model.parameters, model.markers, motion.q)
-    noise = marker_noise(time, markers.shape[1], np.random.default_rng(3), 0.005)
-    recording = Recording(source="made up", time=time, labels=model.markers.labels, markers=markers + noise)
-    problem = trial_problem("gait", model, recording, NodeRule(fixed=NODES))
-    free = gait_parameters("r")
-    closed = problem.with_free(())
-    start = starting_nodes(closed.chain, closed.constants(model.parameters), problem.data, problem.basis)
-    fit = JointSearch([problem], model.parameters, free, [start]).run()
-    influence = nominal_influence(free)
-    wrench = residual_free_wrench(model.parameters, motion)
-
-    moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
-
-    def errors() -> tuple[np.ndarray, np.ndarray]:
-        torques = torque_errors.torque_standard_errors(problem, fit.nodes[0], fit.parameters, wrench, influence, None)
-        return torques.every, coordinate_standard_errors(problem, moves)
-
-    torques, coordinates = errors()
-    assert torques.shape == (len(time), len(FORCES))
-    assert coordinates.shape == (len(time), len(COORDINATES))
-    assert (torques > 0).all() and (coordinates > 0).all()
-    for module in (torque_errors, moves_module):
-        monkeypatch.setattr(module, "BLOCK", 17)
-    for found, whole in zip(errors(), (torques, coordinates), strict=True):
-        np.testing.assert_allclose(found, whole, rtol=1e-9)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.error_sources import ErrorSources, nominal_influence
+from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
 from gaitcal.cohort.learn_priors import (
     PARTS,
@@ -255,7 +255,7 @@ def fitted(names: tuple[str, ...], prior: JointPrior | None) -> tuple[ErrorSourc
     precision = information + np.linalg.inv(covariance)
     found = np.linalg.solve(precision, information @ at + np.linalg.solve(covariance, mean))
     others = tuple(name for name in JP_NAMES if name not in names)
-    left = nominal_influence(others, prior)
+    left = nominal_errors(others, prior)
     errors = np.zeros((len(JP_NAMES),) * 2)
     errors[: len(names), : len(names)] = np.linalg.cholesky(np.linalg.inv(precision))
     errors[len(names) :, len(names) :] = left.parameters

@@ -10,13 +10,13 @@ import pytest
 
 from gaitcal.dynamics.derivatives import FRAMES_AT_ONCE, force_derivatives, root_residual
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, inverse_dynamics, pelvis_residual
-from gaitcal.dynamics.joint_moments import HELD
+from gaitcal.dynamics.joint_kinetics import HELD
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, dynamic_parameters, gait_parameters, leg_parameters
 from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
+from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
 
 RNG = np.random.default_rng(12)
@@ -80,38 +80,6 @@ def test_regressors_times_parameters_are_forces_and_residual() -> None:
     np.testing.assert_allclose(root, pelvis_residual(q, forces), atol=FORCE)
 
 
-def test_knee_reaction_is_the_moment_on_the_shank_about_the_knee_axis() -> None:
-    """The ground's part by virtual work: how far the foot moves in a small turn of the reaction joint."""
-    parameters = perturbed_parameters(RNG)
-    q, v, a, wrench = state(4)
-    forces = Dynamics(parameters).forces(q, v, a, wrench)
-    h = 1e-6
-    linkage = build_linkage(parameters, reactions=True)
-    data = linkage.model.createData()
-    at = [linkage.index(name) for name in ("knee_adduction_r", "knee_adduction_l")]
-    order = [linkage.index(name) for name in linkage.coordinates if not name.startswith("knee_adduction")]
-    for f in range(4):
-        full = np.zeros((3, len(FORCES)))
-        full[:, order] = q[f], v[f], a[f]
-        tau = pin.rnea(linkage.model, data, *full)
-        for k, row in enumerate(at):  # virtual work of the wrench in a small turn of the reaction joint
-            work = 0.0
-            for sign in (1, -1):
-                turned = full[0].copy()
-                turned[row] += sign * h
-                pin.framesForwardKinematics(linkage.model, data, turned)
-                foot = data.oMf[linkage.model.getFrameId(FEET[k])]
-                work += sign * float(wrench[f, k] @ pin.log6(foot * _home(linkage, full[0], FEET[k])).vector) / (2 * h)
-            np.testing.assert_allclose(forces[f, len(COORDINATES) + k], tau[row] - work, rtol=1e-5, atol=1e-4)
-
-
-def _home(linkage: object, q: Array, frame: str) -> pin.SE3:
-    model = linkage.model  # type: ignore[attr-defined]
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, q)
-    return data.oMf[model.getFrameId(frame)].inverse()
-
-
 def test_force_derivatives_by_finite_differences() -> None:
     parameters = perturbed_parameters(RNG)
     q, v, a, wrench = state(1)
@@ -170,18 +138,6 @@ def test_moments_are_the_forces_by_name() -> None:
     np.testing.assert_allclose(moments.percent_bwh("knee_angle_l"), knee, rtol=1e-12)
     some = replace(moments, residual_force=np.array([[3.0, 0, 0], [90, 9, 9]]), residual_moment=np.full((2, 3), 2.0))
     assert some.residual_rms(np.array([True, False])) == pytest.approx((np.sqrt(3.0), 2.0), rel=1e-12)
-
-
-def test_synthetic_ground_reactions_leave_no_residual_and_carry_the_body() -> None:
-    parameters = perturbed_parameters(RNG)
-    motion = gait_motion()
-    wrench = residual_free_wrench(parameters, motion)
-    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
-    assert np.abs(pelvis_residual(q, Dynamics(parameters).forces(q, v, a, wrench))).max() < FORCE
-    vertical = wrench[:, :, 1].sum(axis=1) / (parameters.mass * 9.81)
-    assert 0.99 < vertical.mean() < 1.01
-    assert vertical.min() > 0.6
-    assert vertical.max() < 1.4
 
 
 def test_pelvis_residual_derivatives_by_finite_differences() -> None:

@@ -10,10 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gaitcal.dynamics.foot_contact import LANDING, LEAVING, RESTING, FootPoints, ground_velocity, sole_of
-from gaitcal.dynamics.ground_contact import GroundReactions, ground_reactions_on_feet, leg_of
+from gaitcal.dynamics.foot_contact import (
+    LANDING,
+    LEAVING,
+    RESTING,
+    FootPoints,
+    distance_to_line,
+    ground_velocity,
+    sole_of,
+)
+from gaitcal.dynamics.ground_reactions import GroundReactions, ground_reactions_on_feet, leg_of
 from gaitcal.dynamics.plate_errors import foot_tip, inside, outside, share_outside
-from gaitcal.dynamics.plate_steps import distance_to_line
 from gaitcal.io.force_plate import filter_plate, resample_wrench
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
@@ -51,8 +58,17 @@ def found(toe: float, *plates: ForcePlate) -> GroundReactions:
     return ground_reactions_on_feet(plates, TIME, right_foot(toe), cutoff=None)
 
 
-def test_a_foot_wholly_on_its_plate_is_valid_throughout() -> None:
-    np.testing.assert_array_equal(found(0.35, square(0.0)).valid, STANCE)
+@pytest.mark.parametrize(
+    ("toe", "plates"),
+    [
+        (0.35, [square(0.0)]),
+        (0.35, [square(0.0, load=100.0)]),  # the size of the force plays no part
+        (0.49, [square(0.0), square(0.5, "2", pressed=0.03)]),  # across two plates
+        (0.6, [replace(square(0.0), corners=None)]),  # nothing is known of the outline
+    ],
+)
+def test_a_foot_wholly_on_its_plates_is_valid_throughout(toe: float, plates: list[ForcePlate]) -> None:
+    np.testing.assert_array_equal(found(toe, *plates).valid, STANCE)
 
 
 def test_toes_beside_the_plate_are_not_valid_once_they_rest() -> None:
@@ -63,10 +79,6 @@ def test_toes_beside_the_plate_are_not_valid_once_they_rest() -> None:
     assert reactions.valid_l.all(), "the left leg swings"
     told = [f for f in reactions.findings if "of the sole of the right foot lie beside it" in f.found]
     assert len(told) == 1 and told[0].leg == "r" and "0.30-0.89 s" in told[0].found
-
-
-def test_a_foot_across_two_plates_is_measured() -> None:
-    np.testing.assert_array_equal(found(0.49, square(0.0), square(0.5, "2", pressed=0.03)).valid, STANCE)
 
 
 def test_a_foot_across_two_plates_gets_the_sum_of_both() -> None:
@@ -313,19 +325,11 @@ def test_distance_to_a_foot_ends_at_heel_and_toe() -> None:
     np.testing.assert_allclose(distance_to_line(points, heel, toe), [0.05, 0.3, 0.5])
 
 
-def test_the_size_of_the_force_plays_no_part() -> None:
-    np.testing.assert_array_equal(found(0.35, square(0.0, load=100.0)).valid, STANCE)
-
-
 def test_corners_that_the_pressure_leaves_are_not_used() -> None:
     elsewhere = replace(square(0.0), corners=square(0.9).corners)
     reactions = found(0.35, elsewhere)
     np.testing.assert_array_equal(reactions.valid, STANCE)
     assert any("corners not used" in f.found for f in reactions.findings)
-
-
-def test_without_corners_nothing_is_known_of_the_outline() -> None:
-    np.testing.assert_array_equal(found(0.6, replace(square(0.0), corners=None)).valid, STANCE)
 
 
 @given(angle=st.floats(-3.0, 3.0), along=st.floats(-0.4, 0.4), across=st.floats(-0.4, 0.4), turned=st.booleans())

@@ -10,18 +10,23 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal.dynamics.derivatives import force_derivatives
-from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import (
+    COMPONENTS,
+    HELD,
+    NET_JOINTS,
     POWER_JOINTS,
     POWERS,
+    VECTOR_FRAMES,
     JointKinetics,
     KineticErrors,
+    MomentFrame,
     component_of,
     kinetic_values,
+    moment_slopes,
     power_of,
 )
-from gaitcal.dynamics.joint_moments import COMPONENTS, HELD, NET_JOINTS, VECTOR_FRAMES, MomentFrame, moment_slopes
 from gaitcal.export.osim import joint_frames
 from gaitcal.model.linkage import COORDINATES, JOINT_OF_CHILD
 from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, gait_parameters, leg_parameters, table
@@ -127,46 +132,6 @@ def test_moments_are_those_of_newton_and_euler_in_every_frame() -> None:
             for k, frame in enumerate(VECTOR_FRAMES):
                 expected = np.array([flexion, side, side]) * (axes[frame] @ moment)
                 np.testing.assert_allclose(found[f, k, columns], expected, rtol=0, atol=DIFFERENCES, err_msg=joint.name)
-
-
-def test_torques_are_projections_of_the_vectors_on_their_axes() -> None:
-    """Hip and back have the axes of the joint coordinate system; the knee's hinge is nearly across the thigh."""
-    q, v, a, wrench = state()
-    tau = Dynamics(PARAMETERS).forces(q, v, a, wrench)
-    power, moment = kinetic_values(PARAMETERS, q, v, a, wrench)
-    kinetics = JointKinetics(time=np.arange(3.0), power=power, moment=moment)
-    for name in COMPONENTS:
-        if name.startswith(("hip", "lumbar")):
-            along = component_of(kinetics, name, MomentFrame.JCS)
-            np.testing.assert_allclose(along, tau[:, FORCES.index(name)], atol=ROUNDING)
-    straight = PARAMETERS.with_joint(
-        ("knee_r.thigh.front", "knee_r.thigh.trans", "knee_r.shank.front", "knee_r.shank.trans"), np.zeros(4)
-    )
-    tau = Dynamics(straight).forces(q, v, a, wrench)
-    _, moment = kinetic_values(straight, q, v, a, wrench)
-    kinetics = JointKinetics(time=np.arange(3.0), power=power, moment=moment)
-    for name, frame in (("knee_angle_r", MomentFrame.PROXIMAL), ("knee_adduction_r", MomentFrame.DISTAL)):
-        along = component_of(kinetics, name, frame)
-        np.testing.assert_allclose(along, tau[:, FORCES.index(name)], atol=ROUNDING, err_msg=name)
-
-
-def test_joint_powers_are_moments_times_relative_angular_velocities() -> None:
-    """Of joints whose axes meet in a point, and of hinges."""
-    q, v, a, wrench = state()
-    power, moment = kinetic_values(PARAMETERS, q, v, a, wrench)
-    for f in range(len(q)):
-        segments = Segments(PARAMETERS, q[f], v[f], a[f])
-        for joint in NET_JOINTS:
-            if joint.name.startswith("ankle"):
-                continue
-            above = segments.pose[1][joint.proximal].rotation
-            side = -1.0 if joint.name.endswith("_l") else 1.0
-            flexion = -1.0 if joint.name.startswith("knee") else 1.0
-            columns = [COMPONENTS.index(name) for name in joint.components]
-            vector = above[:, [2, 0, 1]] @ (np.array([flexion, side, side]) * moment[f, 0, columns])
-            relative = segments.turning(joint.distal)[0] - segments.turning(joint.proximal)[0]
-            expected = vector @ relative
-            assert power[f, POWERS.index(joint.name)] == pytest.approx(expected, rel=1e-5, abs=DIFFERENCES)
 
 
 def test_powers_of_all_joints_change_the_energy_of_the_body() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, FootPoints, sole_of
-from gaitcal.dynamics.ground_contact import GroundReactions, ground_reactions_on_feet
+from gaitcal.dynamics.ground_reactions import GroundReactions, ground_reactions_on_feet
 from gaitcal.dynamics.off_sole import DIVIDED, MOMENT_NM, OUTLINE_M, outside_hull, sole_edge
 from gaitcal.faults.contacts import Feet
 from gaitcal.findings import Severity

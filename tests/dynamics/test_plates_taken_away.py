@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gaitcal import Study
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.faults import body_size
 from gaitcal.faults.contacts import feet_of
 from gaitcal.faults.study import check_study, evidence_of

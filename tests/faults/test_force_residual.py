@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.dynamics.expected_residual import TAU, USUAL
+from gaitcal.dynamics.expected_residual import BASELINE, TAU
 from gaitcal.faults.force_evidence import BROKEN_S, ForceEvidence, ForceResidual
 from tests.faults.walks import exact_walk
 
@@ -27,7 +27,7 @@ def dense(trials: list[ForceEvidence]) -> np.ndarray:
         apart = np.abs(trial.time[:, None] - trial.time[None, :])
         piece = np.concatenate([[0], np.cumsum(np.diff(trial.time) >= BROKEN_S)])
         memory = np.where(piece[:, None] == piece[None, :], np.exp(-apart / TAU), 0.0)
-        scale = np.diag((USUAL * np.repeat([trial.weight, trial.bwh], 3)) ** 2)
+        scale = np.diag((BASELINE * np.repeat([trial.weight, trial.bwh], 3)) ** 2)
         blocks.append(np.kron(memory, scale))
     spread = np.concatenate([t.spread.reshape(-1, t.spread.shape[2]) for t in trials])
     out = spread @ spread.T

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from gaitcal.dynamics.joint_moments import COMPONENTS, MomentFrame
+from gaitcal.dynamics.joint_kinetics import COMPONENTS, MomentFrame
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.subject_model import Subject

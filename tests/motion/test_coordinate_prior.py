@@ -249,4 +249,4 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
         np.testing.assert_allclose(np.rad2deg(np.sqrt(variance[:, k])), expected, atol=1e-3, err_msg=name)
     whole = problem_of(walk)
     seen = marker_moves(whole, tracked_motion(whole, MODEL.parameters).nodes, MODEL.parameters, None)
-    assert ErrorSource.POSTURE not in seen.present
+    assert ErrorSource.POSTURE not in seen.own

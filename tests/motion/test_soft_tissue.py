@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_estimate import TaskTrials, estimate_joints
+from gaitcal.calibration.joint_estimate import Tasks, estimate_joints
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.soft_tissue_artefact import CUBE_SHARE, SECONDARY_SIZES, TissuePrior, secondary_prior
 from gaitcal.model.chain import forward, segment_transforms
@@ -198,7 +198,7 @@ def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
     error, score = {}, {}
     for name, task, tissue in (("hinge", replace(seen, tissue=None), None), ("knee", seen, prior)):
         estimate, errors = estimate_joints(
-            [TaskTrials("gait", (task,))], start, free, **({"tissue": tissue} if tissue else {})
+            {"gait": (task,)}, start, free, **({"tissue": tissue} if tissue else {})
         )
         gap = estimate.parameters.joint[index] - truth.joint[index]
         error[name] = float(np.abs(gap).max())
@@ -215,9 +215,9 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
     truth, prior = perturbed_parameters(np.random.default_rng(3)), secondary_prior([problem])
     noise, sizes = rng.normal(0, 0.002, problem.data.measured.shape), np.sqrt(np.diag(prior.covariance))
 
-    def seen(z: Array) -> list[TaskTrials]:
+    def seen(z: Array) -> Tasks:
         at = problem.displaced(z)
-        return [TaskTrials("gait", (problem.with_measured(at.positions(true, at.constants(truth)) + noise),))]
+        return {"gait": (problem.with_measured(at.positions(true, at.constants(truth)) + noise),)}
 
     free = tuple(n for n in JP_NAMES if n.split(".")[0] in ("knee_r", "talocrural_r"))
     kept, step, z = "hip_r.thigh.sup", 1e-4, 0.05 * drawn(rng, prior)

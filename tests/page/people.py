@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model

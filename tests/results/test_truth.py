@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from matplotlib.lines import Line2D
 
-from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.errors import InputError
 from gaitcal.figures.chart import INK, TRUTH_DASHES, Panel, line_style, panel_figure
 from gaitcal.figures.curves import TRUTH_WIDTH

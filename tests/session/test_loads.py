@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.torque_errors import torque_standard_errors
+from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.plate_errors import DEFAULT
@@ -66,7 +66,7 @@ def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
     plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
     assert done.joint is not None
     problem = replace(with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"])
-    errors = torque_standard_errors(
+    errors = ErringForces(
         problem,
         trial.body.nodes,
         done.model.parameters,
@@ -75,6 +75,6 @@ def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
         spread.inertial,
         plates=DEFAULT,
         axes=AxisErrors(done.model.parameters),
-    )
+    ).errors()
     np.testing.assert_allclose(trial.loads.errors.tau, errors.tau, rtol=1e-6)
     np.testing.assert_allclose(trial.loads.errors.knee_adduction, errors.knee_adduction, rtol=1e-6)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.error_sources import nominal_influence
+from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from scripts.validation import recordings
@@ -38,7 +38,7 @@ def _fit(name: str, outward: float, error: float = 0.002) -> calibrated.Fit:
         nominal=nominal,
         parameters=replace(nominal.parameters, joint=joint),
         errors=np.full(len(JP_NAMES), error),
-        influence=nominal_influence(),
+        influence=nominal_errors(),
     )
 
 

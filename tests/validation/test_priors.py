@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.calibration.error_sources import nominal_influence
+from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind
@@ -33,7 +33,7 @@ def test_errors_and_gains() -> None:
     from scripts.validation.priors import Outcome, gain, report
 
     unit = prior_deviations(JP_NAMES)
-    influence = nominal_influence()
+    influence = nominal_errors()
     outcomes = [
         Outcome(
             truth=np.zeros(len(JP_NAMES)),

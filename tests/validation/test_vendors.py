@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import BoolArray
-from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from scripts.validation.harness import results
 
 MASS = 60.0

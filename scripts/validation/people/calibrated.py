@@ -156,14 +156,14 @@ def fitted(name: str, study: Study) -> Fit:
     stage = fit_joints(session_of(study, nominal))
     if stage.joint is None:
         raise RuntimeError(f"{name}: no joint parameters were fitted")
-    known = stage.joint.influence.standard_errors
+    known = stage.joint.errors.standard_errors
     errors = np.array([known.get(jp, np.nan) for jp in JP_NAMES])
     return Fit(
         name=name,
         nominal=nominal,
         parameters=stage.parameters,
         errors=np.where(errors > 0, errors, np.nan),
-        influence=stage.joint.influence,
+        influence=stage.joint.errors,
     )
 
 

@@ -17,8 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from gaitcal.dynamics.joint_kinetics import POWER_JOINTS, POWERS
-from gaitcal.dynamics.joint_moments import COMPONENTS, VECTOR_FRAMES
+from gaitcal.dynamics.joint_kinetics import COMPONENTS, POWER_JOINTS, POWERS, VECTOR_FRAMES
 from scripts.validation.error_bars import HALF_WIDTHS
 from scripts.validation.truth.synthetic import (
     INERTIAL_KINDS,

@@ -1,0 +1,153 @@
+"""The combined fit: the minimum of its cost, what it must achieve, and what spoils nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from gaitcal.calibration.combined import DESCENT, CombinedSettings, CombinedTrial, combined_fit
+from gaitcal.calibration.inertial_calibration import (
+    ConsistentSettings,
+    LoadedMotion,
+    LogChart,
+    TorqueScale,
+    equations_of,
+    fit_consistent,
+)
+from gaitcal.calibration.joint_calibration import JointSearch
+from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.io.recording import Recording
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters, gait_parameters, is_physical, symmetric_set, table
+from gaitcal.model.subject_model import Subject
+from gaitcal.motion.descent import DescentSettings
+from gaitcal.motion.spline import NodeRule
+from gaitcal.motion.start import starting_nodes
+from gaitcal.motion.track import track_nodes
+from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.session.calibrate import calibrate
+from gaitcal.session.result import Stage
+from gaitcal.study.study import Study
+from gaitcal.synthetic.motion import gait_motion, marker_noise, residual_free_wrench, synthetic_markers
+from tests.calibration.test_bandwidth_source import PARAMETERS, smoothed_trial
+from tests.derivatives import Array
+from tests.real_studies import write_study
+
+MODEL, MOTION = published_model(), gait_motion()
+WRENCH = residual_free_wrench(MODEL.parameters, MOTION)
+EVERY = np.ones(len(MOTION.basis.time), dtype=bool)
+SHARE = 0.02
+SPREAD = ConsistentSettings(mass_spread=0.02, centre_spread=0.004, moment_spread=0.05)
+"""So narrow that it shows beside the loads."""
+NEAR = 1e-4
+"""Of the largest change of a quantity (mass, place of the mass centre, moment); both solvers end far nearer."""
+
+
+def noisy_walk(seed: int, *size: float) -> TrialProblem:
+    markers = synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
+    noisy = markers + marker_noise(MOTION.basis.time, markers.shape[1], np.random.default_rng(seed), *size)
+    recording = Recording(source="gait", time=MOTION.basis.time, labels=MODEL.markers.labels, markers=noisy)
+    return trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
+
+
+@pytest.mark.slow
+def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
+    """Joint parameters and motion of the end given, by SciPy over all frames."""
+    model, motion, problem = MODEL, MOTION, noisy_walk(71, 0.003)
+    heavier = model.parameters.inertial.copy()
+    heavier[[0, 7]] *= (1.1, 0.95)
+    wrench = residual_free_wrench(model.parameters.with_inertial(heavier), motion)
+    constants = problem.constants(model.parameters)
+    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
+    nodes = track_nodes(problem, constants, start).nodes
+    valid = np.arange(len(motion.basis.time)) % 3 != 0
+
+    chart = LogChart(model.parameters.inertial, symmetric_set())
+    trial = CombinedTrial(problem, nodes, wrench, valid)
+    settings = CombinedSettings(load_share=SHARE, spread=SPREAD, descent=replace(DESCENT, gain=1e-12))
+    found = combined_fit([trial], model.parameters, gait_parameters("r"), symmetric_set(), model.subject, settings)
+    assert found.converged
+    square = ((problem.positions(nodes, constants) - problem.data.measured) ** 2).sum(axis=1) / 3.0
+    of_each = np.sqrt((problem.data.weight * square).sum() / (problem.data.weight > 0).sum())
+    assert found.marker_sigma == pytest.approx(of_each, rel=1e-9)
+
+    q, v, a = (problem.basis.evaluate(found.nodes[0], k)[valid] for k in range(3))
+    weight = model.subject.weight
+
+    def loads(parameters: Parameters) -> Array:
+        residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, wrench[valid]))
+        residual[:, 3:] /= model.subject.height
+        return residual.ravel() / (SHARE * weight)
+
+    def cost(x: Array) -> Array:
+        return np.concatenate([loads(found.parameters.with_inertial(chart.inertial(x))), x / chart.spread(SPREAD)])
+
+    # MINPACK of older SciPy ends early on differences of one side
+    dense = least_squares(cost, np.zeros(chart.size), jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-12)
+    expected = table(chart.inertial(dense.x))
+    moved = np.abs(expected - table(model.parameters.inertial)).max(axis=0)
+    gap = np.abs(table(found.parameters.inertial) - expected).max(axis=0)
+    assert (gap <= NEAR * moved).all()
+
+
+def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
+    problem = noisy_walk(3)
+    free = (*gait_parameters("r"), *gait_parameters("l"))
+    nominal = MODEL.parameters
+    start = starting_nodes(problem.chain, problem.constants(nominal), problem.data, problem.basis)
+    joint = JointSearch([problem], nominal, free, [start]).run()
+    q, v, a = (MOTION.basis.evaluate(joint.nodes[0], k) for k in range(3))
+    loaded = LoadedMotion(name="gait", q=q, velocity=v, acceleration=a, wrench=WRENCH, valid=EVERY)
+    system = equations_of([loaded], joint.parameters, MODEL.subject, TorqueScale.BODY_HEIGHT, 0.176)
+    inertial = fit_consistent(system, nominal.inertial, symmetric_set())
+    two_steps = joint.parameters.with_inertial(inertial.inertial)
+    third = combined_fit(
+        [CombinedTrial(problem, joint.nodes[0], WRENCH, EVERY)], two_steps, free, symmetric_set(), MODEL.subject
+    )
+
+    def residuals(parameters: Parameters, nodes: Array) -> tuple[float, float, float]:
+        q, v, a = (MOTION.basis.evaluate(nodes, k) for k in range(3))
+        residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, WRENCH))
+        cost = problem.cost(nodes, problem.constants(parameters))
+        return (
+            float(np.sqrt(np.mean(residual[:, :3] ** 2))),
+            float(np.sqrt(np.mean(residual[:, 3:] ** 2))),
+            float(np.sqrt(cost)),
+        )
+
+    before, after = residuals(two_steps, joint.nodes[0]), residuals(third.parameters, third.nodes[0])
+    assert third.converged
+    assert after[0] < 0.6 * before[0]
+    assert after[1] < 0.6 * before[1]
+    assert after[2] < 1.1 * before[2]
+    assert is_physical(third.parameters.inertial).all()
+    assert third.parameters.mass == pytest.approx(nominal.mass, abs=1e-9)
+
+
+def test_the_penalty_is_no_marker_error() -> None:
+    """The third step weighs markers by their own residual alone."""
+    problem, nodes = smoothed_trial()
+    settings = CombinedSettings(descent=DescentSettings(most_steps=1))
+    subject = Subject("anyone", 70.0, 1.75, "male")
+    sigmas = [
+        combined_fit([CombinedTrial(trial, nodes, None, None)], PARAMETERS, (), symmetric_set(), subject, settings)
+        for trial in (problem, replace(problem, smoothing=None))
+    ]
+    assert sigmas[0].marker_sigma == sigmas[1].marker_sigma > 0.0
+
+
+@pytest.mark.slow
+def test_impossible_bodies_are_told_and_spoil_nothing_else(data_dir: Path, tmp_path: Path) -> None:
+    """The published cost, scaled by 1 mm, gives negative masses on a real walk: a warning, no error bars, no crash."""
+    text = 'ip = "published"\ntorque_scale = "1mm"\njoint_step = true'
+    found = calibrate(Study.load(write_study("subject01", data_dir.resolve(), tmp_path, text)))
+    assert any("no real body" in warning for warning in found.warnings)
+    loads = found.trial("walk").loads
+    assert loads is not None
+    assert loads.errors is None
+    assert Stage.COMBINED not in loads.moments
+    assert np.isfinite(loads.final.tau).all()
