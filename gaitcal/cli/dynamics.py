@@ -15,9 +15,8 @@ from gaitcal.cli.check import stop_on_errors
 from gaitcal.cli.console import Console, print_remarks, print_trials, print_verdict
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
-from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.study import check_further
-from gaitcal.faults.verdict import judge
+from gaitcal.faults.verdict import judge, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.atomic import require_room
 from gaitcal.io.lock import ResultKind

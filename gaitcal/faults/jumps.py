@@ -13,8 +13,6 @@ A seam is where the median gain of the markers is above ln 2 and the median step
 frame, and above what a velocity that breaks there makes of a step, as in landing: half of its change in a frame more.
 The step d along the velocity v tells how many frames of length h are missing: n = d v / (v^2 h), -1 for one that stands
 twice.
-
-Markers that software held: a position repeated while others move, a coordinate that never changes.
 """
 
 from __future__ import annotations
@@ -25,11 +23,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.io.intervals import runs, spans
+from gaitcal.io.intervals import runs
 
 SPIKE_M = 0.02
 SPIKE_ACCELERATION = 300.0
@@ -62,7 +60,8 @@ def spikes(trial: TrialEvidence) -> Iterator[Finding]:
     limit = jump_limit(trial)
     sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
     peak = (sides[1:-1] >= sides[:-2]) & (sides[1:-1] >= sides[2:])  # a spike is out of line, and so are its neighbours
-    peak[_beside_seams(trial)[1:-1]] = False
+    for one in seams(x):  # the frames on either side of a seam
+        peak[max(one.frame - 2, 0) : one.frame + 2] = False
     labels, largest = [], 0.0
     for label in trial.present:
         column = trial.place[label]
@@ -72,21 +71,11 @@ def spikes(trial: TrialEvidence) -> Iterator[Finding]:
             largest = max(largest, float(out.max()))
     if not labels:
         return
-    found = f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: {listed(labels)}"
+    severity, cure = Severity.WARNING, 'label the trial again there, or set robust = "cauchy" under [calibration]'
     if trial.is_static:
-        yield trial.info(
-            "jumps",
-            found,
-            "no harm done: of a static trial only the mean over its still window counts",
-            code=Code.SPIKES,
-        )
-    else:
-        yield trial.warning(
-            "jumps",
-            found,
-            'label the trial again there, or set robust = "cauchy" under [calibration]',
-            code=Code.SPIKES,
-        )
+        severity, cure = Severity.INFO, "no harm done: of a static trial only the mean over its still window counts"
+    found = f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: {listed(labels)}"
+    yield trial.finding(severity, "jumps", found, cure, code=Code.SPIKES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,13 +87,19 @@ class Seam:
     lost: float
     """Frames by which the body is further on: below 0 where it is further back."""
 
+    @property
+    def words(self) -> str:
+        """How far on or back."""
+        count = f"{abs(self.lost):.1f} frames {'on' if self.lost > 0 else 'back'}"
+        return count if abs(self.lost) < MOST_FRAMES else "far from the path before"
+
 
 def seam(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether frames are missing and their times, too, one stands twice, or parts of recordings were joined."""
     found = seams(trial.recording.markers)
     if not found or trial.is_static:
         return
-    where = listed([f"{trial.recording.time[one.frame]:.2f} s ({_frames(one.lost)})" for one in found])
+    where = listed([f"{trial.recording.time[one.frame]:.2f} s ({one.words})" for one in found])
     cure = "no harm done in a joint moved by itself: joint axes do not depend on the times"
     if trial.is_gait:
         cure = "velocities, accelerations and torques are wrong there, and the plates' clock after it: choose a part "
@@ -120,11 +115,6 @@ def seam(trial: TrialEvidence) -> Iterator[Finding]:
         cause=f"the recording has a seam: {cause}",
         code=Code.SEAM,
     )
-
-
-def _frames(lost: float) -> str:
-    count = f"{abs(lost):.1f} frames {'on' if lost > 0 else 'back'}"
-    return count if abs(lost) < MOST_FRAMES else "far from the path before"
 
 
 def seams(x: Array) -> list[Seam]:
@@ -173,69 +163,3 @@ def _squares(x: Array, basis: Array) -> Array:
         part = sum(c * x[i : i + count] for i, c in enumerate(column))
         out += np.sum(part**2, axis=2)
     return out
-
-
-def _beside_seams(trial: TrialEvidence) -> BoolArray:
-    """(nf,) frames on either side of a seam."""
-    out = np.zeros(len(trial.recording.time), dtype=bool)
-    for one in seams(trial.recording.markers):
-        out[max(one.frame - 1, 0) : one.frame + 3] = True
-    return out
-
-
-HALF = 0.5
-"""Share of the markers."""
-FROZEN_S = 0.1
-"""A position repeated bit for bit for so long, while others move, is held by software."""
-MOVED_M = 0.01
-"""How far the others must have moved meanwhile: somebody who stands still repeats rounded positions honestly. As far
-must a marker have moved in one coordinate for another, which never changes, to be odd."""
-
-
-def frozen(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers that repeat their position bit for bit while the others move."""
-    x = trial.recording.markers
-    if len(x) < 5:
-        return
-    same = (x[1:] == x[:-1]).all(axis=2)
-    shortest = max(4, round(FROZEN_S * trial.recording.rate))
-    labels, when = [], []
-    for label in trial.present:
-        held = [run for run in runs(same[:, trial.place[label]], shortest) if _others_move(x, run)]
-        if held:
-            labels.append(label)
-            when += held
-    if labels:
-        yield trial.warning(
-            "frozen",
-            f"positions repeated bit for bit while others move: {listed(labels)} ({spans(trial.recording.time, when)})",
-            "software held the last value over a gap: export gaps as gaps, or give the marker no weight",
-            code=Code.FROZEN_MARKER,
-        )
-
-
-def _others_move(x: Array, run: slice) -> bool:
-    """Whether most of the markers (nf, nm, 3) are elsewhere at the end of a run of steps than at its beginning."""
-    moved = np.linalg.norm(x[run.stop] - x[run.start], axis=1)
-    moved = moved[np.isfinite(moved)]
-    return bool(len(moved)) and float(np.median(moved)) > MOVED_M
-
-
-def flat(trial: TrialEvidence) -> Iterator[Finding]:
-    """Markers with a coordinate that never changes."""
-    labels = []
-    for label in trial.present:
-        x = trial.path(label)[trial.seen[:, trial.place[label]]]
-        if len(x) <= 10:
-            continue
-        way = np.ptp(x, axis=0)
-        # A segment that is held still moves by rounding alone: there a coordinate without a change says nothing.
-        if (way == 0).any() and way.max() > MOVED_M:
-            labels.append(label)
-    if 0 < len(labels) < HALF * len(trial.present):
-        yield trial.warning(
-            "frozen",
-            f"one coordinate never changes: {listed(labels)}",
-            "a column of the file is constant: export the trial again",
-            code=Code.CONSTANT_COORDINATE,
-        )

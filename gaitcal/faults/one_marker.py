@@ -16,7 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError
 from gaitcal.faults.evidence import TrialEvidence
@@ -73,7 +73,7 @@ def _finding(
     trial: TrialEvidence, segment: str, counts: dict[str, Array], together: list[str], unsure: dict[str, float] | None
 ) -> Finding:
     side = segment[-1]
-    seen = listed([f"'{m}'" for m in _weighed(trial, segment)])
+    seen = listed([f"'{m}'" for m in trial.weighed(segment)])
     share = 100 * np.mean(counts[segment] >= TWO)
     found = f"{segment} shows two markers with weight in {share:.0f} % of the frames ({seen})"
     along = listed([f"'{label}'" for label in moving_along(trial, segment)])
@@ -88,8 +88,8 @@ def _finding(
         return trial.error(TOPIC, found, cure, cause=cause, leg=side, code=Code.ONE_MARKER_SEGMENT)
     open_angles = {name: s for name, s in unsure.items() if name.endswith(f"_{side}") and s > TOLD_RAD}
     if open_angles:
-        told = listed([f"{name} ({np.rad2deg(s):.0f} deg)" for name, s in open_angles.items()])
-        found += f"; markers {1e3 * NOISE_M:.0f} mm off leave {told} undetermined"
+        named = listed([f"{name} ({np.rad2deg(s):.0f} deg)" for name, s in open_angles.items()])
+        found += f"; markers {1e3 * NOISE_M:.0f} mm off leave {named} undetermined"
         return trial.error(TOPIC, found, cure, cause=cause, leg=side, code=Code.ONE_MARKER_SEGMENT)
     worst = max((s for name, s in unsure.items() if name.endswith(f"_{side}")), default=0.0)
     found += "; the joints beside it tell how it turns"
@@ -97,23 +97,13 @@ def _finding(
     return trial.warning(TOPIC, found, cure, cause=cause, leg=side, weight=3.0, code=Code.ONE_MARKER_SEGMENT)
 
 
-def _judged(trial: TrialEvidence) -> tuple[str, ...]:
-    """Segments of the legs whose turns the trial is to show; what carries an isolated one needs three markers."""
-    joint = trial.trial.joint
-    return LEG_SEGMENTS if joint is None else tuple(s for s in joint_segments(joint)[1:] if s in LEG_SEGMENTS)
-
-
-def _weighed(trial: TrialEvidence, segment: str) -> list[str]:
-    labels, _ = trial.templates.get(segment, ((), np.empty((0, 3))))
-    return [m for m in labels if trial.weight(m) > 0 and trial.ever_seen(m)]
-
-
 def _counts(trial: TrialEvidence) -> dict[str, Array]:
-    """Segment -> (nf,) markers with weight that are seen."""
-    return {
-        segment: trial.seen[:, [trial.place[m] for m in _weighed(trial, segment)]].sum(axis=1)
-        for segment in _judged(trial)
-    }
+    """Segment -> (nf,) markers with weight that are seen, of the segments of the legs whose turns the trial is to show;
+    what carries an isolated joint needs three markers.
+    """
+    joint = trial.trial.joint
+    judged = LEG_SEGMENTS if joint is None else tuple(s for s in joint_segments(joint)[1:] if s in LEG_SEGMENTS)
+    return {s: trial.seen[:, [trial.place[m] for m in trial.weighed(s)]].sum(axis=1) for s in judged}
 
 
 def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float] | None:
@@ -129,16 +119,10 @@ def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float]
     hessian = problem.frame_hessians(motion.q, problem.constants(nominal))
     inverse = np.linalg.inv(hessian / NOISE_M**2 + np.eye(hessian.shape[1]) / WIDEST**2)
     deviation = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
-    worst = np.quantile(deviation[_pelvis_seen(trial)], WORST_SHARE, axis=0)
+    frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
+    worst = np.quantile(deviation[frames], WORST_SHARE, axis=0)
     names = zip(problem.chain.coordinates, worst, strict=True)
     return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l")}
-
-
-def _pelvis_seen(trial: TrialEvidence) -> BoolArray:
-    """(nf,); all frames where it never is, which is told elsewhere."""
-    if trial.pelvis is None or not trial.pelvis.determined.any():
-        return np.ones(len(trial.recording.time), dtype=bool)
-    return trial.pelvis.determined
 
 
 def moving_along(trial: TrialEvidence, segment: str) -> list[str]:
@@ -154,7 +138,7 @@ def moving_along(trial: TrialEvidence, segment: str) -> list[str]:
         for label in unknown_labels(trial)
         if not is_unlabelled(label)
         and _keeps(trial, label, segment)
-        and not (below and _weighed(trial, below) and _keeps(trial, label, below))
+        and not (below and trial.weighed(below) and _keeps(trial, label, below))
     ]
 
 
@@ -162,11 +146,9 @@ def _keeps(trial: TrialEvidence, label: str, segment: str) -> bool:
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
     own = {m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place}
-    own |= dict.fromkeys(_weighed(trial, segment), KEEPS_M)
+    own |= dict.fromkeys(trial.weighed(segment), KEEPS_M)
     spread = [(_spread(trial, label, other), most) for other, most in own.items()]
-    others = [
-        _spread(trial, label, m) for s in SIDES for m in _weighed(trial, f"foot_{s}") + _weighed(trial, f"thigh_{s}")
-    ]
+    others = [_spread(trial, label, m) for s in SIDES for m in trial.weighed(f"foot_{s}") + trial.weighed(f"thigh_{s}")]
     moved = max((s for s in others if s is not None), default=0.0)
     return bool(spread) and all(s is not None and s < most for s, most in spread) and moved > MOVES_M
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.findings import Finding, Severity
-from gaitcal.io.axes import net_progression
+from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.io.filters import filterable
 from gaitcal.io.text_file import UNEVEN
 from gaitcal.motion.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff
@@ -28,6 +27,8 @@ STEADY_HZ = 4.0
 """Walking has content up to about this frequency; splines that pass less blunt it."""
 SPEED_M_S = 4.5
 """Nobody walks faster; a faster one runs, or the clock is wrong."""
+OTHER_RATE = 2.5
+"""Laboratories record at 50 and 100, or 100 and 200 Hz; a time column that is wrong may be wrong by more."""
 
 
 def rate(trial: TrialEvidence) -> Iterator[Finding]:
@@ -76,7 +77,7 @@ def speed(trial: TrialEvidence) -> Iterator[Finding]:
     time = trial.recording.time
     if not trial.is_gait or len(time) < 2:
         return
-    found = float(np.linalg.norm(net_progression(trial.recording))) / float(time[-1] - time[0])
+    found = float(np.linalg.norm(trial.way)) / float(time[-1] - time[0])
     if found > SPEED_M_S:
         cure = "if the person did not run, the time column or the unit of length is wrong"
         yield trial.warning(
@@ -168,3 +169,39 @@ def _passed(settings: CalibrationSettings, time: Array) -> tuple[float | None, s
     if settings.bandwidth_hz == AUTOMATIC:
         return None, ""
     return HALF_POWER * float(settings.bandwidth_hz), f"bandwidth_hz = {settings.bandwidth_hz:g}: splines"
+
+
+def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+    """Trials whose frame rate is not that of the others."""
+    rates = {t.name: t.recording.rate for t in trials if len(t.recording.time) > 1}
+    common = float(np.median(list(rates.values()))) if rates else 0.0
+    odd = {name: rate for name, rate in rates.items() if abs(rate - common) > 0.01 * common}
+    if odd and len(odd) < 0.5 * len(rates):
+        far = any(not 1.0 / OTHER_RATE <= rate / common <= OTHER_RATE for rate in odd.values())
+        yield Finding(
+            severity=Severity.WARNING if far else Severity.INFO,
+            topic="sampling",
+            where=STUDY,
+            cause="trials of one study have different frame rates",
+            found=f"most have {common:.4g} Hz, but {', '.join(f'{name} {rate:.4g} Hz' for name, rate in odd.items())}",
+            cure="look whether their time columns are right" if far else "as it should be, if recorded or exported so",
+            code=Code.RATES_DIFFER,
+        )
+
+
+def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+    """Trials whose markers are the same in every frame, whatever their files are called: one would count twice.
+
+    Parts of one long file, chosen by `time`, are trials of their own.
+    """
+    for one, other in combinations(trials, 2):
+        a, b = one.recording, other.recording
+        if a.labels != b.labels or not np.array_equal(a.markers[:1], b.markers[:1], equal_nan=True):
+            continue  # one frame is soon compared, and tells most apart
+        if np.array_equal(a.markers, b.markers, equal_nan=True):
+            yield other.error(
+                "trials",
+                f"holds the same {len(b.time)} frames as trial '{one.name}' ({one.source})",
+                "name the file of this trial, leave the trial out, or give each its part with time = [start, end]",
+                code=Code.SAME_RECORDING,
+            )

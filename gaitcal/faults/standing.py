@@ -1,16 +1,13 @@
-"""The static trial: is there a still window, and does a nominal model follow from it?
+"""How somebody stands in a static trial, and whether several static trials show one body. Arms play no part.
 
-How somebody stands in a static trial: bent, on one leg, sitting, on the forefeet. Arms play no part.
+With the joint centres of the nominal model (hips by Bell) and the body axes of `body_plan.py`: the knee bends by the
+angle between thigh and shank in the thigh's sagittal plane, and the thigh leans by its angle to the vertical.
 
-With the joint centres of the nominal model (hips by Bell) and the body axes of `plan.py`: the knee bends by the angle
-between thigh and shank in the thigh's sagittal plane, and the thigh leans by its angle to the vertical.
-
-Several static trials of one person: each segment's markers, and lengths across joints, must be those of the first.
-
-The markers of a segment that both trials show are laid on each other (rotation R and shift t, least squares); what is
-left of marker k, e_k = R x_k + t - x0_k, is its disagreement. Of three markers a displaced one shares its disagreement
-with the others; of four or more the one without which the rest agrees best is named. Where fewer than three are common,
-the distance between them is compared.
+Several static trials of one person: each segment's markers, and lengths across joints, must be those of the first. The
+markers of a segment that both trials show are laid on each other (rotation R and shift t, least squares); what is left
+of marker k, e_k = R x_k + t - x0_k, is its disagreement. Of three markers a displaced one shares its disagreement with
+the others; of four or more the one without which the rest agrees best is named. Where fewer than three are common, the
+distance between them is compared.
 """
 
 from __future__ import annotations
@@ -24,9 +21,8 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.faults.body_plan import body_axes
-from gaitcal.faults.evidence import LIGHT, TrialEvidence
+from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.io.still import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.joint_centres import SIDE_WORDS, HipCentre, JointWidths
 from gaitcal.model.landmark_names import REQUIRED
@@ -37,10 +33,18 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.study.study import Study, nominal_of
 
-FEWEST_FRAMES, SHORTEST_S = 3, LAG_S
-"""Of a static trial: speed is told over that time."""
-RESTLESS = 0.5
-"""Share of the speed of a still window above which the stillest one is doubted: 1 to 7 mm/s in clean static trials."""
+BENT_DEG = 30.0
+"""Of a knee: in clean static trials of grown people and children it bends by -7 to 11 degrees; 20 more is a posture."""
+UNEVEN_DEG, UNEVEN_M = 18.0, 0.045
+"""Difference between the knees, and between the heights of the heels, from which somebody stands on one leg; up to 7
+degrees and 5 mm in clean trials."""
+SITTING_DEG = 60.0
+"""Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40."""
+DISAGREE_M = 0.008
+"""Largest disagreement of a marker between two times that one person stands: within a session markers of a segment keep
+their shape to 5 mm (p99 over pelvis, thigh, shank and foot, standing against moving)."""
+GROSS_M = 0.020
+"""From here it moves a joint by more than nominal joints are uncertain: an error."""
 
 
 def nominal_model_of(study: Study) -> tuple[SubjectModel | None, tuple[Finding, ...]]:
@@ -49,52 +53,6 @@ def nominal_model_of(study: Study) -> tuple[SubjectModel | None, tuple[Finding, 
         return nominal_of(study), ()
     except InputError as fault:
         return None, (Finding.of_fault(fault, study.static.name, study.static.recording.source, "static trial"),)
-
-
-def length(trial: TrialEvidence) -> Iterator[Finding]:
-    """Whether the static trial is long enough to tell that anybody stands still; one that is not is taken as it is."""
-    time = trial.recording.time
-    if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
-        return
-    yield trial.warning(
-        "still window",
-        f"found {len(time)} frames over {time[-1] - time[0]:.3g} s, all of them used; at least {FEWEST_FRAMES} frames "
-        f"over {SHORTEST_S:g} s tell standing still from moving",
-        "make sure that the person stands still there, or give a longer part of the recording",
-        cause="the static trial is too short to tell whether the person stands still",
-        code=Code.SHORT_STATIC,
-    )
-
-
-def stillness(trial: TrialEvidence) -> Iterator[Finding]:
-    """How still the person stood."""
-    if not trial.is_static or trial.model is None or any(length(trial)):
-        return
-    try:
-        window = still_window(trial.recording, trial.marker_set.labels)
-    except InputError:
-        return  # told as what keeps the nominal model from being made
-    words = f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at {1e3 * window.speed:.0f} mm/s RMS"
-    words += f" and stray by {1e3 * window.scatter:.1f} mm RMS from their means"
-    if window.speed > RESTLESS * STILL_M_S:
-        yield trial.warning(
-            "still window",
-            f"{words}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused",
-            "let the person stand still for some seconds; segment frames come from this posture",
-            weight=window.speed / STILL_M_S,
-            code=Code.STILLNESS,
-        )
-    else:
-        yield trial.info("still window", words, code=Code.STILLNESS)
-
-
-BENT_DEG = 30.0
-"""Of a knee: in clean static trials of grown people and children it bends by -7 to 11 degrees; 20 more is a posture."""
-UNEVEN_DEG, UNEVEN_M = 18.0, 0.045
-"""Difference between the knees, and between the heights of the heels, from which somebody stands on one leg; up to 7
-degrees and 5 mm in clean trials."""
-SITTING_DEG = 60.0
-"""Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,8 +101,7 @@ def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
 def standing_flat(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the feet of a static trial stand as the zero of the ankle angles was taken from them."""
     p, rule = trial.posture, AnkleZero(trial.settings.ankle_rule)
-    makes_model = trial.rebuilding is not None
-    if p is None or not makes_model or rule is not AnkleZero.AUTO or any(name not in p for name in REQUIRED):
+    if p is None or not trial.makes_model or rule is not AnkleZero.AUTO or any(name not in p for name in REQUIRED):
         return
     posture = StaticPosture(trial.source, {}, p, {})
     legs = lower_body(posture, trial.subject.height, HipCentre.HARRINGTON, widths=JointWidths.of(trial.subject))
@@ -172,8 +129,7 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
     knees = f"knees bent by {found.knees[0]:.0f} deg (right) and {found.knees[1]:.0f} deg (left)"
     words = f"{knees}, thighs leaning by {found.thighs[0]:.0f} and {found.thighs[1]:.0f} deg"
     if found.sitting:
-        yield trial.finding(
-            Severity.ERROR,
+        yield trial.error(
             "posture",
             f"{words}; standing people lean by less than {SITTING_DEG:.0f}",
             "name the recording in which the person stands",
@@ -182,8 +138,7 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
             code=Code.SITTING,
         )
     elif found.uneven:
-        yield trial.finding(
-            Severity.WARNING,
+        yield trial.warning(
             "posture",
             f"{knees}, right heel {1e3 * found.heels:+.0f} mm above the left one",
             "choose the part in which both feet stand with time = [start, end], or record standing again; nothing to "
@@ -192,8 +147,7 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
             code=Code.UNEVEN_STANCE,
         )
     elif found.bent:
-        yield trial.finding(
-            Severity.WARNING,
+        yield trial.warning(
             "posture",
             f"{words}; most people stand within 10 deg",
             "record it again if the person can stand straighter; nothing to do if not: only the skin lies a little "
@@ -203,22 +157,15 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-DISAGREE_M = 0.008
-"""Largest disagreement of a marker between two times that one person stands: within a session markers of a segment keep
-their shape to 5 mm (p99 over pelvis, thigh, shank and foot, standing against moving)."""
-GROSS_M = 0.020
-"""From here it moves a joint by more than nominal joints are uncertain: an error."""
-
-
 def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Whether further static trials show the body of the first."""
     standing = [trial for trial in trials if trial.is_static]
     if not standing:
         return
     first, *others = standing
-    reference = still_positions(first)
+    reference = first.still_positions
     for other in others:
-        positions = still_positions(other)
+        positions = other.still_positions
         told = [
             (away, label, segment)
             for segment, labels in _segments(first).items()
@@ -248,29 +195,13 @@ def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         )
 
 
-def still_positions(trial: TrialEvidence) -> dict[str, Array]:
-    """Label -> (3,) m, mean over the still window, of the set's markers; empty where nobody stands still."""
-    try:
-        still = still_window(trial.recording, trial.marker_set.labels).frames
-    except InputError:
-        return {}
-    out = {}
-    for label in trial.marker_set.labels:
-        if label in trial.place:
-            path = trial.path(label)[still]
-            seen = path[np.isfinite(path).all(axis=1)]
-            if len(seen):
-                out[label] = seen.mean(axis=0)
-    return out
-
-
 def _segments(trial: TrialEvidence) -> dict[str, list[str]]:
     """Segment -> its markers that decide anything, those of the static trial alone and landmarks included."""
     marker_set = trial.marker_set
     out: dict[str, list[str]] = {}
     for group in (marker_set.tracking, marker_set.static_only):
         for segment, labels in group.items():
-            out.setdefault(segment, []).extend(m for m in labels if not 0 < marker_set.weight(m) <= LIGHT)
+            out.setdefault(segment, []).extend(m for m in labels if not 0 < marker_set.weight(m) <= NEGLIGIBLE_WEIGHT)
     loose = ("head_trunk", "upper_arm", "forearm")
     return {segment: labels for segment, labels in out.items() if not segment.startswith(loose)}
 

@@ -31,9 +31,8 @@ from gaitcal.calibration.residual_noise import LoadedProblem, PlateNoise, residu
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.study import check_study
-from gaitcal.faults.verdict import judge, stopping
+from gaitcal.faults.verdict import judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.anthropometry import child_spread
 from gaitcal.model.parameters import InertialSet, Parameters, full_set, impossible_bodies, symmetric_set

@@ -2,7 +2,7 @@
 
 Walking is told by the feet: seen from the pelvis, along where it faces, one foot goes back while the other goes forth,
 over the ground or on a treadmill. One joint alone is told by how far the joints turn about their mean postures
-(`checks/moving_joint.py`), while pelvis and other leg stay.
+(`faults/role.py`), while pelvis and other leg stay.
 
 Whether a recording shows the person standing, and the posture it then gives: what a static trial must show.
 
@@ -20,11 +20,10 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
-from gaitcal.faults.cluster import clusters_of
-from gaitcal.faults.evidence import LIGHT
-from gaitcal.faults.moving_joint import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
-from gaitcal.faults.stance import UP, Stance
-from gaitcal.faults.trial_body import links_of
+from gaitcal.faults.cluster import UP, Stance, clusters_of
+from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
+from gaitcal.faults.joint_link import links_of
+from gaitcal.faults.role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
@@ -272,8 +271,10 @@ def _links(recording: Recording, marker_set: MarkerSet, reference: Stance | None
     """Joint -> RMS turn (rad)."""
     if reference is None:
         return {}
-    clusters = clusters_of(recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > LIGHT)
-    return {joint: link.rms for joint, link in links_of(clusters, reference.centres, {}).items()}
+    clusters = clusters_of(
+        recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > NEGLIGIBLE_WEIGHT
+    )
+    return {joint: link.rms for joint, link in links_of(clusters, reference.centres).items()}
 
 
 def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:

@@ -5,7 +5,7 @@ time with the nominal ones; rounds end when the joint parameters settle. What is
 
 Labels that jumped onto each other are put right before anything is fitted. A loss alone cannot do it: three markers of
 a segment of which two are exchanged are a mirror image, and least squares turns the segment round. The jump itself
-betrays them (`checks/exchanged.py`).
+betrays them (`faults/exchanged.py`).
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ import numpy as np
 from gaitcal.calibration.joint_phases import JointCalibration, parameters_for
 from gaitcal.codes import Code
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.faults.exchanged import by_jumps
+from gaitcal.faults.exchanged import exchanged_back
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.intervals import runs, spans
-from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.robust import Loss, RobustTracking, robust_tracking
@@ -48,27 +47,11 @@ def without_exchanged_labels(study: Study, model: SubjectModel) -> tuple[Study, 
             evidence = TrialEvidence(
                 trial=trial, marker_set=marker_set, subject=study.subject, settings=study.settings, model=model
             )
-            recording, found = _exchanged_back(evidence)
+            recording, found = exchanged_back(evidence)
             trial = replace(trial, recording=recording)
             done += found
         trials.append(trial)
     return replace(study, trials=tuple(trials)), tuple(done)
-
-
-def _exchanged_back(trial: TrialEvidence) -> tuple[Recording, list[Finding]]:
-    recording = trial.recording
-    markers, findings = recording.markers.copy(), []
-    for jump in by_jumps(trial):
-        a, b = trial.place[jump.label], trial.place[jump.other]
-        markers[jump.frames, a], markers[jump.frames, b] = markers[jump.frames, b], markers[jump.frames, a]
-        found = f"they carried each other's label in {int(jump.frames.sum())} frames, "
-        found += f"{spans(recording.time, runs(jump.frames))}; exchanged back"
-        findings.append(
-            trial.info(
-                "labels", found, cause=f"'{jump.label}' and '{jump.other}' are exchanged", code=Code.EXCHANGED_BACK
-            )
-        )
-    return (replace(recording, markers=markers) if findings else recording), findings
 
 
 class _Rounds:

@@ -28,11 +28,10 @@ from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.codes import Code
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.faults.bounds import impossible, large_changes
+from gaitcal.faults.after_fit import TrackedMarkers, impossible, large_changes, marker_findings
 from gaitcal.faults.force_diagnosis import ForceDiagnosis, force_findings
 from gaitcal.faults.force_evidence import force_evidence
 from gaitcal.faults.joint_places import joint_place_findings
-from gaitcal.faults.marker_structure import TrackedMarkers, marker_findings
 from gaitcal.faults.one_marker import TOPIC as ONE_MARKER
 from gaitcal.faults.verdict import touches_model
 from gaitcal.findings import STUDY, Finding, Severity

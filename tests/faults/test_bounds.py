@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.faults.bounds import ANGLES_DEG, TORQUES_PERCENT_BWH, impossible, large_changes
+from gaitcal.faults.after_fit import ANGLES_DEG, TORQUES_PERCENT_BWH, impossible, large_changes
 from gaitcal.findings import Severity
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.motion.motion import MarkerErrors, Motion

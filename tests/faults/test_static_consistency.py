@@ -9,12 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from gaitcal.faults.cluster import alignment, clusters_of
-from gaitcal.faults.contradiction import contradictions
+from gaitcal.faults.contradiction import contradictions, offset_limit
 from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.exchanged import sides_exchanged
+from gaitcal.faults.joint_link import flexion_of, links_of, nearest_rotation, side_turns
 from gaitcal.faults.standing import nominal_model_of
-from gaitcal.faults.static_consistency import axis_mirrored, sides_exchanged, static_consistency
+from gaitcal.faults.static_consistency import axis_mirrored, static_consistency
 from gaitcal.faults.study import check_further, check_study, evidence_of
-from gaitcal.faults.trial_body import flexion_of, links_of, nearest_rotation, offset_limit, reach, side_turns
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
@@ -279,7 +280,7 @@ def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: di
     part = replace(walk.recording, time=walk.recording.time[:12], markers=walk.recording.markers[bent])
     centres = {**walk.stance.centres, "hip_r": walk.stance.centres["hip_r"] + [0.08, 0.0, 0.0]}
     clusters = clusters_of(part, walk.stance, {}, lambda _: True)
-    links = links_of(clusters, centres, {})
+    links = links_of(clusters, centres)
     assert links["hip_r"].far > 0.1 and contradictions(clusters, links) == ()
     near = {joint: replace(link, far=0.0) for joint, link in links.items()}
     assert contradictions(clusters, near) != ()
@@ -292,7 +293,7 @@ def test_limits_grow_with_tall_people(study: Study, trials: dict[str, TrialEvide
     for segment, cluster in walk.clusters.items():
         assert offset_limit(cluster) == pytest.approx(1.2 * offset_limit(trials["walk"].clusters[segment]))
     for joint, link in walk.links.items():
-        assert reach(link) == pytest.approx(1.2 * reach(trials["walk"].links[joint]), rel=0.01)
+        assert link.reach == pytest.approx(1.2 * trials["walk"].links[joint].reach, rel=0.01)
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.02])
