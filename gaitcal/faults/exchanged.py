@@ -24,7 +24,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
-from gaitcal.faults.jumps import jump_limit
+from gaitcal.faults.sampling import jump_limit
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import Recording

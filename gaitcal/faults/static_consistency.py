@@ -1,8 +1,9 @@
-"""One body in all trials: each moving trial against the static one, and walks against each other.
+"""One body in all trials: unit and scale, each moving trial against the static one, walks against each other.
 
 What a cause does to a result is judged by what it does to the pose of its segment: a joint centre carried away, a
 segment turned. Skin and honest placement differ by 4 to 6 mm and 2 to 4 deg at the joints of clean recordings; from
-twice that on the result is wrong by more than its own error bar.
+twice that on the result is wrong by more than its own error bar. Skin and gaps change the size of one cluster by some
+per cent; the median of seven says more than any of them.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.codes import Code
-from gaitcal.faults.body_size import body_scale, rescaled
 from gaitcal.faults.cluster import FEWEST, alignment
 from gaitcal.faults.contradiction import OFFSET_M, Contradiction, Fault, contradictions
 from gaitcal.faults.evidence import TrialEvidence, side_of
@@ -47,6 +47,25 @@ CODES = {
     Fault.CLUSTER: Code.CLUSTER_SLID,
     Fault.UNKNOWN: Code.SEGMENTS_APART,
 }
+SCALE = (0.983, 1.011)
+"""Median size of the clusters of a trial against the static trial: those of 20 people, all their
+clean trials together, lie between 0.985 and 1.002."""
+FEWEST_CLUSTERS = 6
+MOST_MARGIN = 0.006
+"""By which the scatter of the clusters' sizes about their median widens the limits, at most: two standard errors of it.
+Halves of a clean walk with Plug-in Gait markers, two to four a segment, have a median of 0.980."""
+CERTAIN = 0.012
+"""Beyond these limits by so much it is another body or another calibration of the cameras."""
+SIZE = (0.05, 4.0)
+"""Size of the cloud of markers, in body heights, outside which the unit of length must be wrong. One shank with its
+foot measures 0.3."""
+LENGTHS_SCALE = (0.8, 1.25)
+"""Lengths within segments against those of the static trial: outside, unit or camera calibration must be wrong."""
+SCALE_DOUBTED = 0.04
+"""Departure of the same ratio from one that skin movement does not explain."""
+SHORTEST_M = 0.03
+"""Markers nearer to each other do not tell a scale."""
+UNITS = {"millimetres": 1e3, "centimetres": 1e2, "inches": 39.4}
 
 
 def static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
@@ -229,3 +248,113 @@ def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[F
                 weight=worst,
                 code=Code.ODD_WALK,
             )
+
+
+def scale_of(trial: TrialEvidence) -> float | None:
+    """Median size of the trial's clusters; None with too few."""
+    ratios = [cluster.size_ratio for cluster in trial.clusters.values()]
+    return float(np.median(ratios)) if len(ratios) >= FEWEST_CLUSTERS else None
+
+
+def odd_scale(trial: TrialEvidence) -> float | None:
+    """The scale of a trial where it is not that of the static trial.
+
+    It is uncertain by 2 (1.25 (1.48 median |r - median r|) / sqrt(n)), twice the standard error of a median of n sizes
+    r, and scatter alone enlarges a cluster a little.
+    """
+    scale = scale_of(trial)
+    if scale is None:
+        return None
+    ratios = np.array([cluster.size_ratio for cluster in trial.clusters.values()])
+    scatter = 1.48 * float(np.median(np.abs(ratios - np.median(ratios))))
+    margin = min(MOST_MARGIN, 2.5 * scatter / float(np.sqrt(len(ratios))))
+    swollen = float(np.median([c.swelling for c in trial.clusters.values()]))
+    return scale if not SCALE[0] - margin <= scale <= SCALE[1] + margin + swollen else None
+
+
+def rescaled(trial: TrialEvidence) -> TrialEvidence:
+    """The trial in the size of the static one, where it has another: what else is wrong can be seen then."""
+    scale = odd_scale(trial)
+    return trial if scale is None else trial.with_markers(trial.recording.markers / scale)
+
+
+def body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+    """Whether all trials show a body of one size."""
+    scales = {t.name: (t, scale) for t in trials if not t.is_static and (scale := scale_of(t)) is not None}
+    odd = [(t, scale) for t, scale in scales.values() if odd_scale(t) is not None]
+    if not odd:
+        return
+    away = {t.name: max(SCALE[0] - scale, scale - SCALE[1]) for t, scale in odd}
+    found = f"the clusters of all segments are {', '.join(f'{t.name} {scale:.3f}' for t, scale in odd)} times as large "
+    found += f"as in the static trial (median); allowed: {SCALE[0]:g} to {SCALE[1]:g}"
+    blamed = [(t, away[t.name]) for t, _ in odd]
+    cause = "the trial shows a body of another size than the others"
+    cure = "use the trial of this person, exported with the calibration of the cameras of the others"
+    if len(odd) == len(scales):
+        blamed = [(next((t for t in trials if t.is_static), odd[0][0]), max(away.values()))]
+        cause = "the static trial shows a body of another size than "
+        cause += "the moving trial" if len(odd) == 1 else "all moving trials"
+        cure = "use the static trial of this person and session, with the calibration of the cameras of the other "
+        cure += "trials"
+    weight = 1.0 + max(away.values()) / (1.0 - SCALE[0])
+    for t, by in blamed:
+        severity = Severity.ERROR if by > CERTAIN else Severity.WARNING
+        yield t.finding(severity, "body size", found, cure, cause=cause, weight=weight, code=Code.BODY_SIZE)
+
+
+def size(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether the cloud of markers has the size of a body."""
+    height, found = trial.subject.height, cloud_size(trial)
+    if found is None or SIZE[0] * height < found < SIZE[1] * height:
+        return
+    likely = next((name for name, unit in UNITS.items() if 0.15 * height < found / unit < 2.5 * height), None)
+    cure = "check the unit of length that the file declares"
+    if likely == "millimetres":
+        cure = f"it would be {found / 1e3:.3g} m if the numbers were mm: declare mm, or divide by 1000"
+    elif likely:
+        cure = f"it would be {found / UNITS[likely]:.3g} m if the numbers were {likely}: declare their unit"
+    allowed = f"{SIZE[0] * height:.2g} to {SIZE[1] * height:.2g} m"
+    yield trial.error("units", f"the markers span {found:.4g} m; allowed: {allowed}", cure, code=Code.UNIT_OF_LENGTH)
+
+
+def cloud_size(trial: TrialEvidence) -> float | None:
+    """m, diagonal of the box around the markers of the set, median over frames; None where too few are seen."""
+    columns = [trial.place[m] for m in trial.marker_set.labels if m in trial.place]
+    frames = np.flatnonzero(trial.seen[:, columns].sum(axis=1) >= 3)
+    if not len(frames):
+        return None
+    some = frames[:: max(1, len(frames) // 200)]
+    x = trial.recording.markers[some][:, columns]
+    box = np.nanmax(x, axis=1) - np.nanmin(x, axis=1)
+    return float(np.median(np.linalg.norm(box, axis=1)))
+
+
+def scale(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether lengths within segments are those of the static trial."""
+    ratios = [] if trial.is_static else list(_length_ratios(trial))
+    if not ratios:
+        return
+    ratio = float(np.median(ratios))
+    words = f"lengths between markers of one segment are {ratio:.3g} times those of the static trial"
+    if not LENGTHS_SCALE[0] <= ratio <= LENGTHS_SCALE[1]:
+        cure = "check the unit of length of both files, and that both show the same person"
+        if 500 < ratio < 2000:
+            cure = "the numbers are mm where the static trial has m: declare mm, or divide by 1000"
+        yield trial.error("units", words, cure, code=Code.UNIT_OF_LENGTH)
+    elif abs(ratio - 1) > SCALE_DOUBTED and len(ratios) >= 6:
+        cure = "were the cameras calibrated anew, or markers put on again, between the two?"
+        yield trial.warning("units", words, cure, code=Code.OTHER_SCALE)
+
+
+def _length_ratios(trial: TrialEvidence) -> Iterator[float]:
+    """Median distance of every pair of markers with weight in a segment, over that in the static posture."""
+    for labels, local in trial.templates.values():
+        for i, a in enumerate(labels):
+            for j in range(i):
+                length = float(np.linalg.norm(local[i] - local[j]))
+                if length < SHORTEST_M or not trial.weight(a) or not trial.weight(labels[j]):
+                    continue
+                distance = np.linalg.norm(trial.path(a) - trial.path(labels[j]), axis=1)
+                distance = distance[np.isfinite(distance)]
+                if len(distance):
+                    yield float(np.median(distance)) / length

@@ -21,9 +21,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.faults.body_plan import Landmarks, Measure, body_axes, cost, cost_of_build, measures
-from gaitcal.faults.body_size import HIP_HEIGHT, hip_height
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.faults.standing import standing_legs
+from gaitcal.faults.role import standing_legs
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import SIDES
@@ -56,6 +55,8 @@ STEPS = 6
 STEP_M = 1e-4
 
 LEG = ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe")
+HIP_HEIGHT = (0.48, 0.58)
+"""Height of the ASIS above the lateral malleoli, in body heights; five grown people stand between 0.516 and 0.539."""
 IMPOSSIBLE_Z = 5.5
 """Standard deviations from which no body has such a length."""
 GROSS_M = 0.060
@@ -233,6 +234,17 @@ def proportions(trial: TrialEvidence) -> Iterator[Finding]:
         yield _exchanged(trial, fault) if isinstance(fault, Exchange) else _displaced(trial, fault)
     if not found:
         yield from _impossible(trial, measures(sound, factor * given))
+
+
+def hip_height(trial: TrialEvidence) -> float | None:
+    """m, median height of the ASIS above the lateral malleoli."""
+    paths = [trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in SIDES]
+    if any(path is None for path in paths):
+        return None
+    up = np.array([path[:, 1] for path in paths if path is not None])
+    difference = 0.5 * (up[0] + up[1] - up[2] - up[3])
+    difference = difference[np.isfinite(difference)]
+    return float(np.median(difference)) if len(difference) else None
 
 
 def landmarks(trial: TrialEvidence) -> dict[str, Array]:

@@ -11,11 +11,9 @@ import numpy as np
 
 from gaitcal.errors import InputError
 from gaitcal.faults import (
-    body_size,
     exchanged,
     foot_on_plate,
     joint_places,
-    jumps,
     knee_line,
     marker_slip,
     markers,
@@ -23,7 +21,6 @@ from gaitcal.faults import (
     plates,
     role,
     sampling,
-    standing,
     static_consistency,
     static_landmarks,
 )
@@ -42,7 +39,7 @@ from gaitcal.study.study_trial import StudyTrial, read_trial
 
 TrialCheck: TypeAlias = Callable[[TrialEvidence], Iterator[Finding]]
 
-UNIT_CHECKS: tuple[TrialCheck, ...] = (body_size.size, body_size.scale)
+UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consistency.scale)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
@@ -57,12 +54,12 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     markers.doubled,
     markers.bare_segments,
     one_marker.followed,
-    body_size.upright,
+    role.upright,
     role.heading,
     exchanged.sides,
     exchanged.exchanged,
-    jumps.spikes,
-    jumps.seam,
+    sampling.spikes,
+    sampling.seam,
     markers.gaps,
     marker_slip.frozen,
     marker_slip.flat,
@@ -72,8 +69,8 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     role.length,
     role.stillness,
     static_landmarks.proportions,
-    standing.standing_straight,
-    standing.standing_flat,
+    role.standing_straight,
+    role.standing_flat,
     joint_places.given_hips,
     markers.on_segments,
     sampling.rate,
@@ -130,8 +127,8 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
     model: SubjectModel | None = None
     faults: tuple[Finding, ...] = ()
-    if not any(body_size.size(_evidence(study, study.static, None))):
-        model, faults = standing.nominal_model_of(study)
+    if not any(static_consistency.size(_evidence(study, study.static, None))):
+        model, faults = role.nominal_model_of(study)
     trials = evidence_of(study, model)
     findings: list[Finding] = []
     measured: list[TrialEvidence] = []
@@ -147,7 +144,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
         *knee_line.knee_lines(measured, findings),
         *sampling.rates_differ(trials),
         *sampling.same_recording(trials),
-        *standing.statics_agree(trials),
+        *role.statics_agree(trials),
     )
 
 

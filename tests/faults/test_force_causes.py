@@ -96,10 +96,10 @@ def test_coefficients_of_zero_change_nothing_and_linear_causes_are_linear() -> N
 
         def residual(x: np.ndarray, undo: Any = cause.undo) -> np.ndarray:
             undone = undo(evidence, x)
-            return np.asarray(evidence.residual(undone.wrenches, undone.need))
+            return np.asarray(evidence.residual(undone.wrenches, undone.required_wrench))
 
         assert np.abs(residual(np.zeros(cause.parameters)) - clean).max() < 1e-6, cause.key
-        if cause.linear:
+        if not cause.starts:
             x = np.linspace(0.3, 0.7, cause.parameters)
             parts = sum(a * (residual(e) - clean) for a, e in zip(x, np.eye(cause.parameters), strict=True))
             np.testing.assert_allclose(residual(x) - clean, parts, atol=1e-6, err_msg=str(cause.key))
@@ -111,11 +111,11 @@ def test_markers_upright_is_a_turn_of_gravity_about_the_mass_centre() -> None:
     cause = next(c for c in causes_of([evidence]) if c.kind is Kind.MARKERS_TILTED)
     x = np.array([0.07, -0.04])
     turn = rotation(np.array([x[0], 0.0, x[1]]))
-    need = cause.undo(evidence, x).need
-    assert need is not None
+    required = cause.undo(evidence, x).required_wrench
+    assert required is not None
     weight = np.array([0.0, evidence.weight_of_model, 0.0])
     lean = turn @ weight - weight
-    np.testing.assert_allclose(need[:, :3] - evidence.need[:, :3], np.tile(lean, (len(need), 1)), atol=SAME)
-    moment = need[:, 3:] - evidence.need[:, 3:]
+    force, moment = np.split(required - evidence.required_wrench, 2, axis=1)
+    np.testing.assert_allclose(force, np.tile(lean, (len(required), 1)), atol=SAME)
     np.testing.assert_allclose(np.sum(moment * lean, axis=1), 0.0, atol=1e-6)
     np.testing.assert_allclose(moment, np.cross(evidence.mass_centre, lean), atol=SAME)

@@ -13,7 +13,7 @@ from gaitcal.faults.contradiction import contradictions, offset_limit
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.exchanged import sides_exchanged
 from gaitcal.faults.joint_link import flexion_of, links_of, nearest_rotation, side_turns
-from gaitcal.faults.standing import nominal_model_of
+from gaitcal.faults.role import nominal_model_of
 from gaitcal.faults.static_consistency import axis_mirrored, static_consistency
 from gaitcal.faults.study import check_further, check_study, evidence_of
 from gaitcal.findings import STUDY, Finding, Severity

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.faults import body_plan as body_build
 from gaitcal.faults.body_plan import body_axes, cost, cost_of_build, measures
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.faults.standing import nominal_model_of, standing_legs, standing_straight
+from gaitcal.faults.role import nominal_model_of, standing_legs, standing_straight
 from gaitcal.faults.static_landmarks import (
     Displaced,
     Exchange,
