@@ -174,3 +174,4 @@ class Code(Enum):
     INTERNAL = "GC-240"
     DOWNLOAD = "GC-241"
     PRIORS = "GC-242"
+    COMMENTS = "GC-243"

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from gaitcal.io.lock import locked
+from gaitcal.io.result_folder import locked
 
 if TYPE_CHECKING:
     import pytest

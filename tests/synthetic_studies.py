@@ -13,9 +13,14 @@ from gaitcal.io.force_plate import plate_from_moment
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, gait_motion, isolated_motion, static_motion
+from gaitcal.synthetic.motion import (
+    TrueMotion,
+    gait_motion,
+    isolated_motion,
+    residual_free_wrench,
+    static_motion,
+    synthetic_markers,
+)
 
 Array = NDArray[np.float64]
 

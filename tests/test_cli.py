@@ -36,6 +36,7 @@ ORDER = (
     "export",
     "figures",
     "view",
+    "report",
 )
 FILES = (
     "summary.json",
@@ -52,8 +53,6 @@ FILES = (
     "result.html",
     "page.json",
     "scene.npz",
-    "report.html",
-    "view.html",
     "manifest.json",
 )
 

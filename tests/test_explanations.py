@@ -11,8 +11,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from gaitcal.cli.application import app
-from gaitcal.cli.examples import EXAMPLES
+from gaitcal.cli.application import EXAMPLES, app
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.explanations.explanation import PARTS, all_explanations, explanation_of

@@ -66,17 +66,10 @@ def test_import_loads_no_viewer_plots_cluster_or_command_line(tmp_path: Path) ->
     assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
 
 
-def test_check_loads_no_tables_and_no_solvers(tmp_path: Path) -> None:
-    """They would take half of its time."""
-    heavy = ["pandas", "pyarrow", "scipy.optimize", "scipy.interpolate", "scipy.spatial", "matplotlib"]
-    code = f"import sys, gaitcal.cli.check; print([name for name in {heavy} if name in sys.modules])"
-    assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
-
-
-@pytest.mark.parametrize("command", ["calibrate", "check", "dynamics"])
+@pytest.mark.parametrize("command", ["calibrate", "folder"])
 def test_commands_load_no_data_frames_and_no_server(command: str, tmp_path: Path) -> None:
-    """They are for who asks for a data frame or a page in the browser, and would take a third of the imports' time."""
-    heavy = ["pandas", "pyarrow", "http.server", "scipy.signal", "scipy.stats", "matplotlib"]
+    """They are for who asks for a data frame or a page in the browser, and take a third of the imports' time."""
+    heavy = ["pandas", "pyarrow", "http.server", "matplotlib"]
     code = f"import sys, gaitcal.cli.{command}; print([name for name in {heavy} if name in sys.modules])"
     assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
 

@@ -21,11 +21,11 @@ from threadpoolctl import threadpool_limits
 import gaitcal as gc
 from gaitcal.published.case import nominal_case
 from gaitcal.published.draw import COLUMNS, MonteCarloContext, draw
-from gaitcal.published.refit import unfinished_draws
-from gaitcal.published.settings import MonteCarloSettings, Plan, Varied, noisy_draw
+from gaitcal.published.draw_sensitivity import unfinished_draws
+from gaitcal.published.inertial_recovery import noisy_draw
+from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
 from gaitcal.published.workers import LocalProcesses, ThisProcess
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from tests.synthetic_studies import made_recording
 
 PLAN = Plan(levels=(50,), draws=4)

@@ -28,15 +28,14 @@ from gaitcal.calibration.inertial_chart import ConsistentSettings, LogChart
 from gaitcal.codes import Code
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.model.joint_centres import SIDE_WORDS
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.model.parameters import JP_INDEX, InertialSet, Parameters, dynamic_jacobian
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.arrow import ArrowEquations, SharedPrior, SharedTrials
-from gaitcal.motion.banded import NormalEquations
+from gaitcal.motion.banded import ArrowEquations, NormalEquations, SharedPrior
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
 from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.start import starting_nodes
+from gaitcal.motion.track import SharedTrials
 from gaitcal.motion.trial_problem import TrialProblem
 
 DESCENT = DescentSettings(first_damping=1e-4, lowered_by=10.0, keep_within=0.0, most_steps=60)

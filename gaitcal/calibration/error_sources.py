@@ -38,8 +38,8 @@ from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.model.chain import ChainConstants, forward, jacobian
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters
-from gaitcal.motion.arrow import eliminate
-from gaitcal.motion.spline import ORDER, SplineBasis, basis_matrix
+from gaitcal.motion.banded import eliminate
+from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.study.joint_prior import JointPrior
 
@@ -134,7 +134,7 @@ def trial_scores(problem: TrialProblem, parameters: Parameters, nodes: Array) ->
     by_node = _cluster_gradients(problem, constants, nodes)
     clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
     if problem.penalty is not None:
-        by_node = np.column_stack([by_node, problem.penalty.gradient(nodes).ravel()])
+        by_node = np.column_stack([by_node, problem.penalty.both(nodes)[1].ravel()])
         clusters.append(f"bandwidth/{problem.name}")
     for prior in problem.priors:
         if prior.centred:
@@ -156,7 +156,7 @@ def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: 
     x = problem.positions(nodes, constants)
     residual = x - data.measured
     inverse = _frame_inverses(problem, constants, q)
-    matrix = basis_matrix(basis)
+    matrix = basis.matrices[0]
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
     for m, segment in enumerate(data.segment):
         own = np.flatnonzero(chain.support[:nq, segment])
@@ -230,7 +230,7 @@ class MotionSensitivity:
         near = slice(int(basis.first[part.start]), int(basis.first[part.stop - 1]) + ORDER)
         rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
         by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
-        out: Array = basis_matrix(basis, derivative)[part, near] @ by_node
+        out: Array = basis.matrices[derivative][part, near] @ by_node
         return out.reshape(part.stop - part.start, nq, -1)
 
     def variances(self, moved: Array) -> dict[ErrorSource, Array]:

@@ -47,7 +47,7 @@ from gaitcal.calibration.joint_prior import ANATOMY, prior_of
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
-from gaitcal.motion.arrow import eliminate
+from gaitcal.motion.banded import eliminate
 from gaitcal.motion.coordinate_prior import joints_left_open
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.spline import frame_rate

@@ -33,8 +33,7 @@ from scipy.linalg import solve_triangular
 from gaitcal.arrays import Array
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.arrow import Elimination, eliminate
-from gaitcal.motion.banded import NormalEquations
+from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
 from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
@@ -116,7 +115,7 @@ class OpenMotion:
     def ended(self, end: Descent[OpenEvaluation, Matrices]) -> TrialState:
         """The trial where an iteration on it converged."""
         matrices = end.factor or self.linearise(end.x, curved=False).factor(0.0)
-        return self._state(end.x, end.evaluation, matrices, end.promise, converged=True)
+        return self._state(end.x, end.evaluation, matrices, end.predicted_reduction, converged=True)
 
     def stepped(self, nodes: Array, *, converged: bool) -> tuple[TrialState, float]:
         """The trial one plain step from `nodes` (nn, nq), and the share of the cost that this promises to gain."""

@@ -34,7 +34,7 @@ from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.dynamics.plate_errors import DEFAULT, OF_A_PLATE, PlateErrors, wrench_errors, wrench_rates
 from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, basis_matrix, frame_rate, spline_basis
+from gaitcal.motion.spline import MINIMUM_NODES, ORDER, SplineBasis, frame_rate, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem
 
 BLOCK = 500
@@ -185,7 +185,7 @@ def _through(residual: RootResidual, basis: SplineBasis, frames: IntArray, colum
     by_node = columns[near.start * nq : near.stop * nq].reshape(near.stop - near.start, -1)
     out = np.zeros((len(frames), 6, columns.shape[1]))
     for k, slope in enumerate((residual.by_position, residual.by_velocity, residual.by_acceleration)):
-        out += slope @ (basis_matrix(basis, k)[frames][:, near] @ by_node).reshape(len(frames), nq, -1)
+        out += slope @ (basis.matrices[k][frames][:, near] @ by_node).reshape(len(frames), nq, -1)
     return out
 
 

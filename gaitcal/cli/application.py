@@ -1,17 +1,49 @@
-"""The program that commands register themselves with, and what each of them is handed besides its own options."""
+"""The program that commands register with: two common options, the example that ends their help, and how
+one ends that does not succeed: a line on standard error, and the exit code.
+"""
 
 import atexit
 import gc
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from inspect import Signature, signature
+from typing import Final
 
 import typer
 
-from gaitcal.cli.examples import epilog
 from gaitcal.cli.options import Quiet, Verbose
+from gaitcal.codes import Code
+from gaitcal.errors import GaitcalError
+from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals
+
+EXAMPLES: Final[Mapping[str, str]] = {
+    "demo": "gaitcal demo",
+    "example": "gaitcal example subject01 --out subject01",
+    "init": "gaitcal init recordings --mass 72.6 --height 1.80 --sex male",
+    "check": "gaitcal check study.toml",
+    "calibrate": "gaitcal calibrate study.toml --out result",
+    "cohort": "gaitcal cohort people --out results --jobs 4",
+    "dynamics": "gaitcal dynamics result walk2.c3d walk3.c3d",
+    "convert": "gaitcal convert walk.c3d walk.csv",
+    "synthesize": "gaitcal synthesize --out person --seed 1 --noise",
+    "montecarlo": "gaitcal montecarlo result --vary jp,ip --levels 50,100 --draws 1000",
+    "reproduce": "gaitcal reproduce --out published",
+    "export": "gaitcal export result --format osim,urdf",
+    "figures": "gaitcal figures result --only knee_adduction --width 85mm",
+    "view": "gaitcal view result",
+    "report": "gaitcal report result --pdf report.pdf",
+    "compare": "gaitcal compare before after --out difference",
+    "explain": "gaitcal explain GC-020",
+}
+"""Command -> a whole line that can be typed."""
+
+
+def epilog(name: str) -> str | None:
+    """What ends the help of a command; None for one without an example."""
+    return f"Example: {EXAMPLES[name]}" if name in EXAMPLES else None
+
 
 app = typer.Typer(
     name="gaitcal",
@@ -61,3 +93,44 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
     app.command(function.__name__, help=function.__doc__, epilog=epilog(function.__name__))(run)
     return function
+
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+
+def told_in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
+    """Call `run`; end the program with a line and an exit code where it fails. `verbose`: show where a bug is."""
+    try:
+        with ended_by_signals():
+            run()
+    except GaitcalError as error:
+        _say_error(f"{error} [{error.code.value}]")
+        sys.exit(error.exit_code)
+    except InterruptedWork as ending:
+        _say_error(str(ending))
+        sys.exit(ending.exit_code)
+    except SystemExit as ending:
+        if ending.code == INTERRUPTED:  # typer has turned Ctrl-C into this, without a word
+            _say_error("interrupted; nothing was written")
+        raise
+    except KeyboardInterrupt:
+        _say_error("interrupted; nothing was written")
+        sys.exit(INTERRUPTED)
+    except Stopped as ending:
+        _say_error(f"ended by {ending.name}; what was being written is as it was before")
+        sys.exit(ending.exit_code)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except Exception as error:
+        if verbose:
+            raise
+        said = f"internal error, please report it (-v shows where): {type(error).__name__}: {error}"
+        _say_error(f"{said} [{Code.INTERNAL.value}]")
+        sys.exit(1)
+
+
+def _say_error(text: str) -> None:
+    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    sys.stderr.write(f"gaitcal: {line}\n")

@@ -8,18 +8,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gaitcal.cli.console import Console
-from gaitcal.cohort.cohort_file import COHORT, read_cohort
 from gaitcal.cohort.learn_priors import PRIORS, learn_priors
 from gaitcal.cohort.learning import FEWEST
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.page import PAGE
-from gaitcal.cohort.people import Cohort, joined
-from gaitcal.cohort.run import Ended, Engine, processes, run_cohort
-from gaitcal.cohort.tables import FAILURES, PEOPLE_CSV, Written, failures
+from gaitcal.cohort.people import COHORT, Cohort, joined, read_cohort
+from gaitcal.cohort.run import FAILURES, PEOPLE_CSV, Ended, Written, failures, processes, run_cohort
 from gaitcal.errors import UsageError
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.atomic import InterruptedWork, Stopped
-from gaitcal.published.workers import Cluster
+from gaitcal.published.workers import Cluster, Workers
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.study.joint_prior import read_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
@@ -44,7 +42,7 @@ class CohortOptions:
     """Of everyone, where nothing else is said of a person."""
 
     @property
-    def engine(self) -> Engine:
+    def engine(self) -> Workers:
         """Who computes."""
         if self.cluster is not None:
             return Cluster(self.cluster)
@@ -53,7 +51,7 @@ class CohortOptions:
         return processes(self.jobs)
 
 
-def run(path: Path, out: Path, console: Console, options: CohortOptions) -> None:
+def run_people(path: Path, out: Path, console: Console, options: CohortOptions) -> None:
     """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
     engine = options.engine
     normal = None if options.normal is None else bands_file(options.normal).resolve()

@@ -15,8 +15,7 @@ from gaitcal.compare.osim_words import osim_words
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.errors import UsageError
 from gaitcal.findings import note_of
-from gaitcal.io.atomic import require_room
-from gaitcal.io.lock import MANIFEST, ResultKind
+from gaitcal.io.result_folder import MANIFEST, ResultKind, require_room
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.sessions import compare_results, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model
@@ -37,7 +36,7 @@ class Options:
     studies: Sequence[Path] = ()
 
 
-def run(result: Path, other: Path | None, options: Options, console: Console) -> None:
+def compare_sessions_or_models(result: Path, other: Path | None, options: Options, console: Console) -> None:
     """Compare two results, or one with an OpenSim model."""
     _require_usable(other, options)
     if options.osim is not None:

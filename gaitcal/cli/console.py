@@ -61,7 +61,7 @@ def frameless_table(words: Iterable[str], numbers: Iterable[str] = ()) -> Table:
 
 def print_calibration(console: Console, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
-    from gaitcal.session.truth_words import sums  # with it comes all of a calibration, which `check` does not need
+    from gaitcal.session.truth_comparison import sums  # with it comes all of a calibration, which `check` does not need
 
     print_trials(console, calibration.trials)
     for total in sums(calibration, calibration.truth) if calibration.truth else ():

@@ -9,9 +9,8 @@ from urllib.parse import urlsplit
 from rich.text import Text
 
 from gaitcal.cli.console import Console, frameless_table
-from gaitcal.cli.init import PLAIN_WIDTH
+from gaitcal.cli.folder import PLAIN_WIDTH
 from gaitcal.errors import UsageError
-from gaitcal.io.atomic import require_room
 from gaitcal.io.examples import (
     SOURCE,
     Connection,
@@ -23,10 +22,10 @@ from gaitcal.io.examples import (
     is_complete,
     right_files,
 )
-from gaitcal.io.lock import ResultKind
+from gaitcal.io.result_folder import ResultKind, require_room
 
 
-def run(name: str | None, out: Path | None, mirror: str | None, console: Console) -> None:
+def fetch_or_list(name: str | None, out: Path | None, mirror: str | None, console: Console) -> None:
     """List the examples, or fetch one: what is asked of whom is told before."""
     if name is None:
         if out is not None or mirror is not None:

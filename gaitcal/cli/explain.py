@@ -19,7 +19,7 @@ SERIES = {"0": "Found in recordings", "1": "Told of a result", "2": "What stops 
 """First digit of a code -> what its codes are of."""
 
 
-def run(name: str | None, console: Console) -> None:
+def explain_code(name: str | None, console: Console) -> None:
     """Print what a code means; without a name, a list of all codes."""
     width = max(NARROWEST, min(WIDEST, console.out.width))
     lines = listing() if name is None else page(explanation_of(code_named(name)), width)

@@ -22,8 +22,7 @@ from gaitcal.gait.cycles import Kind
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import counted
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.io.atomic import amended
-from gaitcal.io.lock import put_back, read_object
+from gaitcal.io.result_folder import amended, put_back, read_object
 from gaitcal.io.snapshot import read_whole
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.sheet.sheet import SHEET, read_sheet
@@ -54,7 +53,7 @@ class Options:
     external: bool
 
 
-def run(result: Path, out: Path | None, options: Options, console: Console) -> None:
+def draw_figures(result: Path, out: Path | None, options: Options, console: Console) -> None:
     """Draw the figures of a result, or of further trials, into a folder.
 
     Raises

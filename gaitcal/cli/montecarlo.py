@@ -1,10 +1,11 @@
-"""`gaitcal montecarlo`."""
+"""`gaitcal montecarlo`, and `gaitcal reproduce`, the published study."""
 
 from __future__ import annotations
 
 import json
+import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,15 +18,16 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
-from gaitcal.io.atomic import InterruptedWork, Stopped, amended
-from gaitcal.io.lock import put_back
+from gaitcal.io.atomic import InterruptedWork, Stopped
+from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, put_back, require_room
 from gaitcal.page.sections.monte_carlo import with_monte_carlo
 from gaitcal.page.sheet.sheet import SHEET
 from gaitcal.published.case import MODEL, case_from, read_case
-from gaitcal.published.claims import PUBLISHED, beside, conclusions
-from gaitcal.published.draw import MonteCarloContext
-from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.published.settings import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
+from gaitcal.published.claims import Claim, Kind, Verdict
+from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
+from gaitcal.published.draw import TORQUE_WORDS, TORQUES, MonteCarloContext
+from gaitcal.published.protocol import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
+from gaitcal.published.reproduce import Reproduction, ReproductionSettings, SensitivityDraws, reproduce, write_tables
 from gaitcal.published.statistics import (
     FEWEST,
     expect,
@@ -36,9 +38,9 @@ from gaitcal.published.statistics import (
     unconverged,
     variance_contributions,
 )
-from gaitcal.published.store import Store
-from gaitcal.published.study import DrawProgress, MonteCarloStudy, alone, monte_carlo
-from gaitcal.published.workers import Cluster, LocalProcesses, Workers
+from gaitcal.published.study import PURPOSE, DrawProgress, MonteCarloStudy, Store, monte_carlo
+from gaitcal.published.tables import RUN, TableRow
+from gaitcal.published.workers import Cluster, LocalProcesses, Workers, alone
 from gaitcal.results.page_files import PAGE, read_page, rewrite_page
 from gaitcal.results.verdict import require_not_refused
 
@@ -106,7 +108,7 @@ class Options:
         return LocalProcesses(self.jobs)
 
 
-def run(folder: Path, options: Options, expected_mm: float | None, console: Console) -> None:
+def run_monte_carlo(folder: Path, options: Options, expected_mm: float | None, console: Console) -> None:
     """Run what is missing of a study, write its tables and figures, and print what they say."""
     put_back(folder)
     store = Store(folder / FOLDER)
@@ -120,7 +122,7 @@ def run(folder: Path, options: Options, expected_mm: float | None, console: Cons
     with console.working() as step:
         step("reading the model and its motion")
         case, read = read_case(folder, options.trial, step)
-    with alone(store.folder):
+    with alone(store.folder, PURPOSE):
         try:
             with _draw_progress(console) as draws_done:
                 study = monte_carlo(
@@ -298,3 +300,89 @@ def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> 
             numbers = (f"{value:.3f}" for value in (row.average, row.p10, row.p50, row.p90))
             shown.add_row(TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)
         console.out.print(shown)
+
+
+DATA = "GAITCAL_DATA"
+KEPT = ".draws"
+"""Ending of the folder, beside the output, that keeps Monte Carlo draws: an interrupted study goes on there."""
+_CLAIMS = {Kind.PAPER: "claims of the paper", Kind.SENSITIVITY: "sensitivities, ours"}
+_DECIDED = (Verdict.HOLDS, Verdict.FAILS, Verdict.UNDECIDED)
+_SHOWN = ("I", "III", "discussion")
+
+
+def run_reproduction(
+    out: Path, console: Console, *, draws: int, noise_seeds: int, seed: int, sensitivities: bool
+) -> None:
+    """Run the published study, write its tables and print them."""
+    settings = ReproductionSettings(
+        noise_seeds=noise_seeds,
+        seed=seed,
+        draws=draws,
+        sensitivities=SensitivityDraws() if sensitivities else None,
+        data=_data(),
+    )
+    kept = out.with_name(out.name + KEPT) if draws else None
+    require_room(out, ResultKind.REPRODUCTION)
+    with console.working() as step, atomic_directory(out, ResultKind.REPRODUCTION) as folder:
+        reproduction = reproduce(settings, kept, step)
+        step("writing the tables")
+        write_tables(reproduction, folder)
+    print_reproduction(console, reproduction)
+    console.line(f"tables: {out}")
+    if kept is not None:
+        console.line(f"draws:  {kept} (a further run with the same seed goes on from them)")
+
+
+def _data() -> Path | None:
+    named = os.environ.get(DATA)
+    if not named:
+        return None
+    if not Path(named).is_dir():
+        raise InputError("is no folder", source=named, field=DATA, code=Code.NO_FILE)
+    return Path(named)
+
+
+def print_reproduction(console: Console, reproduction: Reproduction) -> None:
+    """Tables I and III, the discussion, the claims and the times; everything else is in the files."""
+    for name in _SHOWN:
+        rows = [row for row in reproduction.tables if row.table == name]
+        console.line()
+        console.line("Discussion" if name == "discussion" else f"Table {name}")
+        _print_rows(console, rows)
+    console.line()
+    console.line(
+        f"Medians of {len(reproduction.noisy)} noise draws where there is noise; ranges are in tables.csv. Times:"
+    )
+    _print_rows(console, [row for row in reproduction.times if row.row != RUN])
+    laps = (f"{row.column} {row.ours:.0f} s" for row in reproduction.times if row.row == RUN)
+    console.line(f"{RUN}: {', '.join(laps)}")
+    console.line()
+    _print_claims(console, reproduction.claims)
+
+
+def _print_rows(console: Console, rows: Sequence[TableRow]) -> None:
+    columns = list(dict.fromkeys(row.column for row in rows))
+    table = frameless_table(("ours | published",), columns)
+    for title in dict.fromkeys(row.row for row in rows):
+        cells = {row.column: _cell(row) for row in rows if row.row == title}
+        table.add_row(Text(title), *(cells.get(column, "") for column in columns))
+    console.out.print(table)
+
+
+def _cell(row: TableRow) -> str:
+    ours, published = ("-" if value is None else f"{value:.3g}" for value in (row.ours, row.published))
+    return f"{ours} | {published} {row.unit}"
+
+
+def _print_claims(console: Console, claims: Sequence[Claim]) -> None:
+    """Those of the paper and ours apart: whether ours hold says nothing of the paper."""
+    for kind, title in _CLAIMS.items():
+        of_kind = [claim for claim in claims if claim.kind is kind]
+        table = frameless_table((title, "published", "ours", "verdict"))
+        for claim in of_kind:
+            if claim.verdict in _DECIDED or console.verbose:
+                table.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
+        if table.row_count:
+            console.out.print(table)
+        counts = {v: sum(claim.verdict is v for claim in of_kind) for v in Verdict}
+        console.line(f"{title}: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))

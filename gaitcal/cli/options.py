@@ -148,6 +148,10 @@ Studies = Annotated[
     typer.Option(help="For --shared-model: study file of DIR, then of OTHER, where they do not lie in these."),
 ]
 
+Pdf = Annotated[Path | None, typer.Option("--pdf", help="The file to write; DIR/report.pdf unless given.")]
+Comments = Annotated[
+    Path | None, typer.Option(help="TOML file of comments, a line a section; DIR/comments.toml where that is there.")
+]
 Html = Annotated[Path | None, typer.Option(help="Write one self-contained page instead of a live view.")]
 Geometry = Annotated[
     Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")

@@ -13,8 +13,8 @@ from gaitcal.export.osim import write_osim
 from gaitcal.export.robot_files import write_mjcf, write_urdf
 from gaitcal.findings import Finding, note_of
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
-from gaitcal.io.atomic import amended
 from gaitcal.io.formats import convert
+from gaitcal.io.result_folder import amended
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.results.cycles import CYCLES
 from gaitcal.results.cycles_export import (

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitcal.cli import options as told
-from gaitcal.cli.application import app, command, set_up
-from gaitcal.cli.faults import told_in_a_line
+from gaitcal.cli.application import app, command, set_up, told_in_a_line
 from gaitcal.cli.options import Age, Height, Mass, Normal, Out, Result, Sex, StudyPath
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 @command
 def demo(console: "Console", out: Out = Path("gaitcal-demo")) -> None:
     """The embedded example, end to end: a synthetic subject is written as C3D files, read back and calibrated."""
-    from gaitcal.cli.synthetic import demonstrate
+    from gaitcal.cli.calibrate import demonstrate
 
     demonstrate(out, console)
 
@@ -32,9 +31,9 @@ def example(
     console: "Console", name: told.ExampleName = None, out: told.ExampleOut = None, mirror: told.Mirror = None
 ) -> None:
     """Public recordings to try: fetched by name, with checksum and licence. No other command asks the internet."""
-    from gaitcal.cli.example import run
+    from gaitcal.cli.example import fetch_or_list
 
-    run(name, out, mirror, console)
+    fetch_or_list(name, out, mirror, console)
 
 
 @command
@@ -49,9 +48,9 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="Replace a study file that is there.")] = False,
 ) -> None:
     """Drafts the study file of a folder of recordings: marker set, static trial, roles, forces, person, and why."""
-    from gaitcal.cli.init import options_of, run
+    from gaitcal.cli.folder import draft_study_file, options_of
 
-    run(folder, out, console, options_of(mass, height, sex, age), force=force)
+    draft_study_file(folder, out, console, options_of(mass, height, sex, age), force=force)
 
 
 @command
@@ -59,10 +58,9 @@ def check(
     console: "Console", study: StudyPath, mass: Mass = None, height: Height = None, sex: Sex = None, age: Age = None
 ) -> None:
     """Reads everything, solves nothing: what is wrong with a study's recordings, and what to do. Exit code 0 or 1."""
-    from gaitcal.cli.check import run
-    from gaitcal.cli.init import options_of
+    from gaitcal.cli.folder import check_recordings, options_of
 
-    run(study, console, options_of(mass, height, sex, age))
+    check_recordings(study, console, options_of(mass, height, sex, age))
 
 
 @command
@@ -80,11 +78,11 @@ def calibrate(
     priors: told.Priors = None,
 ) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
-    from gaitcal.cli.calibrate import run
-    from gaitcal.cli.init import options_of
+    from gaitcal.cli.calibrate import calibrate_study
+    from gaitcal.cli.folder import options_of
 
     said = options_of(mass, height, sex, age)
-    run(study, out, console, said, force=force, hold_out=hold_out, normal=normal, priors=priors)
+    calibrate_study(study, out, console, said, force=force, hold_out=hold_out, normal=normal, priors=priors)
 
 
 @command
@@ -104,14 +102,14 @@ def cohort(
     learn_priors: told.LearnPriors = False,
 ) -> None:
     """Many people at once: each sub-folder's recordings calibrated, one table of all; goes on where it stopped."""
-    from gaitcal.cli.cohort import CohortOptions, run
-    from gaitcal.cli.init import options_of
+    from gaitcal.cli.cohort import CohortOptions, run_people
+    from gaitcal.cli.folder import options_of
 
     said = options_of(mass, height, sex, age)
     chosen = CohortOptions(
         jobs=jobs, cluster=cluster, normal=normal, retry=retry, priors=priors, learn_priors=learn_priors, told=said
     )
-    run(source, out, console, chosen)
+    run_people(source, out, console, chosen)
 
 
 @command
@@ -126,9 +124,10 @@ def dynamics(
     out: told.DynamicsOut = None,
 ) -> None:
     """Further trials through a calibrated model: angles, and torques with error bars."""
-    from gaitcal.cli.dynamics import Options, run
+    from gaitcal.cli.calibrate import FurtherOptions as Options
+    from gaitcal.cli.calibrate import analyse_further
 
-    run(result, trials, Options(forces, plates, time, filter_hz), out, console)
+    analyse_further(result, trials, Options(forces, plates, time, filter_hz), out, console)
 
 
 @command
@@ -148,7 +147,7 @@ def synthesize(
     console: "Console", out: Out, seed: told.Seed = 0, noise: told.Noise = False, perturb: told.Perturb = False
 ) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
-    from gaitcal.cli.synthetic import write_subject
+    from gaitcal.cli.calibrate import write_subject
 
     write_subject(out, console, seed=seed, noise=noise, perturb=perturb)
 
@@ -174,7 +173,7 @@ def montecarlo(
     expect: told.Expect = None,
 ) -> None:
     """What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped."""
-    from gaitcal.cli.montecarlo import Options, run
+    from gaitcal.cli.montecarlo import Options, run_monte_carlo
 
     options = Options(
         vary=vary,
@@ -189,7 +188,7 @@ def montecarlo(
         trial=trial,
         until_converged=until_converged,
     )
-    run(folder, options, expect, console)
+    run_monte_carlo(folder, options, expect, console)
 
 
 @command
@@ -202,9 +201,9 @@ def reproduce(
     sensitivities: told.Sensitivities = True,
 ) -> None:
     """The published study, table by table: our figures beside the printed ones, and its claims put to the test."""
-    from gaitcal.cli.reproduce import run
+    from gaitcal.cli.montecarlo import run_reproduction
 
-    run(out, console, draws=draws, noise_seeds=noise_seeds, seed=seed, sensitivities=sensitivities)
+    run_reproduction(out, console, draws=draws, noise_seeds=noise_seeds, seed=seed, sensitivities=sensitivities)
 
 
 @command
@@ -240,7 +239,7 @@ def figures(
     units: told.FigureUnits = None,
 ) -> None:
     """Figures of a result for a paper: gaitcal figures DIR --only knee_adduction --width 85mm --convention clinical"""
-    from gaitcal.cli.figures import Options, run
+    from gaitcal.cli.figures import Options, draw_figures
 
     chosen = Options(
         purpose=purpose,
@@ -252,7 +251,7 @@ def figures(
         units=units,
         external=external,
     )
-    run(result, out, chosen, console)
+    draw_figures(result, out, chosen, console)
 
 
 @command
@@ -260,9 +259,19 @@ def view(
     console: "Console", result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None
 ) -> None:
     """Page of a result, or of two side by side: live on this machine only, or one self-contained file."""
-    from gaitcal.cli.view import run
+    from gaitcal.cli.view import view_results
 
-    run((result,) if other is None else (result, other), html, console, geometry)
+    view_results((result,) if other is None else (result, other), html, console, geometry)
+
+
+@command
+def report(
+    console: "Console", result: Result, pdf: told.Pdf = None, comments: told.Comments = None, normal: Normal = None
+) -> None:
+    """A gait report on paper: verdict, steps, sheets of angles and moments, what not to trust, comments; A4, PDF."""
+    from gaitcal.cli.view import print_report
+
+    print_report(result, pdf, comments, normal, console)
 
 
 @command
@@ -276,17 +285,19 @@ def compare(
     study: told.Studies = None,
 ) -> None:
     """Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours."""
-    from gaitcal.cli.compare import Options, run
+    from gaitcal.cli.compare import Options, compare_sessions_or_models
 
-    run(result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), console)
+    compare_sessions_or_models(
+        result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), console
+    )
 
 
 @command
 def explain(console: "Console", code: told.CodeName = None) -> None:
     """What the code of a finding or of an error means, and what to do; without a code, a list of all."""
-    from gaitcal.cli.explain import run
+    from gaitcal.cli.explain import explain_code
 
-    run(code, console)
+    explain_code(code, console)
 
 
 def main() -> None:

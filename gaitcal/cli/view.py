@@ -1,4 +1,4 @@
-"""`gaitcal view`."""
+"""`gaitcal view`, and `gaitcal report`, the same on paper."""
 
 from __future__ import annotations
 
@@ -6,14 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.cli.console import Console
-from gaitcal.io.atomic import atomic_text, file_in_place
+from gaitcal.figures.document import write_pdf
+from gaitcal.gait.moments import counted
+from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.io.atomic import atomic_text
+from gaitcal.io.result_folder import file_in_place
 from gaitcal.page.bones.bone_files import bones_of_folder
 from gaitcal.page.server import serve
 from gaitcal.page.view import Shown, page_html, sentences
+from gaitcal.results.gait_report import read_comments, report_content
 from gaitcal.results.page_files import result_page
 
+REPORT, COMMENTS = "report.pdf", "comments.toml"
 
-def run(results: tuple[Path, ...], html: Path | None, console: Console, geometry: Path | None = None) -> None:
+
+def view_results(results: tuple[Path, ...], html: Path | None, console: Console, geometry: Path | None = None) -> None:
     """Show a result in the browser, or two side by side, or write the page.
 
     `geometry`: bones of this folder, else the installed ones.
@@ -47,3 +54,15 @@ def _names(results: tuple[Path, ...]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [f"{'/'.join(part[-1:])} ({k})" for k, part in enumerate(parts, start=1)]
+
+
+def print_report(result: Path, pdf: Path | None, comments: Path | None, normal: Path | None, console: Console) -> None:
+    """Write the report of a result as a PDF, with the comments that somebody wrote for it."""
+    beside = result / COMMENTS
+    file = comments or (beside if beside.is_file() else None)
+    said = {} if file is None else read_comments(file)
+    content = report_content(result, {} if normal is None else read_normal_bands(normal), said)
+    target = pdf or result / REPORT
+    with file_in_place(target) as path:
+        pages = write_pdf(content, path)
+    console.line(f"wrote {target}: {counted(pages, 'page')}" + (f", comments of {file}" if file else ""))

@@ -9,7 +9,7 @@ error of that gain. Spreads that still turn out too narrow for people left out a
 
 Mean and spread of the joint parameters of people, of each of whom recordings tell something.
 
-The recordings of person i say of the n deviations y_i (`study/people_design.py`), priors left out,
+The recordings of person i say of the n deviations y_i (`study/joint_prior.py`), priors left out,
 
     log p(recordings | y) = r_i^T y - y^T S_i y / 2 + constant,     S_i the information, r_i = S_i m_i,
 
@@ -29,17 +29,15 @@ directions that nobody's recordings show it stays there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
 
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.cohort.person_evidence import PersonEvidence
-from gaitcal.study.joint_prior import UNLEARNT
-from gaitcal.study.people_design import design, mirror, sided_directions
+from gaitcal.runtime import Progress, silent
+from gaitcal.study.joint_prior import UNLEARNT, Person, design, mirror, sided_directions
 
 MOST_STEPS, RISE = 50, 5e-3
 """Of the iteration, and rise of the log likelihood of each person at which it ends."""
@@ -61,89 +59,30 @@ class Evidence:
         return Evidence(information=self.information[chosen], right=self.right[chosen], design=self.design[chosen])
 
 
-class Structure(Protocol):
-    """What spreads may be, and their prior."""
+@dataclass(frozen=True)
+class Structure:
+    """What Sigma may be, and its prior: as sure as `weight` people who spread by `first`."""
 
-    def first(self) -> Array:
-        """(n, n) Sigma before anybody is known."""
-        ...
+    first: Array
+    """(n, n) Sigma before anybody is known."""
+    weight: float = np.inf
+    """Infinite: nothing is learnt of it."""
+    directions: Array | None = None
+    """(n, n) orthonormal columns along which people are independent; None: any spread."""
 
     def updated(self, moment: Array, people: int) -> Array:
         """(n, n) the likeliest Sigma for sum_i E[u u^T] = `moment`, its mirror image among it."""
-        ...
+        spread: Array = (self.weight * self.first + moment) / (self.weight + people)
+        if self.directions is not None:
+            along = np.einsum("ik,ij,jk->k", self.directions, spread, self.directions)
+            spread = (self.directions * along) @ self.directions.T
+        return spread
 
     def penalty(self, spread: Array) -> float:
         """Twice the log density of the prior, but for what is the same in all priors of as much weight."""
-        ...
-
-
-@dataclass(frozen=True)
-class Known:
-    """A spread that nothing is learnt of."""
-
-    spread: Array
-
-    def first(self) -> Array:
-        """As of `Structure`."""
-        return self.spread
-
-    def updated(self, moment: Array, people: int) -> Array:
-        """As of `Structure`."""
-        return self.spread
-
-    def penalty(self, spread: Array) -> float:
-        """As of `Structure`."""
-        return 0.0
-
-
-@dataclass(frozen=True)
-class Axes:
-    """Independent along given directions, of each a variance: as sure as `weight` people who had the first ones."""
-
-    directions: Array
-    """(n, n) orthonormal columns."""
-    variances: Array
-    """(n,) before anybody is known."""
-    weight: float
-
-    def first(self) -> Array:
-        """As of `Structure`."""
-        out: Array = (self.directions * self.variances) @ self.directions.T
-        return out
-
-    def updated(self, moment: Array, people: int) -> Array:
-        """As of `Structure`."""
-        seen = np.einsum("ik,ij,jk->k", self.directions, moment, self.directions)
-        learnt = (self.weight * self.variances + seen) / (self.weight + people)
-        out: Array = (self.directions * learnt) @ self.directions.T
-        return out
-
-    def penalty(self, spread: Array) -> float:
-        """As of `Structure`."""
-        learnt = np.einsum("ik,ij,jk->k", self.directions, spread, self.directions)
-        ratio = self.variances / learnt
-        return float(self.weight * (np.log(ratio) - ratio).sum())
-
-
-@dataclass(frozen=True)
-class Whole:
-    """Any spread: as sure as `weight` people who spread by `target`."""
-
-    target: Array
-    weight: float
-
-    def first(self) -> Array:
-        """As of `Structure`."""
-        return self.target
-
-    def updated(self, moment: Array, people: int) -> Array:
-        """As of `Structure`."""
-        out: Array = (self.weight * self.target + moment) / (self.weight + people)
-        return out
-
-    def penalty(self, spread: Array) -> float:
-        """As of `Structure`."""
-        ratio = np.linalg.solve(spread, self.target)
+        if np.isinf(self.weight):
+            return 0.0
+        ratio = np.linalg.solve(spread, self.first)
         return float(self.weight * (np.linalg.slogdet(ratio)[1] - np.trace(ratio)))
 
 
@@ -178,51 +117,33 @@ def learn(evidence: Evidence, effects: Array, reflected: Array, structure: Struc
     Parameters
     ----------
     effects : (k,) variances W of the effects before anybody is known.
-    reflected : (n, n) the mirror (`people_design.mirror`).
+    reflected : (n, n) the mirror (`joint_prior.mirror`).
     structure : what the spread may be.
     """
-    spread, told = structure.first(), list[float]()
-    people = len(evidence.right)
-    while True:
-        step = _expected(evidence, effects, spread)
-        told.append(step.likelihood + structure.penalty(spread))
-        ended = len(told) > 1 and told[-1] - told[-2] < RISE * people
-        if isinstance(structure, Known) or not people or ended or len(told) > MOST_STEPS:
-            found = Population(effects=step.effects, effect_covariance=step.covariance, spread=spread)
-            return Learnt(found, tuple(told))
-        moment = 0.5 * (step.moment + reflected @ step.moment @ reflected.T)
-        spread = structure.updated(moment, people)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Expected:
-    effects: Array
-    covariance: Array
-    moment: Array
-    likelihood: float
-
-
-def _expected(evidence: Evidence, effects: Array, spread: Array) -> _Expected:
-    """Effects and the sum of E[u u^T] for a spread, and how likely it is."""
     information, right, design = evidence.information, evidence.right, evidence.design
-    inverse = np.linalg.inv(information + np.linalg.inv(spread))
-    pulled = information @ inverse  # S L
-    own = information - pulled @ information
-    score = right - np.einsum("nij,nj->ni", pulled, right)
-    across = np.swapaxes(design, 1, 2)
-    normal = np.diag(1.0 / effects) + (across @ own @ design).sum(axis=0)
-    covariance = np.linalg.inv(normal)
-    gradient = np.einsum("nik,ni->k", design, score)
-    found = covariance @ gradient
-    left = right - np.einsum("nij,nj->ni", information, design @ found)
-    mean = np.einsum("nij,nj->ni", inverse, left)
-    carried = np.swapaxes(pulled, 1, 2) @ design  # L S X
-    moment = inverse.sum(axis=0) + mean.T @ mean
-    moment = moment + np.einsum("nik,kl,njl->ij", carried, covariance, carried, optimize=True)
-    determinants = np.linalg.slogdet(np.eye(len(spread)) + spread @ information)[1]
-    likelihood = np.einsum("ni,nij,nj->", right, inverse, right, optimize=True) - determinants.sum()
-    likelihood += gradient @ found - np.linalg.slogdet(normal * effects)[1]
-    return _Expected(effects=found, covariance=covariance, moment=moment, likelihood=float(likelihood))
+    across, people = np.swapaxes(design, 1, 2), len(right)
+    spread, rises = structure.first, list[float]()
+    while True:
+        inverse = np.linalg.inv(information + np.linalg.inv(spread))  # L
+        pulled = information @ inverse  # S L
+        score = right - np.einsum("nij,nj->ni", pulled, right)
+        normal = np.diag(1.0 / effects) + (across @ (information - pulled @ information) @ design).sum(axis=0)
+        covariance = np.linalg.inv(normal)
+        gradient = np.einsum("nik,ni->k", design, score)
+        found = covariance @ gradient
+        determinants = np.linalg.slogdet(np.eye(len(spread)) + spread @ information)[1]
+        likelihood = np.einsum("ni,nij,nj->", right, inverse, right, optimize=True) - determinants.sum()
+        likelihood += gradient @ found - np.linalg.slogdet(normal * effects)[1]
+        rises.append(float(likelihood) + structure.penalty(spread))
+        ended = len(rises) > 1 and rises[-1] - rises[-2] < RISE * people
+        if np.isinf(structure.weight) or not people or ended or len(rises) > MOST_STEPS:
+            return Learnt(Population(effects=found, effect_covariance=covariance, spread=spread), tuple(rises))
+        left = right - np.einsum("nij,nj->ni", information, design @ found)
+        mean = np.einsum("nij,nj->ni", inverse, left)
+        carried = np.swapaxes(pulled, 1, 2) @ design  # L S X
+        moment = inverse.sum(axis=0) + mean.T @ mean
+        moment = moment + np.einsum("nik,kl,njl->ij", carried, covariance, carried, optimize=True)
+        spread = structure.updated(0.5 * (moment + reflected @ moment @ reflected.T), people)
 
 
 def log_density(information: Array, right: Array, mean: Array, covariance: Array) -> float:
@@ -232,6 +153,33 @@ def log_density(information: Array, right: Array, mean: Array, covariance: Array
     explained = left @ np.linalg.solve(inner, covariance @ left)
     size = np.linalg.slogdet(inner)[1]
     return float(right @ mean - 0.5 * mean @ information @ mean + 0.5 * (explained - size))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartEvidence:
+    """Of the n joint parameters of a part, in units of anatomy's prior: of y."""
+
+    information: Array
+    """(n, n) S."""
+    right: Array
+    """(n,) S m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PersonEvidence:
+    """One person, from one session."""
+
+    name: str
+    person: Person
+    recordings: frozenset[str]
+    """SHA-256 of all of them, of every session."""
+    parts: dict[str, PartEvidence]
+    """By the names of `PARTS`."""
+
+    @property
+    def seen(self) -> float:
+        """How much the recordings tell: how far the prior is narrowed, in units of its volume's logarithm."""
+        return float(sum(np.linalg.slogdet(np.eye(len(p.right)) + p.information)[1] for p in self.parts.values()))
 
 
 COMMON = (0.5, 0.2, 0.05)
@@ -269,37 +217,27 @@ class PartPrior:
 
 
 @dataclass(frozen=True)
-class _Cohort:
-    names: tuple[str, ...]
-    people: Sequence[PersonEvidence]
-    part: str
-    folds: IntArray
-    heights: tuple[float, float]
-
-    def evidence(self, *, by_size: bool) -> Evidence:
-        parts = [p.parts[self.part] for p in self.people]
-        return Evidence(
-            information=np.array([p.information for p in parts]),
-            right=np.array([p.right for p in parts]),
-            design=np.array([design(self.names, p.person, self.heights, by_size=by_size) for p in self.people]),
-        )
-
-
-@dataclass(frozen=True)
-class _Way:
-    """How a population is learnt."""
+class _Tried:
+    """How much is learnt in one way, and how likely people are by it."""
 
     learning: Learning
-    by_size: bool = False
-
-
-@dataclass(frozen=True)
-class _Tried:
-    way: _Way
+    by_size: bool
     populations: tuple[Population, ...]
     evidence: Evidence
-    densities: Array
-    """(N,) log density of each person by the others' population."""
+    folds: IntArray
+
+    def densities(self, wider: float = 1.0) -> Array:
+        """(N,) log density of each person by the others' population."""
+        out = []
+        for i, fold in enumerate(self.folds):
+            mean, covariance = self.populations[fold + 1].expected(self.evidence.design[i])
+            out.append(log_density(self.evidence.information[i], self.evidence.right[i], mean, wider * covariance))
+        return np.array(out)
+
+    def or_better(self, other: _Tried) -> _Tried:
+        """The other one if people left out are likelier by it, and not by chance."""
+        gain = other.densities() - self.densities()
+        return other if gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)) else self
 
 
 def folds_of(names: Sequence[str]) -> IntArray:
@@ -317,105 +255,70 @@ def heights_of(people: Sequence[PersonEvidence]) -> tuple[float, float]:
 
 
 def learn_part(
-    part: str,
-    names: tuple[str, ...],
-    people: Sequence[PersonEvidence],
-    folds: IntArray,
-    told: Callable[[str], None] = lambda text: None,
+    part: str, names: tuple[str, ...], people: Sequence[PersonEvidence], folds: IntArray, progress: Progress = silent
 ) -> PartPrior:
     """What people teach of the joint parameters `names` of a part of the body."""
-    cohort = _Cohort(names, people, part, folds, heights_of(people))
-    nothing = best = _tried(cohort, _Way(Learning.NOTHING))
-    told_of = any(person.parts[part].information.any() for person in people)
-    for learning in (Learning.OFFSET, Learning.SPREAD) if told_of else ():
-        told(f"{part}: {learning.value}")
-        best = _better(best, _tried(cohort, _Way(learning)))
+    heights, parts = heights_of(people), [person.parts[part] for person in people]
+
+    def tried(learning: Learning, *, by_size: bool = False) -> _Tried:
+        evidence = Evidence(
+            information=np.array([p.information for p in parts]),
+            right=np.array([p.right for p in parts]),
+            design=np.array([design(names, p.person, heights, by_size=by_size) for p in people]),
+        )
+        populations = tuple(
+            _population(evidence.of(np.flatnonzero(folds != k)), names, learning) for k in range(-1, max(folds) + 1)
+        )
+        return _Tried(learning, by_size, populations, evidence, folds)
+
+    nothing = best = tried(Learning.NOTHING)
+    if any(p.information.any() for p in parts):
+        for learning in (Learning.OFFSET, Learning.SPREAD):
+            progress(f"{part}: {learning.value}")
+            best = best.or_better(tried(learning))
     if best is not nothing:
-        told(f"{part}: {Learning.WHOLE.value}")
-        best = _better(best, _tried(cohort, replace(best.way, learning=Learning.WHOLE)))
-        told(f"{part}: size and sex")
-        best = _better(best, _tried(cohort, replace(best.way, by_size=True)))
-    wider, densities = _widened(best, folds)
-    gain = densities - nothing.densities
+        progress(f"{part}: {Learning.WHOLE.value}")
+        best = best.or_better(tried(Learning.WHOLE))
+        progress(f"{part}: size and sex")
+        best = best.or_better(tried(best.learning, by_size=True))
+    widened = {wider: best.densities(wider) for wider in (WIDER if best is not nothing else (1.0,))}
+    wider = max(widened, key=lambda factor: widened[factor].sum())
+    gain = widened[wider] - nothing.densities()
     return PartPrior(
         names=names,
-        learning=best.way.learning,
-        by_size=best.way.by_size,
+        learning=best.learning,
+        by_size=best.by_size,
         wider=wider,
         populations=best.populations,
         gain=(float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))),
     )
 
 
-def _better(one: _Tried, other: _Tried) -> _Tried:
-    """The other one if people left out are likelier by it, and not by chance."""
-    gain = other.densities - one.densities
-    return other if gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)) else one
-
-
-def _tried(cohort: _Cohort, way: _Way) -> _Tried:
-    evidence, folds = cohort.evidence(by_size=way.by_size), cohort.folds
-    populations = tuple(
-        _population(evidence.of(np.flatnonzero(folds != k)), cohort.names, way) for k in range(-1, max(folds) + 1)
-    )
-    densities = np.array([_density(evidence, populations, folds, i) for i in range(len(folds))])
-    return _Tried(way, populations, evidence, densities)
-
-
-def _density(
-    evidence: Evidence, populations: Sequence[Population], folds: IntArray, i: int, wider: float = 1.0
-) -> float:
-    mean, covariance = populations[folds[i] + 1].expected(evidence.design[i])
-    return log_density(evidence.information[i], evidence.right[i], mean, wider * covariance)
-
-
-def _widened(tried: _Tried, folds: IntArray) -> tuple[float, Array]:
-    """The factor by which people left out are likeliest, and their log densities by it."""
-    factors = WIDER if tried.way.learning is not Learning.NOTHING else (1.0,)
-    found = [
-        np.array([_density(tried.evidence, tried.populations, folds, i, wider) for i in range(len(folds))])
-        for wider in factors
-    ]
-    k = int(np.argmax([densities.sum() for densities in found]))
-    return factors[k], found[k]
-
-
-def _population(evidence: Evidence, names: tuple[str, ...], way: _Way) -> Population:
-    """What these people teach; of nobody, or where nothing is learnt, the default prior."""
+def _population(evidence: Evidence, names: tuple[str, ...], learning: Learning) -> Population:
+    """What these people teach; where nothing is learnt, the default prior."""
     count = evidence.design.shape[2]
     alike, opposite = sided_directions(names)
-    if way.learning is Learning.NOTHING:
+    if learning is Learning.NOTHING:
         nothing = np.zeros(count)
         return Population(effects=nothing, effect_covariance=np.diag(nothing), spread=np.eye(len(names)))
     reflected = mirror(names)
+    # Axes go by how well recordings show them, so that what is seen tells nothing of what is not.
+    seen = evidence.information.sum(axis=0)
+    seen = 0.5 * (seen + reflected @ seen @ reflected.T)
+    axes = np.hstack([basis @ np.linalg.eigh(basis.T @ seen @ basis)[1] for basis in (alike, opposite)])
 
     def learnt(common: float, spread: Array | None = None) -> Learnt:
+        """Where the variance `common` is that of all people alike; `spread`: only how likely that is, given it."""
         effects = np.full(count, BY_SIZE)
         effects[: alike.shape[1]] = common
-        structure: Structure
-        if spread is not None:
-            structure = Known(spread)
-        elif way.learning is Learning.OFFSET:
-            structure = Known(np.eye(len(names)) - common * alike @ alike.T)
-        else:
-            structure = _axes(evidence, (alike, 1.0 - common), (opposite, 1.0), reflected)
-        found = learn(evidence, effects, reflected, structure)
-        if way.learning is Learning.WHOLE and spread is None:
-            found = learn(evidence, effects, reflected, Whole(found.population.spread, SURE_OF_ALL))
+        rest = np.eye(len(names)) - common * alike @ alike.T
+        if spread is not None or learning is Learning.OFFSET:
+            return learn(evidence, effects, reflected, Structure(rest if spread is None else spread))
+        found = learn(evidence, effects, reflected, Structure(rest, SURE_OF_AXES, axes))
+        if learning is Learning.WHOLE:
+            found = learn(evidence, effects, reflected, Structure(found.population.spread, SURE_OF_ALL))
         return found
 
     first = learnt(COMMON[0])
     likeliest = max(COMMON, key=lambda common: learnt(common, first.population.spread).rises[-1])
     return (first if likeliest == COMMON[0] else learnt(likeliest)).population
-
-
-def _axes(evidence: Evidence, alike: tuple[Array, float], opposite: tuple[Array, float], reflected: Array) -> Axes:
-    """Directions by how well people's recordings show them, so that what is seen tells nothing of what is not.
-
-    `alike`, `opposite`: a basis, and the variance along each direction before anybody is known.
-    """
-    seen = evidence.information.sum(axis=0)
-    seen = 0.5 * (seen + reflected @ seen @ reflected.T)
-    bases = [(basis @ np.linalg.eigh(basis.T @ seen @ basis)[1], variance) for basis, variance in (alike, opposite)]
-    variances = [np.full(basis.shape[1], variance) for basis, variance in bases]
-    return Axes(np.hstack([basis for basis, _ in bases]), np.concatenate(variances), SURE_OF_AXES)

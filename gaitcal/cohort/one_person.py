@@ -4,7 +4,6 @@ with nobody to ask.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,18 +12,23 @@ from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import InputError
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import stopping
-from gaitcal.findings import STUDY, Finding
+from gaitcal.findings import STUDY
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.io.atomic import require_room
-from gaitcal.io.lock import ResultKind
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.results.calibration import write_results
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.draft import Draft, draft_text, missing_words, settings_text, study_of
-from gaitcal.session.draft_lines import draft_notes
+from gaitcal.session.draft import (
+    Draft,
+    draft_notes,
+    draft_text,
+    files_of,
+    missing_words,
+    own_study,
+    settings_text,
+    study_of,
+)
 from gaitcal.session.drafting import draft_of, rejected_forces, without_faulty_trials
 from gaitcal.session.folder import read_folder
-from gaitcal.session.source import files_of, own_study
 from gaitcal.study.joint_prior import require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
@@ -75,24 +79,30 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     own = own_study(folder)
     drafted = None
     if own is not None:
-        inputs, loaded = input_files(load_study_file(own), own), Study.load(own)
+        inputs, study = input_files(load_study_file(own), own), Study.load(own)
     else:
         drafted = _ready(draft_of(folder, person.told))
-        inputs, loaded = files_of(drafted), study_of(drafted)
+        inputs, study = files_of(drafted), study_of(drafted)
     del folder  # the recordings of all files, also of those that are not used
     require_room(out, ResultKind.CALIBRATION, inputs)
-    loaded = replace(loaded, settings=_settings(loaded.settings, common))
-    require_joint_prior(loaded.settings, loaded.source)
-    if common.priors is not None and loaded.joint_prior is None:
-        loaded = with_cohort_priors(loaded, common.priors)
-    findings = check_study(loaded)
+    of_all = {name: value for name, value in common.said.items() if name not in study.settings.model_fields_set}
+    study = replace(study, settings=study.settings.model_copy(update=of_all))
+    require_joint_prior(study.settings, study.source)
+    if common.priors is not None and study.joint_prior is None:
+        study = with_cohort_priors(study, common.priors)
+    findings = check_study(study)
     if drafted is not None:
-        loaded, findings, faulty = without_faulty_trials(loaded, findings)
+        study, findings, faulty = without_faulty_trials(study, findings)
         drafted = drafted.without(faulty)
         findings = (*findings, *rejected_forces(drafted))
-    _stop_on_errors(findings, loaded)
-    calibration = calibrate(loaded, checked=findings)
-    notes = draft_notes(drafted) if drafted is not None else _contradictions(person, loaded, common)
+    if errors := stopping(findings, study.walks):
+        first = errors[0]
+        place = "" if first.where == STUDY else f"trial '{first.where}': "
+        more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
+        cause, action = f"{place}{first.topic}: {first.evidence}{more}", "gaitcal check shows all of it"
+        raise PersonError(cause, first.cure or action, code=first.code)
+    calibration = calibrate(study, checked=findings)
+    notes = draft_notes(drafted) if drafted is not None else _contradictions(person, study, common)
     calibration = replace(calibration, notes=(*notes, *calibration.notes))
     normal = common.normal
     made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
@@ -105,32 +115,13 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
 def _ready(draft: Draft) -> Draft:
     """The draft; PersonError where it cannot be run."""
     if draft.fault or draft.problem:
-        cause, _, action = (draft.fault or draft.problem).partition(": put each")
-        raise PersonError(
-            cause, f"put each{action}" if action else "gaitcal init on this folder shows every file", code=Code.FOLDER
-        )
+        cause, put, action = (draft.fault or draft.problem).partition(": put each")
+        action = f"{put[2:]}{action}" if action else "gaitcal init on this folder shows every file"
+        raise PersonError(cause, action, code=Code.FOLDER)
     if draft.missing:
         fields = ", ".join(draft.missing)
         raise PersonError(missing_words(draft), f"give {fields} in people.csv or cohort.toml", code=Code.WHO_IT_IS)
     return draft
-
-
-def _settings(own: CalibrationSettings, common: CommonSettings) -> CalibrationSettings:
-    """Settings of a study, filled with those said for everyone."""
-    new = {name: value for name, value in common.said.items() if name not in own.model_fields_set}
-    return own.model_copy(update=new)
-
-
-def _stop_on_errors(findings: Sequence[Finding], study: Study) -> None:
-    errors = stopping(findings, study.walks)
-    if not errors:
-        return
-    first = errors[0]
-    place = "" if first.where == STUDY else f"trial '{first.where}': "
-    more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
-    raise PersonError(
-        f"{place}{first.topic}: {first.evidence}{more}", first.cure or "gaitcal check shows all of it", code=first.code
-    )
 
 
 def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) -> tuple[str, ...]:

@@ -1,9 +1,8 @@
-"""What became of a person, as it is kept on disk beside the results: a small file each, and the strides as Parquet.
+"""What becomes of one person, and how it is kept on disk beside the results: a small file, and the strides as Parquet.
 
 `state/people/P01/pre.json` and `.parquet` belong to `people/P01/pre`. They are written whole when the person has ended,
-so that nothing but people at work is lost, whatever ends the run.
-
-What the result of a person depends on, as one SHA-256: files, what is said, settings, version.
+so that nothing but people at work is lost, whatever ends the run. What a result follows from (files, what is said,
+settings, version) is one SHA-256, `fingerprint`: where it has not changed, a worker does nothing.
 """
 
 from __future__ import annotations
@@ -11,33 +10,39 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from gaitcal.codes import Code
-from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.one_person import CommonSettings, calibrate_person
 from gaitcal.cohort.people import CohortPerson, is_folder
-from gaitcal.errors import InputError
-from gaitcal.io.atomic import atomic_text
+from gaitcal.cohort.row import Cell, mean_curves, reasons_of, row_of
+from gaitcal.errors import GaitcalError, InputError
+from gaitcal.gait.cycles import CYCLE_COLUMNS
+from gaitcal.io.atomic import atomic_file, atomic_text
 from gaitcal.io.csv import plates_file
-from gaitcal.io.external_loads import tables_there
-from gaitcal.io.lock import read_object
-from gaitcal.io.snapshot import sha256_of
-from gaitcal.io.toml import MAX_BYTES, package_version
-from gaitcal.io.validation import read_validated
+from gaitcal.io.opensim_files import tables_there
+from gaitcal.io.result_folder import MANIFEST, SELF, read_object, sha256_of
+from gaitcal.io.toml import MAX_BYTES, package_version, read_validated
 from gaitcal.model.linkage import SIDES
+from gaitcal.results.cycles import read_cycles
+from gaitcal.results.stride_files import ENSEMBLE
+from gaitcal.runtime import keep_freed_memory, with_one_blas_thread
+from gaitcal.session.draft import study_files
 from gaitcal.session.folder import MARKER_ENDINGS, TABLE_ENDINGS
-from gaitcal.session.source import study_files
 from gaitcal.study.study_file import StudyFile
 from gaitcal.study.truth import truth_files
 
 STATE = "state"
 AGAIN = "run the same command again: it tries this person once more"
-Cell: TypeAlias = str | int | float | None
-"""Of the table of people."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,12 +116,6 @@ def keep(out: Path, outcome: Outcome) -> None:
     )
 
 
-def forget(out: Path, place: str) -> None:
-    """Remove the outcome of an earlier run, as far as the disk lets us: it no longer holds."""
-    with suppress(OSError):
-        state_file(out, place, ".json").unlink(missing_ok=True)
-
-
 @dataclass(frozen=True)
 class Outcomes:
     """What became of everyone when a run has ended."""
@@ -128,19 +127,21 @@ class Outcomes:
 
     def of(self, person: CohortPerson) -> Outcome:
         """As the run returned it, else as it is kept on disk; a failure where it is neither."""
-        return self.failed.get(person.key) or kept(self.out, person) or _not_kept(person)
+        cause = "what became of it was not found on disk when the tables were written"
+        found = self.failed.get(person.key) or kept(self.out, person)
+        return found or _failure(person, Code.WORKER, cause, AGAIN, passing=True)
 
 
-def _not_kept(person: CohortPerson) -> Outcome:
+def _failure(person: CohortPerson, code: Code, cause: str, action: str, *, passing: bool, mark: str = "") -> Outcome:
     return Outcome(
         name=person.name,
         session=person.session,
         place=person.place,
-        fingerprint="",
-        code=Code.WORKER.value,
-        cause="what became of it was not found on disk when the tables were written",
-        action=AGAIN,
-        passing=True,
+        fingerprint=mark,
+        code=code.value,
+        cause=cause,
+        action=action,
+        passing=passing,
     )
 
 
@@ -158,30 +159,32 @@ READ = (*MARKER_ENDINGS, *TABLE_ENDINGS, ".csv", ".toml", ".xml")
 
 
 def inputs_of(folder: Path) -> dict[str, Path]:
-    """The files by names that differ, each once; those that a study names also where they are missing."""
+    """The files by names that differ, each once; those that a study names also where they are missing.
+
+    Names are as seen from the folder, or the one above it, so that a cohort may be moved; of others the whole path.
+    """
     folder = folder.absolute()
-    return {_name(Path(os.path.normpath(file)), folder): file for file in _files(folder)}
-
-
-def _name(file: Path, folder: Path) -> str:
-    """As seen from the folder, the one above it included, so that a cohort may be moved; else the whole path."""
-    for above, prefix in ((folder, ""), (folder.parent, "../")):
-        if file.is_relative_to(above):
-            return prefix + file.relative_to(above).as_posix()
-    return str(file)
+    out = {}
+    for path in _files(folder):
+        file, name = Path(os.path.normpath(path)), str(path)
+        for above, prefix in ((folder.parent, "../"), (folder, "")):
+            if file.is_relative_to(above):
+                name = prefix + file.relative_to(above).as_posix()
+        out[name] = path
+    return out
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    lying = [*_read_in(folder)]
-    for below in _entries(folder):
-        if below.is_dir() and below.name[0] not in ".~":
-            lying += _read_in(below)
+    if not is_folder(folder):
+        return
+    below = [path for path in sorted(folder.iterdir()) if path.is_dir() and path.name[0] not in ".~"]
+    lying = [file for place in (folder, *below) for file in _read_in(place)]
     yield from lying
     yield from (place for file in lying for place in _drawn_on(file))
     for path in _read_in(folder.parent):
         if path.suffix.lower() == ".toml" and path.stat().st_size <= MAX_BYTES and b"landmarks" in path.read_bytes():
             yield path  # a marker set for everyone
-    for study in study_files(folder) if is_folder(folder) else ():
+    for study in study_files(folder):
         yield study
         yield from _named_in(study)
 
@@ -213,11 +216,8 @@ def _drawn_on(file: Path) -> Iterator[Path]:
 
 
 def _read_in(folder: Path) -> list[Path]:
-    return [p for p in _entries(folder) if p.suffix.lower() in READ and p.name[0] not in ".~" and p.is_file()]
-
-
-def _entries(folder: Path) -> list[Path]:
-    return sorted(folder.iterdir()) if is_folder(folder) else []
+    paths = sorted(folder.iterdir())
+    return [p for p in paths if p.suffix.lower() in READ and p.name[0] not in ".~" and p.is_file()]
 
 
 FORMAT = 2
@@ -237,3 +237,143 @@ def fingerprint(person: CohortPerson, common: CommonSettings) -> str:
     if common.priors is not None:
         content["priors"] = sha256_of(common.priors)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+STRIDE_TYPES = {
+    **dict.fromkeys(("person", "session", "trial", "side", "variable"), pa.string()),
+    **dict.fromkeys(("stride", "percent"), pa.int32()),
+    "valid": pa.int8(),
+    **dict.fromkeys(("value", "se", "se_stride", "turn"), pa.float64()),
+}
+"""Column of `cycles.parquet` -> type."""
+STRIDES = pa.schema([(name, STRIDE_TYPES[name]) for name in CYCLE_COLUMNS])
+COMPRESSION = "zstd"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One person, and what a worker needs to know."""
+
+    person: CohortPerson
+    out: Path
+    """Folder of the cohort."""
+    common: CommonSettings
+    retry: bool
+    """Whether what failed is tried again though nothing changed."""
+    version: str
+    """Of gaitcal, which all workers must have."""
+
+
+def end_person(task: Task) -> Outcome:
+    """Calibrate a person where anything changed, and keep the outcome on disk; no exception leaves it.
+
+    What is returned has neither row nor curves: they stay on disk. Where nothing can be written there, it is a failure
+    that says so.
+    """
+    began = time.monotonic()
+    try:
+        outcome = _ended(task)
+    except Exception as error:  # noqa: BLE001 - one person's failure never stops the others
+        outcome = _failed_by(task, error)
+    if outcome.computed:
+        outcome = replace(outcome, seconds=round(time.monotonic() - began, 3), mebibytes=_peak())
+        outcome = _kept(task, outcome)
+    row = {name: outcome.row[name] for name in ("verdict", "first_cause") if name in outcome.row}
+    return replace(outcome, row=row, reasons=(), curves="")
+
+
+def lost_person(task: Task, words: str) -> Outcome:
+    """The outcome of a person over whom a worker died several times."""
+    cause, action = f"its worker process died: {words}", f"too little memory for so many --jobs does this; {AGAIN}"
+    return _kept(task, _failure(task.person, Code.WORKER, cause, action, passing=True))
+
+
+def _kept(task: Task, outcome: Outcome) -> Outcome:
+    """The outcome, kept on disk; a failure where the disk does not take it: an earlier one no longer holds."""
+    try:
+        keep(task.out, outcome)
+    except Exception as error:  # noqa: BLE001 - a full disk
+        with suppress(OSError):
+            state_file(task.out, outcome.place, ".json").unlink(missing_ok=True)
+        if not outcome.failed:
+            outcome = replace(_failed_by(task, error), seconds=outcome.seconds, mebibytes=outcome.mebibytes)
+    return outcome
+
+
+@with_one_blas_thread
+def _ended(task: Task) -> Outcome:
+    if package_version("gaitcal") != task.version:
+        raise _PassingError(f"the worker has gaitcal {package_version('gaitcal')}, not {task.version}")
+    person, result = task.person, task.out / task.person.place
+    mark = fingerprint(person, task.common)
+    before = kept(task.out, person)
+    if before is not None and before.fingerprint == mark and _stands(before, task):
+        return replace(before, computed=False)
+    keep_freed_memory()
+    calibrate_person(person, result, task.common)
+    strides = read_cycles(result).assign(person=person.name, session=person.session)
+    table = pa.Table.from_pandas(strides[list(CYCLE_COLUMNS)], schema=STRIDES, preserve_index=False)
+    with atomic_file(state_file(task.out, person.place, ".parquet")) as target:
+        pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)
+    row = row_of(result) | {"person": person.name, "session": person.session, "folder": person.place}
+    row |= {"page": f"{person.place}/{row['page']}" if row["page"] else "", "age_years": person.told.age}
+    return Outcome(
+        name=person.name,
+        session=person.session,
+        place=person.place,
+        fingerprint=mark,
+        result=_own_hash(result),
+        row=row,
+        reasons=reasons_of(result),
+        curves=mean_curves(result / ENSEMBLE, float(row["mass_kg"] or 1.0)),
+    )
+
+
+def _stands(before: Outcome, task: Task) -> bool:
+    """Whether an earlier outcome of the same inputs still holds."""
+    if before.failed:
+        return not (before.passing or task.retry)
+    strides = state_file(task.out, before.place, ".parquet")
+    return strides.is_file() and _own_hash(task.out / before.place) == before.result
+
+
+def _own_hash(result: Path) -> str:
+    return str(read_object(result / MANIFEST).get(SELF) or "")
+
+
+class _PassingError(GaitcalError):
+    """A cause of the moment."""
+
+    code = Code.WORKER
+
+
+def _failed_by(task: Task, error: Exception) -> Outcome:
+    """The failure that an exception is; of one that was not raised on purpose, the machine's or our own."""
+    person, cause = task.person, str(error)
+    for known in (f"{person.folder}: ", f"{person.folder}/", f"{task.out}/"):
+        cause = cause.replace(known, "")
+    code, default = Code.INTERNAL, "please report it"
+    if isinstance(error, GaitcalError):
+        code, default = error.code, "gaitcal check on this folder shows more"
+    else:
+        cause = f"internal error: {type(error).__name__}: {cause}"
+        if isinstance(error, (MemoryError, OSError)):
+            code = Code.WORKER
+    passing = isinstance(error, (_PassingError, MemoryError, OSError)) or isinstance(error.__cause__, OSError)
+    action = getattr(error, "action", "") or (AGAIN if passing else default)
+    try:
+        mark = fingerprint(person, task.common)
+    except OSError:
+        mark = ""
+    cause = " ".join("".join(c if c.isprintable() else " " for c in cause).split())
+    return _failure(person, code, cause, action, passing=passing, mark=mark)
+
+
+def _peak() -> float:
+    """Largest resident memory of this process, MiB; 0 where the system does not tell."""
+    if sys.platform == "win32":
+        return 0.0
+    import resource
+
+    unit = 1 << 20 if sys.platform == "darwin" else 1 << 10
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)

@@ -16,11 +16,10 @@ from typing import Any, Final
 import numpy as np
 import pyarrow.parquet as pq
 
-from gaitcal.cohort.columns import COLUMNS, Column
-from gaitcal.cohort.mean_curves import EVERY, STEPS, VARIABLES, no_curves
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
+from gaitcal.cohort.row import COLUMNS, EVERY, STEPS, VARIABLES, Column, no_curves
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.toml import package_version

@@ -1,70 +1,198 @@
-"""The row of the table of people that a result folder gives, from its files alone.
+"""The row of the table of people that a result folder gives, from its files alone, and mean curves for the page.
 
 Fits join the walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk i.
 Peaks are of the mean over valid strides (`gait/ensemble.py`), where at least `LEAST_VALID` of its percents are valid;
 moments and powers by body mass. Their standard error is that of the mean at that percent; of a range, whose ends are
 far apart in the stride, it is taken as if their errors were independent: se = sqrt(se_max^2 + se_min^2).
+
+Curves are the same means at every second percent, as 16-bit integers in steps of a size that is the same for everybody:
+people can be packed one by one. Three bytes are four letters of base64, and a person's bytes are divisible by three, so
+that people's texts one behind the other are the text of all.
 """
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.cohort.columns import ANGLES, MEASURED, NAMES, UNITS
-from gaitcal.cohort.outcome import Cell
 from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement
-from gaitcal.gait.symmetry import LEAST_VALID
-from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.gait.cycles import Kind, kind_of
+from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
+from gaitcal.io.result_folder import MANIFEST, read_object
+from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.stride_files import ENSEMBLE
 from gaitcal.results.table_file import read_csv
 from gaitcal.results.verdict import SUMMARY
 
-
-def peaks(ensemble: Path, mass: float) -> dict[str, float]:
-    """Column -> value, of `ensemble.csv`; nothing of what is not known. `mass`: kg."""
-    try:
-        table, _ = read_csv(ensemble)
-    except (OSError, pd.errors.EmptyDataError):
-        return {}
-    table = table[table["variable"].isin(UNITS) & table["side"].isin(SIDES)]
-    curves = {name: pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in ("mean", "se")}
-    out: dict[str, float] = {}
-    for (variable, side), rows in table.groupby(["variable", "side"], sort=False).indices.items():
-        scale = 1.0 if variable in ANGLES else 1.0 / mass
-        for peak, (value, error) in _peaks(scale * curves["mean"][rows], scale * curves["se"][rows]).items():
-            out[f"{variable}_{peak}_{side}"] = value
-            out[f"{variable}_{peak}_se_{side}"] = error
-    return out
-
-
-def _peaks(mean: Array, error: Array) -> dict[str, tuple[float, float]]:
-    """Of one curve (101,): value and standard error of each kind."""
-    if np.isfinite(mean).mean() < LEAST_VALID:
-        return {}
-    high, low = int(np.nanargmax(mean)), int(np.nanargmin(mean))
-    return {
-        "max": (float(mean[high]), float(error[high])),
-        "min": (float(mean[low]), float(error[low])),
-        "range": (float(mean[high] - mean[low]), float(np.hypot(error[high], error[low]))),
-    }
+Cell: TypeAlias = str | int | float | None
+"""Of the table of people."""
+ANGLES: Final = tuple(r.name for r in COORDINATE_TABLE.values() if r.group != "arm" and r.name not in LOCKED)
+MOMENTS: Final = tuple(
+    f"{name}_moment"
+    for name in ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle")
+)
+POWERS: Final = ("hip_power", "knee_power", "ankle_power")
+UNITS: Final = {**dict.fromkeys(ANGLES, "deg"), **dict.fromkeys(MOMENTS, "N m/kg"), **dict.fromkeys(POWERS, "W/kg")}
+"""Variable of `cycles.csv` -> unit of its peaks."""
+PEAKS: Final = ("max", "min", "range")
+MEASURED: Final = (
+    *("speed", "cadence", "stride_length", "step_length", "step_width", "stride_time", "stance_percent"),
+    *("double_support_percent", "single_support_percent"),
+)
+_FIT: Final = {
+    "nominal": "of the model as palpated",
+    "calibrated": "of the calibrated model",
+    "rigid_floor": "that moving skin leaves to rigid segments without joints",
+    "joint_floor": "that it leaves to segments with joints",
+}
+_WALKS: Final = "over all walks, frames counting alike (isolated trials where there is no walk)"
 
 
-PAGES = ("result.html", "report.html")
-"""The first of them that is there is the person's page."""
+@dataclass(frozen=True)
+class Column:
+    """One column."""
+
+    name: str
+    kind: type
+    """`str`, `int` or `float`."""
+    unit: str
+    meaning: str
+
+
+def _columns() -> tuple[Column, ...]:
+    def words(*columns: tuple[str, str]) -> list[Column]:
+        return [Column(name, str, "", meaning) for name, meaning in columns]
+
+    out = [
+        *words(
+            ("person", "name"),
+            ("session", "empty where there is one only"),
+            ("group", "as people.csv or cohort.toml says"),
+            ("folder", "result folder, from where this table lies"),
+            ("page", "the result's page, from where this table lies"),
+            ("verdict", "trustworthy, doubtful or refused"),
+            ("verdict_r", "of the right leg: refused in every walk, or the worst of the other walks"),
+            ("verdict_l", "of the left leg"),
+            ("first_cause", "the worst reason of the verdict"),
+            ("first_action", "what to do about it"),
+        ),
+        Column("reasons", int, "", "number of reasons of the verdict"),
+        *words(("status", "converged or not converged"), ("sex", "female or male")),
+        Column("mass_kg", float, "kg", "body mass"),
+        Column("height_m", float, "m", "body height"),
+        Column("age_years", float, "years", "as told"),
+        Column("walks", int, "", "walks that were used"),
+        *(Column(f"walks_refused_{s}", int, "", f"walks in which the {leg} leg is refused") for s, leg in _LEGS),
+    ]
+    for where, markers in (("marker_rms", "all markers"), ("legs_rms", "markers of pelvis and legs")):
+        for name, what in _FIT.items():
+            out.append(Column(f"{where}_{name}_mm", float, "mm", f"RMS distance of {markers} {what}, {_WALKS}"))
+    for stage, meaning in (
+        ("nominal", "pelvis residual of the nominal model"),
+        ("calibrated", "pelvis residual of the calibrated model"),
+        ("limit", "largest pelvis residual that errors explain"),
+    ):
+        for quantity, name, unit in (("force", "N", "N"), ("moment", "Nm", "N m")):
+            meant = f"{meaning}, RMS over valid frames of all walks"
+            out.append(Column(f"residual_{quantity}_{stage}_{name}", float, unit, meant))
+    for name in MEASURED:
+        for side, leg in _LEGS:
+            where = f"{name} of the {leg} leg's valid straight strides"
+            out.append(Column(f"{name}_{side}", float, MEASURES[name], f"mean {where}"))
+            out.append(Column(f"{name}_sd_{side}", float, MEASURES[name], f"standard deviation, {where}"))
+    out += [Column(f"strides_{side}", int, "", f"valid straight strides of the {leg} leg") for side, leg in _LEGS]
+    for variable, unit in UNITS.items():
+        for peak in PEAKS:
+            for side, leg in _LEGS:
+                meant = f"{peak} of the mean curve of {variable} over strides of the {leg} foot"
+                out.append(Column(f"{variable}_{peak}_{side}", float, unit, meant))
+                out.append(Column(f"{variable}_{peak}_se_{side}", float, unit, f"standard error: {meant}"))
+    out += words(
+        ("gaitcal", "version"),
+        ("settings_sha256", "of the settings in manifest.json"),
+        ("inputs_sha256", "of the SHA-256 of all inputs in manifest.json"),
+    )
+    return tuple(out)
+
+
+_LEGS: Final = tuple(zip(SIDES, ("right", "left"), strict=True))
+COLUMNS: Final = _columns()
+NAMES: Final = tuple(column.name for column in COLUMNS)
+EVERY: Final = 2
+"""% of the stride between two points of a curve."""
+GAP: Final = -32768
+STEPS: Final = {Kind.ANGLE: 0.01, Kind.MOMENT: 0.0005, Kind.POWER: 0.002}
+"""What one of the whole numbers is: deg, N m/kg, W/kg."""
+VARIABLES: Final = (
+    *("hip_flexion", "hip_flexion_moment", "hip_power", "hip_adduction", "hip_adduction_moment", "hip_rotation"),
+    *("knee_angle", "knee_angle_moment", "knee_power", "knee_adduction_moment"),
+    *("ankle_angle", "ankle_angle_moment", "ankle_power"),
+)
+"""Of `cycles.csv`, in the order of the packed curves; right before left."""
+SHAPE: Final = (len(VARIABLES), len(SIDES), 100 // EVERY + 1)
+PAGE = "result.html"
 DIGITS = 6
 _FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
+
+
+def _ensemble(path: Path, mass: float) -> Iterator[tuple[str, str, Array, Array, Array]]:
+    """Variable, side, percent, mean and standard error of every curve of `ensemble.csv`, by body `mass` (kg)."""
+    try:
+        table, _ = read_csv(path)
+    except (OSError, pd.errors.EmptyDataError):
+        return
+    table = table[table["variable"].isin({*UNITS, *VARIABLES}) & table["side"].isin(SIDES)]
+    numbers = [pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in ("percent", "mean", "se")]
+    for (variable, side), rows in table.groupby(["variable", "side"], sort=False).indices.items():
+        scale = 1.0 if kind_of(variable) is Kind.ANGLE else 1.0 / mass
+        percent, mean, error = (values[rows] for values in numbers)
+        yield variable, side, percent, scale * mean, scale * error
+
+
+def _peaks(ensemble: Path, mass: float) -> Iterator[tuple[str, float]]:
+    """Column and value; nothing of what is not known."""
+    for variable, side, _, mean, error in _ensemble(ensemble, mass):
+        if variable in UNITS and np.isfinite(mean).mean() >= LEAST_VALID:
+            high, low = int(np.nanargmax(mean)), int(np.nanargmin(mean))
+            ends = (mean[high], error[high]), (mean[low], error[low])
+            both = mean[high] - mean[low], np.hypot(error[high], error[low])
+            for peak, (value, its_error) in zip(PEAKS, (*ends, both), strict=True):
+                yield f"{variable}_{peak}_{side}", float(value)
+                yield f"{variable}_{peak}_se_{side}", float(its_error)
+
+
+def mean_curves(ensemble: Path, mass: float) -> str:
+    """Base64 of the curves of `ensemble.csv`, little-endian integers of `SHAPE`; empty where there is none.
+
+    Parameters
+    ----------
+    mass : kg.
+    """
+    packed = np.full(SHAPE, GAP, dtype="<i2")
+    for variable, side, percent, mean, _ in _ensemble(ensemble, mass):
+        if variable in VARIABLES:
+            here = np.isfinite(mean) & (percent % EVERY == 0)
+            whole = np.clip(np.rint(mean[here] / STEPS[kind_of(variable)]), GAP + 1, -GAP - 1)
+            packed[VARIABLES.index(variable), SIDES.index(side), (percent[here] / EVERY).astype(int)] = whole
+    return "" if (packed == GAP).all() else base64.b64encode(packed.tobytes()).decode("ascii")
+
+
+def no_curves() -> str:
+    """The curves of somebody who has none."""
+    return base64.b64encode(np.full(SHAPE, GAP, dtype="<i2").tobytes()).decode("ascii")
 
 
 def row_of(folder: Path) -> dict[str, Cell]:
@@ -84,7 +212,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
     walks = [trial for trial in trials.values() if trial.get("role") == "gait"]
     row: dict[str, Cell] = {
         "person": subject["name"],
-        "page": next((name for name in PAGES if (folder / name).is_file()), ""),
+        "page": PAGE if (folder / PAGE).is_file() else "",
         "verdict": summary["verdict"],
         "first_cause": reasons[0].get("cause", ""),
         "first_action": reasons[0].get("action", ""),
@@ -96,12 +224,16 @@ def row_of(folder: Path) -> dict[str, Cell]:
         **dict(_fits(walks or list(trials.values()))),
         **dict(_residuals(walks)),
         **dict(_spatiotemporal(summary.get("spatiotemporal") or {})),
-        **peaks(folder / ENSEMBLE, float(subject["mass_kg"])),
+        **dict(_peaks(folder / ENSEMBLE, float(subject["mass_kg"]))),
         "gaitcal": manifest["gaitcal"],
-        "settings_sha256": _digest(manifest.get("settings")),
-        "inputs_sha256": _digest(manifest.get("inputs_sha256")),
+        **{
+            f"{key.removesuffix('_sha256')}_sha256": _digest(manifest.get(key)) for key in ("settings", "inputs_sha256")
+        },
     }
-    return {name: _cell(row[name]) for name in NAMES if name in row}
+    for name, value in row.items():
+        if isinstance(value, float):
+            row[name] = round(value, DIGITS) if math.isfinite(value) else None
+    return {name: row[name] for name in NAMES if name in row}
 
 
 def reasons_of(folder: Path) -> tuple[dict[str, str], ...]:
@@ -109,12 +241,6 @@ def reasons_of(folder: Path) -> tuple[dict[str, str], ...]:
     summary: dict[str, Any] = read_object(folder / SUMMARY)
     found: Iterable[Mapping[str, Any]] = summary.get("reasons") or ()
     return tuple({name: str(reason.get(name) or "") for name in ("severity", "cause", "action")} for reason in found)
-
-
-def _cell(value: Cell) -> Cell:
-    if isinstance(value, float):
-        return round(value, DIGITS) if math.isfinite(value) else None
-    return value
 
 
 def _digest(content: object) -> str:
@@ -142,17 +268,15 @@ def _fits(trials: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
 
 
 def _residuals(walks: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
-    told = [
-        (walk["valid_frames"], list(walk["pelvis_residual"].values())) for walk in walks if "pelvis_residual" in walk
-    ]
-    for name, k in (("nominal", 0), ("calibrated", -1)):
-        yield f"residual_force_{name}_N", _together([(n, stages[k]["force_N"]) for n, stages in told])
-        yield f"residual_moment_{name}_Nm", _together([(n, stages[k]["torque_Nm"]) for n, stages in told])
-    limits = [
-        (walk["valid_frames"], walk["pelvis_residual_limit"]) for walk in walks if "pelvis_residual_limit" in walk
-    ]
-    yield "residual_force_limit_N", _together([(n, limit["force_N"]) for n, limit in limits])
-    yield "residual_moment_limit_Nm", _together([(n, limit["torque_Nm"]) for n, limit in limits])
+    stages = [(w["valid_frames"], list(w["pelvis_residual"].values())) for w in walks if "pelvis_residual" in w]
+    limits = [(w["valid_frames"], w["pelvis_residual_limit"]) for w in walks if "pelvis_residual_limit" in w]
+    for stage, found in (
+        ("nominal", [(frames, of_stage[0]) for frames, of_stage in stages]),
+        ("calibrated", [(frames, of_stage[-1]) for frames, of_stage in stages]),
+        ("limit", limits),
+    ):
+        yield f"residual_force_{stage}_N", _together([(frames, one["force_N"]) for frames, one in found])
+        yield f"residual_moment_{stage}_Nm", _together([(frames, one["torque_Nm"]) for frames, one in found])
 
 
 def _together(pairs: Iterable[tuple[int, float | None]]) -> float | None:

@@ -1,43 +1,64 @@
-"""A cohort from its folder to its tables: everyone whose inputs or settings changed is calibrated, the others stay."""
+"""A cohort from its folder to its tables: everyone whose inputs or settings changed is calibrated, the others stay.
+
+Tables are made of what is kept of every person, one at a time, in the order of names and sessions. The same people give
+the same bytes, in whatever order, on whatever machine and in however many runs they were computed; what differs
+(seconds, memory) is in `times.csv` alone.
+"""
 
 from __future__ import annotations
 
+import csv
+import json
 import shutil
 import time
-from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from gaitcal.codes import Code
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import STATE, Outcome, Outcomes
-from gaitcal.cohort.people import Cohort
-from gaitcal.cohort.tables import Written, mark, write_tables
-from gaitcal.cohort.task import Task, end_person, lost_person
+from gaitcal.cohort.outcome import (
+    COMPRESSION,
+    STATE,
+    STRIDES,
+    Cell,
+    Outcome,
+    Outcomes,
+    Task,
+    end_person,
+    lost_person,
+    state_file,
+)
+from gaitcal.cohort.page import PAGE, write_page
+from gaitcal.cohort.people import Cohort, CohortPerson
+from gaitcal.cohort.row import COLUMNS, NAMES
 from gaitcal.errors import InputError
-from gaitcal.io.atomic import disk_errors, real_path
-from gaitcal.io.lock import MANIFEST, UNFINISHED, ResultKind, locked, read_object
+from gaitcal.io.atomic import UNFINISHED, real_path
+from gaitcal.io.result_folder import MANIFEST, SELF, ResultKind, amended, read_object, self_hash, sha256_of
+from gaitcal.io.snapshot import FILES, HASHES
 from gaitcal.io.toml import package_version
-from gaitcal.published.workers import LocalProcesses
+from gaitcal.published.workers import LocalProcesses, Workers, alone
 
+PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
+FAILURES, TIMES, MEANINGS = "failures.csv", "times.csv", "columns.csv"
+FAILURE_COLUMNS = ("person", "session", "group", "folder", "code", "cause", "what_to_do")
+TIME_COLUMNS = ("person", "session", "seconds", "worker_mebibytes")
 WAIT_S = 5.0
 """For another run on the same folder that is about to end."""
 EACH = 25
 """People that a process calibrates before another takes its place."""
 MOST_MIB = 1500.0
 """A process that once needed more keeps much of it: it makes room for another one."""
-
-
-class Engine(Protocol):
-    """Who computes: `LocalProcesses` of this machine, or a `Cluster`."""
-
-    def run(
-        self, function: Callable[[Task], Outcome], tasks: Iterator[Task], lost: Callable[[Task, str], Outcome]
-    ) -> Iterator[Outcome]:
-        """Yield what becomes of every task, in any order."""
-        ...
+ROWS = 64
+"""People in a row group of `people.parquet`: what is held in memory."""
+_ARROW = {str: pa.string(), int: pa.int64(), float: pa.float64()}
+_GROUPED = STRIDES.insert(STRIDES.get_field_index("session") + 1, pa.field("group", pa.string()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +72,20 @@ class Ended:
     """None until somebody was computed."""
 
 
+@dataclass(frozen=True)
+class Written:
+    """What the tables are of."""
+
+    verdicts: Mapping[str, int]
+    """`trustworthy`, `doubtful`, `refused`, `failed` -> people."""
+
+
 def run_cohort(
     cohort: Cohort,
     out: Path,
     common: CommonSettings | None = None,
     *,
-    engine: Engine | None = None,
+    engine: Workers | None = None,
     retry: bool = False,
     told: Callable[[Ended], None] = lambda ended: None,
 ) -> Written:
@@ -64,7 +93,7 @@ def run_cohort(
 
     Parameters
     ----------
-    cohort : of `people.people_in` or `cohort_file.read_cohort`.
+    cohort : of `people.people_in` or `people.read_cohort`.
     out : the folder of the cohort; what is there of an earlier run, and still holds, is kept.
     common : settings of everyone.
     engine : who computes; processes of this machine unless given.
@@ -78,17 +107,18 @@ def run_cohort(
     """
     out, common, engine = real_path(out), common or CommonSettings(), engine or processes()
     require_cohort(out)
-    with alone(out):
+    with alone(out, "cohort", WAIT_S):
         mark(out)
         for unfinished in (out / STATE).rglob(f"{UNFINISHED}*"):  # of workers that were killed
             shutil.rmtree(unfinished, ignore_errors=True)
         version = package_version("gaitcal")
         tasks = (Task(person=person, out=out, common=common, retry=retry, version=version) for person in cohort.people)
-        began, done, computed = time.monotonic(), 0, 0
+        began, computed = time.monotonic(), 0
         failed: dict[tuple[str, str], Outcome] = {}
-        with closing(_generator(engine.run(end_person, tasks, lost_person))) as outcomes:
-            for outcome in outcomes:
-                done, computed = done + 1, computed + outcome.computed
+        ended = engine.run(end_person, tasks, lost_person)
+        with closing(outcome for outcome in ended) as outcomes:  # interrupted, workers end at once
+            for done, outcome in enumerate(outcomes, start=1):
+                computed += outcome.computed
                 if outcome.failed:
                     failed[outcome.key] = outcome
                 left = len(cohort.people) - done
@@ -112,11 +142,6 @@ def _ages(outcome: Outcome) -> int:
     return EACH if outcome.mebibytes > MOST_MIB else 1
 
 
-def _generator(outcomes: Iterator[Outcome]) -> Generator[Outcome, None, None]:
-    """The same, to be closed where the run is interrupted: workers then end at once."""
-    yield from outcomes
-
-
 def require_cohort(out: Path) -> None:
     """InputError where a folder holds something else than a cohort's results."""
     if not out.exists():
@@ -130,11 +155,98 @@ def require_cohort(out: Path) -> None:
         )
 
 
-@contextmanager
-def alone(out: Path) -> Iterator[None]:
-    """No other run works on the same cohort meanwhile."""
-    with ExitStack() as stack:
-        with disk_errors(out):
-            out.parent.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(out, "cohort", wait_s=WAIT_S))
-        yield
+def mark(out: Path) -> None:
+    """Mark a folder as a cohort's, before anything is in it."""
+    if not (out / MANIFEST).is_file():
+        with amended(out) as stage:
+            (stage / MANIFEST).write_text(_text({"kind": ResultKind.COHORT.value}), encoding="utf-8")
+
+
+def _text(content: Mapping[str, object]) -> str:
+    made = {"gaitcal": package_version("gaitcal"), **content}
+    return json.dumps({**made, SELF: self_hash(made)}, indent=1, ensure_ascii=False) + "\n"
+
+
+def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Path) -> str:
+    names = sorted(path.name for path in stage.iterdir() if path.name != TIMES)
+    settings: dict[str, object] = json.loads(common.calibration.model_dump_json(exclude_unset=True))
+    if common.normal is not None:
+        settings |= {"normal": common.normal.name, "normal_sha256": sha256_of(common.normal)}
+    if common.priors is not None:
+        settings |= {"priors": common.priors.name, "priors_sha256": sha256_of(common.priors)}
+    return _text(
+        {
+            "kind": ResultKind.COHORT.value,
+            "people": len({person.name for person in people}),
+            "sessions": len(people),
+            "settings": settings,
+            FILES: sorted([*names, TIMES]),
+            HASHES: {name: sha256_of(stage / name) for name in names},
+        }
+    )
+
+
+def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, common: CommonSettings) -> Written:
+    """Write all tables of a cohort into its folder, together. `source`: where the people's folders are."""
+    verdicts = Counter[str]()
+    schema, home = pa.schema([(column.name, _ARROW[column.kind]) for column in COLUMNS]), source.resolve()
+    with amended(ended.out) as stage:
+        with ExitStack() as stack:
+            table, failed, times = (
+                _csv(stack, stage / name, columns)
+                for name, columns in ((PEOPLE_CSV, NAMES), (FAILURES, FAILURE_COLUMNS), (TIMES, TIME_COLUMNS))
+            )
+            rows = stack.enter_context(pq.ParquetWriter(stage / PEOPLE_PARQUET, schema, compression=COMPRESSION))
+            strides = stack.enter_context(pq.ParquetWriter(stage / CYCLES, _GROUPED, compression=COMPRESSION))
+            waiting: list[Mapping[str, Cell]] = []
+            for person in people:
+                outcome = ended.of(person)
+                verdicts[outcome.verdict] += 1
+                times.writerow((*person.key, outcome.seconds, outcome.mebibytes))
+                if outcome.failed:
+                    below = person.folder.is_relative_to(home)
+                    folder = person.folder.relative_to(home).as_posix() if below else person.folder.name
+                    cause = (outcome.code, outcome.cause, outcome.action)
+                    failed.writerow((*person.key, person.group, folder, *cause))
+                    continue
+                row = {**outcome.row, "group": person.group}
+                table.writerow(["" if row.get(name) is None else row[name] for name in NAMES])
+                waiting.append(row)
+                if len(waiting) == ROWS:
+                    rows.write_table(_rows(waiting, schema))
+                    waiting = []
+                of_person = pq.read_table(state_file(ended.out, person.place, ".parquet"))
+                group = pa.array([person.group] * len(of_person), pa.string())
+                of_person = of_person.add_column(_GROUPED.get_field_index("group"), "group", group)
+                if len(of_person):
+                    strides.write_table(of_person.cast(_GROUPED), row_group_size=len(of_person))
+            if waiting:
+                rows.write_table(_rows(waiting, schema))
+            meanings = _csv(stack, stage / MEANINGS, ("column", "unit", "meaning"))
+            meanings.writerows((column.name, column.unit, column.meaning) for column in COLUMNS)
+        written = {"people": stage / PEOPLE_PARQUET, "failures": stage / FAILURES}
+        write_page(stage / PAGE, written, people, ended, common)
+        (stage / MANIFEST).write_text(_manifest(people, common, stage), encoding="utf-8")
+    return Written(verdicts)
+
+
+def _rows(waiting: Sequence[Mapping[str, Cell]], schema: pa.Schema) -> pa.Table:
+    """Cells as their columns have them: a number that is whole came as an integer from JSON."""
+    columns = {}
+    for column in COLUMNS:
+        cells = (row.get(column.name) for row in waiting)
+        columns[column.name] = [None if cell is None else column.kind(cell) for cell in cells]
+    return pa.table(columns, schema=schema)
+
+
+def _csv(stack: ExitStack, path: Path, names: Sequence[str]) -> Any:
+    stream = stack.enter_context(path.open("w", encoding="utf-8", newline=""))
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(names)
+    return writer
+
+
+def failures(out: Path) -> Iterator[dict[str, str]]:
+    """The lines of `failures.csv`."""
+    with (out / FAILURES).open(encoding="utf-8", newline="") as stream:
+        yield from csv.DictReader(stream)

@@ -22,9 +22,8 @@ from gaitcal.compare.difference import DIGITS, MDC, Difference, Spread, shared_v
 from gaitcal.compare.session import Common, Session
 from gaitcal.compare.stride_sets import Key, StrideSet, mean_over
 from gaitcal.gait.cycles import POINTS, Kind, kind_of, unit_of
-from gaitcal.gait.spatiotemporal import MEASURES
+from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
 from gaitcal.gait.strides import TURNING
-from gaitcal.gait.symmetry import LEAST_VALID
 
 PHASES = {
     Kind.ANGLE: ("stance", "swing"),

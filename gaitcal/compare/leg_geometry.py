@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.compare.peer_model import PeerJoint, PeerModel
-from gaitcal.export.joint_frames import joint_frames
+from gaitcal.export.osim import joint_frames
 from gaitcal.model.parameters import Parameters
 
 KNEE_SWEEP = math.radians(60.0)

@@ -12,8 +12,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.compare.peer_model import PeerAxis, PeerCoordinate, PeerJoint, PeerModel, read_function, read_numbers
 from gaitcal.errors import InputError
-from gaitcal.export.joint_frames import from_body_fixed_xyz
-from gaitcal.export.osim import original_name
+from gaitcal.export.osim import from_body_fixed_xyz, original_name
 
 _X, _Y, _Z = (np.eye(3)[i] for i in range(3))
 _SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {

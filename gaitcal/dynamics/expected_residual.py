@@ -40,7 +40,7 @@ from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.io.filters import low_pass
+from gaitcal.io.force_plate import low_pass
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.model.parameters import Parameters

@@ -20,8 +20,7 @@ from gaitcal.dynamics.off_sole import off_sole_frames
 from gaitcal.dynamics.partly_carried import beside_plates, shared_plates
 from gaitcal.dynamics.plate_steps import SIDE_WORDS, Step, steps_on
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.filters import filter_plate, filterable, resample_wrench
-from gaitcal.io.force_plate import LOADED_N
+from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_wrench
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.coordinates import LEG_COORDINATES

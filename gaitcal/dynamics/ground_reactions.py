@@ -20,7 +20,7 @@ from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
 from gaitcal.dynamics.plate_errors import foot_tip
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.filters import filterable
+from gaitcal.io.force_plate import filterable
 from gaitcal.io.intervals import runs, spans
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import chain_of, forward, segment_poses

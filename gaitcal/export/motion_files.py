@@ -1,8 +1,8 @@
 """Motion, generalised forces and ground reactions as files that OpenSim's tools take over.
 
-All are tables of OpenSim's Storage (`.mot`, `.sto`; `recording/mot.py` reads them). Storage stops reading at the first
-NaN, without a word; so a row that holds one is left out, and the header says so. Ground reactions are written as the
-force at the centre of pressure and the moment about it, with an XML file that says which columns act on which foot.
+All are tables of OpenSim's Storage (`.mot`, `.sto`), which stops reading at the first NaN, without a word: a row that
+holds one is left out, and the header says so. Ground reactions are written as the force at the centre of pressure and
+the moment about it, with an XML file that says which columns act on which foot.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gaitcal.errors import InputError
 from gaitcal.export.osim import DOCUMENT_VERSION, child, safe_name, write_xml
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.force_plate import point_and_torque
-from gaitcal.io.trc_mot import StorageTable
+from gaitcal.io.opensim_files import StorageTable
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, is_translation
 
 MOTION_COMMENTS = ("Coordinates of the model.osim beside this file; rotations in degrees, translations in m.",)
@@ -81,57 +81,19 @@ def write_external_loads(
     name = safe_name(stem)
     path, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
     if wrenches.shape != (len(time), len(FEET), 6):
-        raise InputError(
-            f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)", source=path, code=Code.NOT_WRITABLE
-        )
+        raise _fault(path, f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)")
     if not np.isfinite(wrenches).all():
-        raise InputError(
-            "a ground reaction is not finite; leave out frames without one", source=path, code=Code.NOT_WRITABLE
-        )
+        raise _fault(path, "a ground reaction is not finite; leave out frames without one")
+    document = ET.Element("OpenSimDocument", Version=DOCUMENT_VERSION)
+    external = child(document, "ExternalLoads", name="ground_reactions")
+    objects = child(external, "objects")
     names: list[str] = []
     columns: list[Array] = []
     for foot, wrench in zip(FEET, np.moveaxis(wrenches, 1, 0), strict=True):
-        force, point, torque = _identifiers(foot)
+        side = foot[-1]
+        force, point, torque = f"ground_force_{side}_v", f"ground_force_{side}_p", f"ground_torque_{side}_"
         names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
         columns += [wrench[:, :3], *point_and_torque(wrench)]
-    comments = ("Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m.",)
-    table = StorageTable(np.asarray(time), tuple(names), np.hstack(columns), False)
-    _write(path, "Ground reactions", comments, table)
-    _write_loads(loads, path.name)
-    return path, loads
-
-
-def _in_file_order(path: Path | str, coordinates: tuple[str, ...], values: Array) -> tuple[tuple[str, ...], Array]:
-    """The coordinates as OpenSim's files order them, and the columns of `values` (nf, len(coordinates)) likewise."""
-    for name in coordinates:
-        if name not in COORDINATE_INDEX:
-            raise InputError(
-                f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}",
-                source=path,
-                field="columns",
-                code=Code.NOT_WRITABLE,
-            )
-    if values.ndim != 2 or values.shape[1] != len(coordinates):
-        raise InputError(
-            f"found values of shape {values.shape}, expected (frames, {len(coordinates)})",
-            source=path,
-            code=Code.NOT_WRITABLE,
-        )
-    names = tuple(name for name in FILE_COORDINATES if name in coordinates)
-    return names, values[:, [coordinates.index(name) for name in names]]
-
-
-def _identifiers(foot: str) -> tuple[str, str, str]:
-    side = foot[-1]
-    return f"ground_force_{side}_v", f"ground_force_{side}_p", f"ground_torque_{side}_"
-
-
-def _write_loads(path: Path, table: str) -> None:
-    document = ET.Element("OpenSimDocument", Version=DOCUMENT_VERSION)
-    loads = child(document, "ExternalLoads", name="ground_reactions")
-    objects = child(loads, "objects")
-    for foot in FEET:
-        force, point, torque = _identifiers(foot)
         load = child(objects, "ExternalForce", name=f"ground_on_{foot}")
         child(load, "applied_to_body", foot)
         child(load, "force_expressed_in_body", "ground")
@@ -139,8 +101,27 @@ def _write_loads(path: Path, table: str) -> None:
         child(load, "force_identifier", force)
         child(load, "point_identifier", point)
         child(load, "torque_identifier", torque)
-    child(loads, "datafile", table)
-    write_xml(document, path)
+    child(external, "datafile", path.name)
+    comments = ("Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m.",)
+    table = StorageTable(np.asarray(time), tuple(names), np.hstack(columns), False)
+    _write(path, "Ground reactions", comments, table)
+    write_xml(document, loads)
+    return path, loads
+
+
+def _fault(path: Path | str, message: str, field: str | None = None) -> InputError:
+    return InputError(message, source=path, field=field, code=Code.NOT_WRITABLE)
+
+
+def _in_file_order(path: Path | str, coordinates: tuple[str, ...], values: Array) -> tuple[tuple[str, ...], Array]:
+    """The coordinates as OpenSim's files order them, and the columns of `values` (nf, len(coordinates)) likewise."""
+    for name in coordinates:
+        if name not in COORDINATE_INDEX:
+            raise _fault(path, f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}", "columns")
+    if values.ndim != 2 or values.shape[1] != len(coordinates):
+        raise _fault(path, f"found values of shape {values.shape}, expected (frames, {len(coordinates)})")
+    names = tuple(name for name in FILE_COORDINATES if name in coordinates)
+    return names, values[:, [coordinates.index(name) for name in names]]
 
 
 def _write(path: Path | str, title: str, comments: tuple[str, ...], table: StorageTable) -> None:
@@ -150,13 +131,9 @@ def _write(path: Path | str, title: str, comments: tuple[str, ...], table: Stora
     """
     nf, columns = len(table.time), len(table.names)
     if table.values.shape != (nf, columns):
-        raise InputError(
-            f"found values of shape {table.values.shape}, expected {(nf, columns)}", source=path, code=Code.NOT_WRITABLE
-        )
+        raise _fault(path, f"found values of shape {table.values.shape}, expected {(nf, columns)}")
     if not (np.isfinite(table.time).all() and (np.diff(table.time) > 0).all()):
-        raise InputError(
-            "must be finite and increase from row to row", source=path, field="time", code=Code.NOT_WRITABLE
-        )
+        raise _fault(path, "must be finite and increase from row to row", "time")
     known = np.isfinite(table.values).all(axis=1)
     missing = nf - int(known.sum())
     if missing:

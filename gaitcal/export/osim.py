@@ -1,69 +1,172 @@
-r"""The model as an OpenSim 4 document (`.osim`).
+r"""The linkage as other programs see it, and the model as an OpenSim 4 document (`.osim`).
 
-Ground and 14 bodies named as our segments; each joint a `CustomJoint` between two `PhysicalOffsetFrame`s that stand
-where the joint parameters say; the 27 coordinates with our names, signs and zeros; the markers as `MarkerSet`.
-OpenSim's `CustomJoint` first translates along axes of the parent's joint frame and then turns about three axes, each
-fixed in the frame left by the turn before: the order of our elements.
+Each joint of the linkage is a sequence of elementary motions (`gaitcal.model.linkage`): constants, then the
+coordinates, then constants. With J the joint frame, the pose of the child in the parent is
 
-Inverse kinematics and inverse dynamics need nothing more. The talus has no mass, as in our model; it lies between
-bodies with mass, so Simbody can simulate forwards, too. Coordinates that are held at zero are `locked`.
+    X_parent_child(q) = X_parent_J  M_1(q_1) ... M_n(q_n)  X_J_child,
 
-Names, numbers and text as they stand in the exported files.
+X_parent_J and X_J_child holding the joint parameters and the ankles' zero angles. Coordinates keep sign and zero. In
+the document each joint is a `CustomJoint` between two `PhysicalOffsetFrame`s; OpenSim first translates along axes of
+the parent's joint frame and then turns about three axes, each fixed in the frame left by the turn before: the order of
+our elements. The talus has no mass, as in our model; it lies between bodies with mass, so Simbody can simulate
+forwards, too. Coordinates that are held at zero are `locked`.
 
-Names of markers and subjects are data, and are made fit for every program that reads the files, reversibly: OpenSim
-refuses white space and `\ / * +` in names; XML cannot hold control characters at all. Such characters, and those that
-mean something in XML or here (`< > & " ' %`), are written as `%XX`, one per byte of their UTF-8 form. Everything else
-is kept, so that an ordinary label such as `R.ASIS` or `Hüfte` is the same in the model and in the marker file. No name
-is ever used as a path.
+Rotations are written as three angles: body-fixed x-y-z in OpenSim, R = Rx(a) Ry(b) Rz(c). With a = atan2(-R_12, R_22)
+taken off first, Rx(-a) R = Ry(b) Rz(c) gives b and c from well-conditioned pairs, so that the three angles bring R back
+to rounding even where a and c are not unique.
+
+Coordinates have ranges that living people stay within, for sliders and documentation; they contain those of Rajagopal
+et al. (2016), whose names and signs they have. Nothing enforces them (OpenSim: unclamped; MuJoCo: unlimited), because a
+calibrated linkage may pass them and must stay the same mechanical system.
+
+Names of markers and subjects are made fit for every program that reads the files, reversibly: OpenSim refuses white
+space and `\ / * +` in names; XML cannot hold control characters at all. Such characters, and those that mean something
+in XML or here (`< > & " ' %`), are written as `%XX`, one per byte of their UTF-8 form. No name is ever used as a path.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pinocchio as pin
 
-from gaitcal.export.joint_frames import (
-    COORDINATE_RANGES,
-    GROUND,
-    JointFrames,
-    axis_vector,
-    body_fixed_xyz,
-    joint_frames,
-    segment_inertia,
-)
+from gaitcal.arrays import Array
 from gaitcal.io.atomic import atomic_text
-from gaitcal.model.linkage import SEGMENTS, Element
-from gaitcal.model.subject_model import GRAVITY, MarkerPlacement, SubjectModel
+from gaitcal.model.chain import axis_rotation
+from gaitcal.model.coordinates import COORDINATE_TABLE, TRANSLATION_RANGES, split_side
+from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Element, Joint, Source, is_translation, root_elements
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
+from gaitcal.model.subject_model import GRAVITY, SubjectModel, constant_motion
 
-INDENT = "  "
+GROUND = "ground"
+"""The laboratory: y up, x forward, z right."""
+DOCUMENT_VERSION = "40000"
+"""Of the oldest OpenSim 4; later versions read it unchanged."""
+
+# --------------------------------------------------------------------------------------------- joints and segments
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointFrames:
+    """One joint: where it sits in its two segments, and how it moves."""
+
+    name: str
+    parent: str
+    """A segment, or `ground`."""
+    child: str
+    in_parent: pin.SE3
+    """X_parent_J, constant."""
+    motions: tuple[Element, ...]
+    """The coordinates in order from parent to child; each along or about an axis of the frame left by those before."""
+    to_child: pin.SE3
+    """X_J_child, constant."""
+
+    @property
+    def in_child(self) -> pin.SE3:
+        """X_child_J: where the joint sits in its child."""
+        return self.to_child.inverse()
+
+
+@dataclass(frozen=True)
+class SegmentInertia:
+    """Mass, mass centre and principal moments, axes parallel to the segment's."""
+
+    mass: float
+    """kg; 0 for the talus."""
+    centre: Array
+    """(3,) m, in the segment frame."""
+    moments: Array
+    """(3,) kg m^2 about the mass centre."""
+
+
+def joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
+    """All 14 joints, that of the pelvis in the laboratory first, each after the joint of its parent."""
+    root = Joint("ground_pelvis", GROUND, "pelvis", root_elements("pelvis"))
+    return tuple(frames_of(joint, parameters) for joint in (root, *JOINTS))
+
+
+def frames_of(joint: Joint, parameters: Parameters) -> JointFrames:
+    """One joint of the linkage: its constants before the first and after the last coordinate multiplied out."""
+    moving = [i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE]
+    first, last = moving[0], moving[-1] + 1
+    in_parent, to_child = pin.SE3.Identity(), pin.SE3.Identity()
+    for e in joint.elements[:first]:
+        in_parent = in_parent * constant_motion(e, parameters)
+    for e in joint.elements[last:]:
+        to_child = to_child * constant_motion(e, parameters)
+    ends = {"name": joint.name, "parent": joint.parent, "child": joint.child}
+    return JointFrames(**ends, in_parent=in_parent, motions=joint.elements[first:last], to_child=to_child)
+
+
+def axis_vector(element: Element) -> Array:
+    """(3,) unit axis of a coordinate, with its sign."""
+    axis = np.zeros(3)
+    axis[element.axis] = element.sign
+    return axis
+
+
+def segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
+    """The inertia of one segment."""
+    if segment not in MASSIVE_SEGMENTS:
+        return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
+    row = table(parameters.inertial)[MASSIVE_SEGMENTS.index(segment)]
+    return SegmentInertia(float(row[0]), row[1:4], row[4:7])
+
+
+def body_fixed_xyz(rotation: Array) -> Array:
+    """(3,) rad: a, b, c of R = Rx(a) Ry(b) Rz(c), as in OpenSim's `orientation`."""
+    a = np.arctan2(-rotation[1, 2], rotation[2, 2])
+    rest = axis_rotation(0, -float(a)) @ rotation
+    return np.array([a, np.arctan2(rest[0, 2], rest[2, 2]), np.arctan2(rest[1, 0], rest[1, 1])])
+
+
+def space_fixed_xyz(rotation: Array) -> Array:
+    """(3,) rad: roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF's `rpy`."""
+    return -body_fixed_xyz(rotation.T)
+
+
+def from_body_fixed_xyz(angles: Array) -> Array:
+    """(3, 3) rotation Rx(a) Ry(b) Rz(c)."""
+    a, b, c = (float(angle) for angle in angles)
+    rotation: Array = axis_rotation(0, a) @ axis_rotation(1, b) @ axis_rotation(2, c)
+    return rotation
+
+
+def _range(coordinate: str) -> tuple[float, float]:
+    if is_translation(coordinate):
+        return TRANSLATION_RANGES[coordinate]
+    low, high = COORDINATE_TABLE[split_side(coordinate)[0]].usual
+    return math.radians(low), math.radians(high)
+
+
+COORDINATE_RANGES = {name: _range(name) for name in COORDINATES}
+"""Lowest and highest usual value of every coordinate, m or rad."""
+
+# --------------------------------------------------------------------------------------- names, numbers and text
+
 _ESCAPED = frozenset("\\/*+%<>&\"'")
 _EMPTY = "%"
 
 
 def safe_name(name: str) -> str:
     """`name` with every troublesome character as `%XX`; never empty; different names stay different."""
-    if not name:
-        return _EMPTY
-    return "".join(c if _is_plain(c) else _escape(c) for c in name)
+    out = ""
+    for character in name:
+        is_plain = character.isprintable() and not character.isspace() and character not in _ESCAPED
+        octets = b"" if is_plain else character.encode("utf-8", errors="surrogatepass")
+        out += character if is_plain else "".join(f"%{byte:02X}" for byte in octets)
+    return out or _EMPTY
 
 
 def original_name(name: str) -> str:
     """The name that `safe_name` was given; a name that it cannot have written comes back as it is."""
-    if name == _EMPTY:
-        return ""
-    return re.sub("(?:%[0-9A-F]{2})+", _unescape, name)
-
-
-def _is_plain(character: str) -> bool:
-    return character.isprintable() and not character.isspace() and character not in _ESCAPED
-
-
-def _escape(character: str) -> str:
-    return "".join(f"%{byte:02X}" for byte in character.encode("utf-8", errors="surrogatepass"))
+    return "" if name == _EMPTY else re.sub("(?:%[0-9A-F]{2})+", _unescape, name)
 
 
 def _unescape(match: re.Match[str]) -> str:
@@ -92,15 +195,12 @@ def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: s
 
 def write_xml(root: ET.Element, path: Path | str) -> None:
     """Write an indented UTF-8 document, whole or not at all."""
-    ET.indent(root, INDENT)
+    ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
     atomic_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')
 
 
-DOCUMENT_VERSION = "40000"
-"""Of the oldest OpenSim 4; later versions read it unchanged."""
-
-_UNIT_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+# ------------------------------------------------------------------------------------------------- the document
 
 
 def write_osim(model: SubjectModel, path: Path | str) -> None:
@@ -117,20 +217,22 @@ def write_osim(model: SubjectModel, path: Path | str) -> None:
     child(top, "force_units", "N")
     bodies = child(child(top, "BodySet", name="bodyset"), "objects")
     for segment in SEGMENTS:
-        _add_body(bodies, model, segment)
+        inertia = segment_inertia(model.parameters, segment)
+        body = child(bodies, "Body", name=segment)
+        child(body, "mass", numbers([inertia.mass]))
+        child(body, "mass_center", numbers(inertia.centre))
+        child(body, "inertia", numbers([*inertia.moments, 0.0, 0.0, 0.0]))
     joints = child(child(top, "JointSet", name="jointset"), "objects")
     for joint in joint_frames(model.parameters):
         _add_joint(joints, joint, model.locked)
-    _add_markers(child(child(top, "MarkerSet", name="markerset"), "objects"), model.markers)
+    objects = child(child(top, "MarkerSet", name="markerset"), "objects")
+    markers = model.markers
+    for label, segment, local in zip(markers.labels, markers.segments, markers.local, strict=True):
+        marker = child(objects, "Marker", name=safe_name(label))
+        child(marker, "socket_parent_frame", f"/bodyset/{segment}")
+        child(marker, "location", numbers(local))
+        child(marker, "fixed", "true")
     write_xml(document, path)
-
-
-def _add_body(bodies: ET.Element, model: SubjectModel, segment: str) -> None:
-    inertia = segment_inertia(model.parameters, segment)
-    body = child(bodies, "Body", name=segment)
-    child(body, "mass", numbers([inertia.mass]))
-    child(body, "mass_center", numbers(inertia.centre))
-    child(body, "inertia", numbers([*inertia.moments, 0.0, 0.0, 0.0]))
 
 
 def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...]) -> None:
@@ -148,40 +250,29 @@ def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...])
         child(coordinate, "locked", "true" if motion.name in frozen else "false")
     offsets = child(joint, "frames")
     ground = "/ground" if frames.parent == GROUND else f"/bodyset/{frames.parent}"
-    _add_offset(offsets, in_parent, ground, frames.in_parent)
-    _add_offset(offsets, in_child, f"/bodyset/{frames.child}", frames.in_child)
+    for name, parent, place in (
+        (in_parent, ground, frames.in_parent),
+        (in_child, f"/bodyset/{frames.child}", frames.in_child),
+    ):
+        frame = child(offsets, "PhysicalOffsetFrame", name=name)
+        child(frame, "socket_parent", parent)
+        child(frame, "translation", numbers(place.translation))
+        child(frame, "orientation", numbers(body_fixed_xyz(place.rotation)))
     transform = child(joint, "SpatialTransform")
     _add_axes(transform, "rotation", [m for m in frames.motions if m.rotates])
     _add_axes(transform, "translation", [m for m in frames.motions if not m.rotates])
 
 
-def _add_offset(offsets: ET.Element, name: str, parent: str, place: pin.SE3) -> None:
-    frame = child(offsets, "PhysicalOffsetFrame", name=name)
-    child(frame, "socket_parent", parent)
-    child(frame, "translation", numbers(place.translation))
-    child(frame, "orientation", numbers(body_fixed_xyz(place.rotation)))
-
-
 def _add_axes(transform: ET.Element, kind: str, motions: list[Element]) -> None:
     """Three axes of the transform: those of the coordinates, then the axes left over, which do not move."""
-    taken = {m.axis for m in motions}
-    idle = [axis for axis in range(3) if axis not in taken]
+    idle = [axis for axis in range(3) if axis not in {m.axis for m in motions}]
     for number in range(3):
         axis = child(transform, "TransformAxis", name=f"{kind}{number + 1}")
         if number < len(motions):
-            motion = motions[number]
-            child(axis, "coordinates", motion.name)
-            child(axis, "axis", numbers(axis_vector(motion)))
+            child(axis, "coordinates", motions[number].name)
+            child(axis, "axis", numbers(axis_vector(motions[number])))
             child(child(axis, "LinearFunction", name="function"), "coefficients", "1 0")
         else:
             child(axis, "coordinates")
-            child(axis, "axis", numbers(_UNIT_AXES[idle[number - len(motions)]]))
+            child(axis, "axis", numbers(np.eye(3)[idle[number - len(motions)]]))
             child(child(axis, "Constant", name="function"), "value", "0")
-
-
-def _add_markers(objects: ET.Element, markers: MarkerPlacement) -> None:
-    for label, segment, local in zip(markers.labels, markers.segments, markers.local, strict=True):
-        marker = child(objects, "Marker", name=safe_name(label))
-        child(marker, "socket_parent_frame", f"/bodyset/{segment}")
-        child(marker, "location", numbers(local))
-        child(marker, "fixed", "true")

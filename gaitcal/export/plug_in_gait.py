@@ -28,8 +28,8 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.joint_kinetics import POWERS, powers
-from gaitcal.export.joint_frames import joint_frames
-from gaitcal.io.c3d.supplement import AddedPoint, PointKind
+from gaitcal.export.osim import joint_frames
+from gaitcal.io.c3d.writer import AddedPoint, PointKind
 from gaitcal.model.chain import Chain, forward, segment_poses
 from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED, Coordinate, with_side
 from gaitcal.model.linkage import COORDINATES, SIDES

@@ -1,24 +1,20 @@
-"""The model as MuJoCo XML (MJCF).
+"""The model as MuJoCo XML (MJCF), and as URDF for Pinocchio, ROS and others.
 
-Every segment with mass is a body with all its joints inside. MuJoCo applies the joints of a body in order, each about
-an axis given in the body's own frame at q = 0. For a chain of constants C and motions M,
+MJCF: every segment with mass is a body with all its joints inside. MuJoCo applies the joints of a body in order, each
+about an axis given in the body's own frame at q = 0. For a chain of constants C and motions M,
 
     X(q) = C_0 M_1 C_1 M_2 ... M_n C_n = (C_0 ... C_n) M'_1 ... M'_n,   M'_k = S_k^-1 M_k S_k,   S_k = C_k ... C_n,
 
 so joint k has the axis R_k^T a_k and passes through the point -R_k^T t_k, with (R_k, t_k) = S_k. Bodies that move
 must have mass in MuJoCo: the talus, which has none, is folded into the foot's body by the same formula, exactly. Only
-where a marker sits on the talus is it a body of its own, of `TALUS_MASS`.
+where a marker sits on the talus is it a body of its own, of `TALUS_MASS`. Not limited, damped or actuated: the same
+mechanical system. Coordinates held at zero are tied there by an equality.
 
-Not limited, damped or actuated: the same mechanical system. Coordinates held at zero are tied there by an equality.
-
-The model as URDF, for Pinocchio, ROS and others.
-
-A URDF joint has one degree of freedom, so a joint of ours becomes a chain: a fixed joint to its frame in the parent,
+URDF: a joint has one degree of freedom, so a joint of ours becomes a chain: a fixed joint to its frame in the parent,
 one link without inertia per coordinate, a fixed joint to the child segment. Readers such as Pinocchio take siblings
-in alphabetical order; the fixed joints are numbered so that this is our order, and q is the same vector as ours.
-
-URDF knows no gravity. The root link `ground` is our laboratory, **y up**: set gravity to (0, -9.81, 0). Markers are
-links `marker_NAME` without inertia. Coordinates that are held at zero have equal limits of zero.
+in alphabetical order; the fixed joints are numbered so that this is our order, and q is the same vector as ours. URDF
+knows no gravity. The root link `ground` is our laboratory, **y up**: set gravity to (0, -9.81, 0). Markers are links
+`marker_NAME` without inertia. Coordinates that are held at zero have equal limits of zero.
 """
 
 from __future__ import annotations
@@ -32,16 +28,19 @@ import pinocchio as pin
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.export.joint_frames import (
+from gaitcal.export.osim import (
     COORDINATE_RANGES,
     GROUND,
     JointFrames,
     axis_vector,
+    child,
     joint_frames,
+    numbers,
+    safe_name,
     segment_inertia,
     space_fixed_xyz,
+    write_xml,
 )
-from gaitcal.export.osim import child, numbers, safe_name, write_xml
 from gaitcal.model.linkage import SEGMENTS, Element
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, is_physical
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
@@ -50,9 +49,11 @@ TALUS_MASS = 1e-12
 """kg, of a talus that carries a marker: its weight is 1e-11 N, far below what any result here resolves."""
 _TALUS_MOMENT = 1e-14
 """kg m^2; MuJoCo accepts nothing below 1e-15."""
-
 _SITE_RADIUS = 0.008
 """m, of the spheres that show markers."""
+MARKER_PREFIX = "marker_"
+_UNLIMITED = 1e4
+"""N or N·m, m/s or rad/s: URDF demands a bound of effort and speed, we have none."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,17 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
         An inertia that no rigid body can have (a principal moment larger than the sum of the others, or not positive):
         MuJoCo refuses to load it, and to change it would be another mechanical system.
     """
-    _require_physical(model, path)
+    for segment, physical in zip(MASSIVE_SEGMENTS, is_physical(model.parameters.inertial), strict=True):
+        if not physical:
+            inertia = segment_inertia(model.parameters, segment)
+            raise InputError(
+                f"found mass {inertia.mass:.4g} kg, principal moments {inertia.moments[0]:.4g}, "
+                f"{inertia.moments[1]:.4g}, {inertia.moments[2]:.4g} kg m^2, which no rigid body has; MuJoCo takes "
+                "only positive ones, none larger than the sum of the other two (osim and urdf can be written)",
+                source=path,
+                field=segment,
+                code=Code.IMPOSSIBLE_BODY,
+            )
     document = ET.Element("mujoco", model=safe_name(model.subject.name))
     compiler = {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false", "balanceinertia": "false"}
     child(document, "compiler", **compiler)
@@ -110,20 +121,6 @@ def body_joints(chain: tuple[JointFrames, ...]) -> tuple[pin.SE3, tuple[BodyJoin
     return to_end, tuple(reversed(joints))
 
 
-def _require_physical(model: SubjectModel, path: Path | str) -> None:
-    for segment, physical in zip(MASSIVE_SEGMENTS, is_physical(model.parameters.inertial), strict=True):
-        if not physical:
-            inertia = segment_inertia(model.parameters, segment)
-            raise InputError(
-                f"found mass {inertia.mass:.4g} kg, principal moments {inertia.moments[0]:.4g}, "
-                f"{inertia.moments[1]:.4g}, {inertia.moments[2]:.4g} kg m^2, which no rigid body has; MuJoCo takes "
-                "only positive ones, none larger than the sum of the other two (osim and urdf can be written)",
-                source=path,
-                field=segment,
-                code=Code.IMPOSSIBLE_BODY,
-            )
-
-
 def _add_body(parent: ET.Element, chain: tuple[JointFrames, ...], model: SubjectModel) -> ET.Element:
     segment = chain[-1].child
     place, joints = body_joints(chain)
@@ -146,53 +143,44 @@ def _add_body(parent: ET.Element, chain: tuple[JointFrames, ...], model: Subject
     return body
 
 
-MARKER_PREFIX = "marker_"
-
-_UNLIMITED = 1e4
-"""N or N·m, m/s or rad/s: URDF demands a bound of effort and speed, we have none."""
-
-
 def write_urdf(model: SubjectModel, path: Path | str) -> None:
     """Write `model`: m, kg, rad; root link `ground` with y up; joints named as our 27 coordinates."""
     robot = ET.Element("robot", name=safe_name(model.subject.name))
     robot.append(ET.Comment(f" Written by gaitcal. y is up: gravity is (0, -{GRAVITY}, 0) in the root link. "))
-    _add_link(robot, GROUND)
+    child(robot, "link", name=GROUND)
     for number, joint in enumerate(joint_frames(model.parameters)):
         _add_chain(robot, f"{number:02d}_{joint.name}", joint, model.locked)
     for segment in SEGMENTS:
-        _add_segment(robot, model, segment)
+        link = child(robot, "link", name=segment)
+        inertia = segment_inertia(model.parameters, segment)
+        if inertia.mass:
+            inertial = child(link, "inertial")
+            child(inertial, "origin", xyz=numbers(inertia.centre), rpy="0 0 0")
+            child(inertial, "mass", value=numbers([inertia.mass]))
+            x, y, z = (numbers([moment]) for moment in inertia.moments)
+            child(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
     markers = model.markers
     for label, segment, local in zip(markers.labels, markers.segments, markers.local, strict=True):
         name = MARKER_PREFIX + safe_name(label)
-        _add_link(robot, name)
+        child(robot, "link", name=name)
         _add_fixed(robot, f"{name}_fixed", segment, name, pin.SE3(pin.SE3.Identity().rotation, local))
     write_xml(robot, path)
 
 
-def _add_link(robot: ET.Element, name: str) -> ET.Element:
-    return child(robot, "link", name=name)
-
-
-def _add_segment(robot: ET.Element, model: SubjectModel, segment: str) -> None:
-    link = _add_link(robot, segment)
-    inertia = segment_inertia(model.parameters, segment)
-    if inertia.mass == 0.0:
-        return
-    inertial = child(link, "inertial")
-    child(inertial, "origin", xyz=numbers(inertia.centre), rpy="0 0 0")
-    child(inertial, "mass", value=numbers([inertia.mass]))
-    x, y, z = (numbers([moment]) for moment in inertia.moments)
-    child(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
-
-
 def _add_chain(robot: ET.Element, name: str, frames: JointFrames, frozen: tuple[str, ...]) -> None:
-    _add_link(robot, name)
+    """A joint of ours as a fixed joint, one joint for each coordinate, and another fixed joint."""
+    child(robot, "link", name=name)
     _add_fixed(robot, f"{name}_in_{frames.parent}", frames.parent, name, frames.in_parent)
-    link = name
+    link, bound = name, numbers([_UNLIMITED])
     for motion in frames.motions:
         moved = f"{name}_{motion.name}"
-        _add_link(robot, moved)
-        _add_coordinate(robot, motion, link, moved, motion.name in frozen)
+        child(robot, "link", name=moved)
+        joint = child(robot, "joint", name=motion.name, type="revolute" if motion.rotates else "prismatic")
+        child(joint, "parent", link=link)
+        child(joint, "child", link=moved)
+        child(joint, "axis", xyz=numbers(axis_vector(motion)))
+        low, high = (0.0, 0.0) if motion.name in frozen else COORDINATE_RANGES[motion.name]
+        child(joint, "limit", lower=numbers([low]), upper=numbers([high]), effort=bound, velocity=bound)
         link = moved
     _add_fixed(robot, f"{name}_to_{frames.child}", link, frames.child, frames.to_child)
 
@@ -202,13 +190,3 @@ def _add_fixed(robot: ET.Element, name: str, parent: str, link: str, place: pin.
     child(joint, "parent", link=parent)
     child(joint, "child", link=link)
     child(joint, "origin", xyz=numbers(place.translation), rpy=numbers(space_fixed_xyz(place.rotation)))
-
-
-def _add_coordinate(robot: ET.Element, motion: Element, parent: str, link: str, frozen: bool) -> None:
-    joint = child(robot, "joint", name=motion.name, type="revolute" if motion.rotates else "prismatic")
-    child(joint, "parent", link=parent)
-    child(joint, "child", link=link)
-    child(joint, "axis", xyz=numbers(axis_vector(motion)))
-    low, high = (0.0, 0.0) if frozen else COORDINATE_RANGES[motion.name]
-    bound = numbers([_UNLIMITED])
-    child(joint, "limit", lower=numbers([low]), upper=numbers([high]), effort=bound, velocity=bound)

@@ -26,13 +26,12 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.chain import Chain, forward, segment_poses
-from gaitcal.model.joint_centres import HipCentre, JointWidths
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.present_markers import complete_static, worn
-from gaitcal.model.segment_frames import Frame, across, lower_body, sign
+from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, across, lower_body, sign
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_fit
 

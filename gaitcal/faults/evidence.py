@@ -17,12 +17,12 @@ from gaitcal.io.axes import PROGRESSION_M, net_progression
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.outliers import Stray, without_strays
+from gaitcal.model.outliers import Outlier
 from gaitcal.model.rebuilt_markers import Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, StudyTrial, cleaned_trial
 
 NEGLIGIBLE_WEIGHT = 0.1
 """Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""
@@ -40,7 +40,7 @@ class TrialEvidence:
     """Nominal; None where the static trial gives none."""
     stance: Stance | None = None
     """The static posture of pelvis and legs; None where there is no model."""
-    strays: tuple[Stray, ...] = ()
+    strays: tuple[Outlier, ...] = ()
     """Markers that the recording lacks where they were metres away from the body."""
     rebuilding: Rebuilding | None = None
     """Of the static trial that makes the model: markers that it lost, and what other trials gave back."""
@@ -56,10 +56,9 @@ class TrialEvidence:
         stance: Stance | None = None,
     ) -> TrialEvidence:
         """The evidence of a trial without markers that are metres away from the body, as it will be fitted."""
-        recording, strays = without_strays(trial.recording, marker_set.segment_of)
-        trial = replace(trial, recording=recording)
+        trial = cleaned_trial(trial, marker_set.segment_of)
         found = cls(trial=trial, marker_set=marker_set, subject=subject, settings=settings, model=model)
-        return replace(found, stance=stance, strays=strays)
+        return replace(found, stance=stance, strays=trial.strays or ())
 
     def with_recording(self, recording: Recording) -> TrialEvidence:
         """The same trial as another recording has it."""

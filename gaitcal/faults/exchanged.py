@@ -125,7 +125,11 @@ def undone(trial: TrialEvidence) -> TrialEvidence:
 
 
 def exchanged_back(trial: TrialEvidence) -> tuple[Recording, list[Finding]]:
-    """The recording with labels that jumped onto each other exchanged back, and what was done."""
+    """The recording with labels that jumped onto each other exchanged back, and what was done.
+
+    A robust loss alone cannot do it: three markers of a segment of which two are exchanged are a mirror image, and
+    least squares turns the segment round.
+    """
     markers, findings = trial.recording.markers.copy(), []
     for jump in by_jumps(trial):
         a, b = trial.place[jump.label], trial.place[jump.other]

@@ -24,8 +24,7 @@ from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.verdict import DISORDERS_PRESSURE
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.filters import resample_wrench
-from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
+from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, resample_wrench
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.model.linkage import SIDES
 from gaitcal.runtime import remembered

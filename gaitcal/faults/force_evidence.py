@@ -42,8 +42,7 @@ from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, w
 from gaitcal.dynamics.plate_steps import SHORTEST, UNDER_FOOT, distance_to_line
 from gaitcal.faults.plate_forces import EMPTY_N, PlateForces, Sole, empty_reading, soles_of, under_feet
 from gaitcal.io.axes import ABOUT_Y
-from gaitcal.io.filters import filter_plate, filterable, resample_wrench
-from gaitcal.io.force_plate import LOADED_N, centre_on_ground
+from gaitcal.io.force_plate import LOADED_N, centre_on_ground, filter_plate, filterable, resample_wrench
 from gaitcal.io.intervals import duration, runs
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.linkage import SIDES

@@ -35,9 +35,9 @@ from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.verdict import PLACES
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.moments import joint_words
-from gaitcal.model.joint_centres import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
+from gaitcal.model.segment_frames import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.study.joint_prior import JointPrior

@@ -15,8 +15,8 @@ from gaitcal.codes import Code
 from gaitcal.errors import alike
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.io.intervals import duration, runs, spans
-from gaitcal.io.recording import marker_gaps, seen_mask
+from gaitcal.io.intervals import duration, marker_gaps, runs, spans
+from gaitcal.io.recording import seen_mask
 from gaitcal.model.landmarks import one_psis, sacrum_words
 from gaitcal.model.linkage import LEG_SEGMENTS, SIDES, carrier_of, joint_segments
 from gaitcal.motion.rigid import FEWEST_MARKERS

@@ -34,8 +34,7 @@ from gaitcal.dynamics.plate_errors import OUTSIDE_SHARE, share_outside
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of
 from gaitcal.findings import Finding
-from gaitcal.io.filters import resample_wrench
-from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N
+from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N, resample_wrench
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import ForcePlate
 from gaitcal.io.still import still_window

@@ -28,11 +28,10 @@ from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.still import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
-from gaitcal.model.joint_centres import SIDE_WORDS, HipCentre, JointWidths
-from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.landmarks import StaticPosture
-from gaitcal.model.linkage import ISOLATED_JOINTS, SIDES
-from gaitcal.model.segment_frames import lower_body
+from gaitcal.model.linkage import ISOLATED_JOINTS, SIDE_WORDS, SIDES
+from gaitcal.model.marker_set import REQUIRED
+from gaitcal.model.segment_frames import HipCentre, JointWidths, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.study.study import Study, nominal_of

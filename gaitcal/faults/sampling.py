@@ -30,7 +30,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.findings import STUDY, Finding, Severity, listed
-from gaitcal.io.filters import filterable
+from gaitcal.io.force_plate import filterable
 from gaitcal.io.intervals import runs
 from gaitcal.io.text_file import UNEVEN
 from gaitcal.motion.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff

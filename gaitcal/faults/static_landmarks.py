@@ -24,8 +24,8 @@ from gaitcal.faults.body_plan import Landmarks, Measure, body_axes, cost, cost_o
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.role import standing_legs
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.marker_set import REQUIRED
 
 EXCHANGE_SAVES = 12.0
 """Least gain of J that an exchange is told for: on clean recordings the best one costs 15 more than none."""

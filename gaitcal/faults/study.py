@@ -28,12 +28,12 @@ from gaitcal.faults.cluster import Stance
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
 from gaitcal.findings import Finding, Severity
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, completed_static
+from gaitcal.study.study import Study, cleaned, completed_static
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 from gaitcal.study.study_trial import StudyTrial, read_trial
 
@@ -127,7 +127,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
     model: SubjectModel | None = None
     faults: tuple[Finding, ...] = ()
-    if not any(static_consistency.size(_evidence(study, study.static, None))):
+    if not any(static_consistency.size(_evidence(study, cleaned(study).static, None))):
         model, faults = role.nominal_model_of(study)
     trials = evidence_of(study, model)
     findings: list[Finding] = []
@@ -165,7 +165,7 @@ def evidence_of(study: Study, model: SubjectModel | None) -> tuple[TrialEvidence
         rule = HipCentre(study.settings.hip_rule)
         whole = Stance.of_recording(completed.static, study.marker_set, model, rule)
         stance = whole.without(completed.labels)
-    trials = [replace(_evidence(study, trial, model), stance=stance) for trial in study.trials]
+    trials = [replace(_evidence(study, trial, model), stance=stance) for trial in cleaned(study).trials]
     return tuple(replace(t, rebuilding=completed) if t.name == study.static.name else t for t in trials)
 
 

@@ -15,8 +15,8 @@ import pandas as pd
 from gaitcal.figures.chart import GRID, INK, new_figure
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.io.atomic import atomic_file
-from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.draw import TORQUE_WORDS, TORQUES
+from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.published.statistics import levels_of, variance_shares
 
 if TYPE_CHECKING:

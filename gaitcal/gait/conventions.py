@@ -83,8 +83,7 @@ class Convention:
         frame of this convention already. Standard errors keep their sign: take `abs`.
         """
         factor = {MomentUnit.NM: 1.0, MomentUnit.NM_PER_KG: 1.0 / subject.mass}.get(self.unit, 100.0 / subject.bwh)
-        out: Array = factor * self._sign(name) * values
-        return out
+        return factor * self._sign(name) * values
 
     def power(self, values: Array, subject: Subject) -> Array:
         """Powers (W) or their standard errors in the unit of this convention."""
@@ -92,9 +91,7 @@ class Convention:
 
     def angle(self, name: str, values: Array, side: str) -> Array:
         """Angles of a stride of one side (`r`, `l`) with the sign of this convention; their unit stays."""
-        sign, _ = self._of_pelvis(name, side)
-        out: Array = sign * values
-        return out
+        return self._of_pelvis(name, side)[0] * values
 
     def positive_moment(self, name: str) -> str:
         """What a positive moment means: `internal, abduction`."""

@@ -1,22 +1,21 @@
-"""Gait cycles: from one foot strike to the next of the same foot, and signals brought to 0 to 100 % of one.
+"""Gait cycles: from one foot strike to the next of the same foot, and the table of strides.
 
-    percent(t) = 100 (t - t_strike) / (t_next strike - t_strike)
+Signals are brought to 0 to 100 % of a cycle,
+
+    percent(t) = 100 (t - t_strike) / (t_next strike - t_strike).
 
 Strikes and toe-offs come from `gait/events.py`, each with its source. A cycle inside which events show that a strike
 is missing is none.
 
-The variables of the table of strides: what each is, in which unit; `cycles.csv` and all that reads it ask here.
-
-A variable is named after its coordinate, without the side of its leg; an ending says what it is if not the angle:
-`hip_flexion` (deg), `hip_flexion_moment` (N m). A further kind is one more member of `Kind`.
-
-The table of strides in long form: its columns, and one that came from a file made whole, with numbers for text.
+A variable of the table of strides (`cycles.csv`) is named after its coordinate, without the side of its leg; an ending
+says what it is if not the angle: `hip_flexion` (deg), `hip_flexion_moment` (N m). A further kind is one more member of
+`Kind`.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Final
@@ -26,19 +25,47 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.gait.gait_event import EventSource
 from gaitcal.io.intervals import runs
+from gaitcal.io.labels import FootEvent
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, LEG_GROUPS, LOCKED
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SHORTEST_PHASE = 0.1
-"""s: a shorter contact, or a shorter swing, is a flicker of the threshold."""
-CYCLE_RANGE = (0.4, 4.0)
-"""s: from running to very slow pathological gait; anything else is no stride."""
-POINTS = 101
-"""0, 1, ..., 100 %."""
+SHORTEST_PHASE = 0.1  # s: a shorter contact, or a shorter swing, is a flicker of the threshold
+CYCLE_RANGE = (0.4, 4.0)  # s: from running to very slow pathological gait; anything else is no stride
+POINTS = 101  # 0, 1, ..., 100 %
+
+
+class EventSource(Enum):
+    """What tells an event, the first that there is."""
+
+    FILE = "file"
+    """The recording's own list of events, where it fits forces and motion."""
+    PLATES = "plates"
+    """A force plate becomes loaded, or unloaded."""
+    MOTION = "motion"
+    """The foot comes to rest, or leaves."""
+
+
+_SOURCE_WORDS = {
+    EventSource.FILE: "the file's events",
+    EventSource.PLATES: "force plates",
+    EventSource.MOTION: "the motion of the feet",
+}
+
+
+@dataclass(frozen=True)
+class GaitEvent(FootEvent):
+    """One foot meets or leaves the ground, and how this is known."""
+
+    source: EventSource
+
+
+def source_words(sources: Iterable[EventSource]) -> str:
+    """`force plates and the motion of the feet`: each source once, the best first; empty without sources."""
+    found = set(sources)
+    return " and ".join(words for source, words in _SOURCE_WORDS.items() if source in found)
 
 
 @dataclass(frozen=True)
@@ -47,27 +74,21 @@ class FootEvents:
 
     strikes: Array
     toe_offs: Array
-    sources: tuple[EventSource, ...] = ()
-    """Of each strike."""
+    sources: tuple[EventSource, ...] = ()  # of each strike
 
 
 @dataclass(frozen=True)
 class GaitCycle:
     """One stride of one foot."""
 
-    start: float
-    """s, foot strike."""
-    stop: float
-    """s, next strike of the same foot."""
-    toe_off: float | None
-    """s, end of stance; None where it is not known."""
-    sources: tuple[EventSource, ...] = ()
-    """Of its first and of its second strike."""
+    start: float  # s, foot strike
+    stop: float  # s, next strike of the same foot
+    toe_off: float | None  # s, end of stance; None where it is not known
+    sources: tuple[EventSource, ...] = ()  # of its first and of its second strike
 
     def percent(self, time: Array | float) -> Array:
         """Percent of the cycle at `time` (s)."""
-        out: Array = 100.0 * (np.asarray(time) - self.start) / (self.stop - self.start)
-        return out
+        return 100.0 * (np.asarray(time) - self.start) / (self.stop - self.start)
 
     @property
     def stance(self) -> float | None:
@@ -75,20 +96,19 @@ class GaitCycle:
         return None if self.toe_off is None else float(self.percent(self.toe_off))
 
 
-def is_stride(start: float, stop: float, own: FootEvents, other: FootEvents | None = None) -> bool:
+def is_stride(start: float, stop: float, foot: FootEvents, other: FootEvents | None = None) -> bool:
     """Whether a foot makes one stride from its strike at `start` (s) to the next one that is known, at `stop`.
 
     Two offs of its own between them, or two strikes of the other foot, and a strike of its own is missing there.
     """
     long_enough = CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]
     theirs = np.array([]) if other is None else other.strikes
-    return long_enough and len(between(own.toe_offs, start, stop)) < 2 and len(between(theirs, start, stop)) < 2
+    return long_enough and len(between(foot.toe_offs, start, stop)) < 2 and len(between(theirs, start, stop)) < 2
 
 
 def between(times: Array, start: float, stop: float) -> Array:
     """Those of `times` (s) after `start` and before `stop`."""
-    out: Array = times[(times > start) & (times < stop)]
-    return out
+    return times[(times > start) & (times < stop)]
 
 
 def gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tuple[GaitCycle, ...]:
@@ -101,13 +121,17 @@ def gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tuple[Ga
     return tuple(cycles)
 
 
+def changes(foot: FootEvents) -> list[tuple[float, bool]]:
+    """Time (s) and whether the foot is down after it, in order of time."""
+    return sorted([(t, True) for t in foot.strikes.tolist()] + [(t, False) for t in foot.toe_offs.tolist()])
+
+
 def stances(events: FootEvents, time: Array) -> tuple[tuple[float, float], ...]:
     """Stretches (s) from a strike to the next toe-off, also those that begin before or end after the trial."""
-    changes = sorted([(t, True) for t in events.strikes.tolist()] + [(t, False) for t in events.toe_offs.tolist()])
-    if not changes:
-        return ()
-    out, begin = [], None if changes[0][1] else float(time[0])
-    for t, down in changes:
+    out: list[tuple[float, float]] = []
+    begin: float | None = None
+    for k, (t, down) in enumerate(changes(events)):
+        begin = float(time[0]) if k == 0 and not down else begin
         if down and begin is None:
             begin = t
         elif not down and begin is not None:
@@ -144,9 +168,9 @@ def resample(time: Array, values: Array, at: Array) -> Array:
     """(len(at), ...) `values` (nf, ...) at the times `at`, linear; NaN in gaps and outside."""
     right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     left = right - 1
-    part = (at - time[left]) / (time[right] - time[left])
     before, after = values[left], values[right]
-    share = np.broadcast_to(part.reshape(-1, *([1] * (values.ndim - 1))), before.shape)
+    part = ((at - time[left]) / (time[right] - time[left])).reshape(-1, *([1] * (values.ndim - 1)))
+    share = np.broadcast_to(part, before.shape)
     mixed = before + share * (after - before)
     out: Array = np.where(share == 0.0, before, np.where(share == 1.0, after, mixed))
     out[(at < time[0]) | (at > time[-1])] = np.nan
@@ -213,11 +237,9 @@ CYCLE_COLUMNS: Final = (
 TOLD: Final = ("unit", "positive")
 """Further columns of a table in another convention (`gaitcal export --format cycles`): they say which."""
 _NAMES: Final = ("person", "session")
-_LACKING: Final = ("se", "se_stride", "turn")
-"""Numbers that a table or a stride may lack."""
+_LACKING: Final = ("se", "se_stride", "turn")  # numbers that a table or a stride may lack
 _WHOLE: Final = ("stride", "percent", "valid")
 _NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *_LACKING))
-"""Columns without which there is no stride."""
 
 
 def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
@@ -254,8 +276,7 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
             )
         numbers[name] = values.astype(int)
     names = {name: table[name].where(table[name].notna(), "") if name in table else "" for name in _NAMES}
-    unknown = {name: np.nan for name in _LACKING if name not in table}
-    whole = table.assign(**names, **numbers, **unknown)
+    whole = table.assign(**names, **numbers, **{name: np.nan for name in _LACKING if name not in table})
     return whole[[*CYCLE_COLUMNS, *(name for name in table.columns if name not in CYCLE_COLUMNS)]]
 
 
@@ -290,10 +311,10 @@ def conventions_of(strides: pd.DataFrame) -> dict[str, tuple[str, str]]:
     told = strides.reindex(columns=["variable", *TOLD]).fillna("").drop_duplicates()
     out: dict[str, tuple[str, str]] = {}
     for variable, unit, positive in told.itertuples(index=False, name=None):
-        own = (unit or unit_of(variable), positive)
-        before = out.setdefault(variable, own)
-        if before != own:
-            ways = " and as ".join(" ".join(filter(None, (f"[{u}]", p))) for u, p in (before, own))
+        now = (unit or unit_of(variable), positive)
+        before = out.setdefault(variable, now)
+        if before != now:
+            ways = " and as ".join(" ".join(filter(None, (f"[{u}]", p))) for u, p in (before, now))
             raise InputError(
                 f"found {variable} as {ways}; allowed: one convention", field="strides", code=Code.STRIDE_TABLE
             )

@@ -1,10 +1,4 @@
-"""Mean curves of a table of strides: every variable of each side, at every percent, over strides and trials.
-
-The statistics are those of `gait/spread.py`. Samples that are not valid are left out one by one, so that n may change
-along the stride. Strides that turn (`gait/progression.py`) are left out whole: legs and trunk, too, move otherwise in a
-turn.
-
-Mean and spread of strides, percent by percent: how much is stride to stride, trial to trial, and measurement error.
+"""Mean and spread of strides, percent by percent: how much is stride to stride, trial to trial, and measurement error.
 
 The value of stride j of trial i, at one percent of the stride of one foot, is taken to be
 
@@ -31,7 +25,7 @@ mean joins both kinds of error; c, the same in all, does not become smaller by m
     se^2 = sd^2 / n + mean(sqrt(se_ij^2 - s_ij^2))^2         n >= 2;   one stride: its own se
 
 Samples that are not valid are left out one by one, so that n may change along the stride. Strides that turn
-(`gait/progression.py`) are left out whole: legs and trunk, too, move otherwise in a turn.
+(`gait/strides.py`) are left out whole: legs and trunk, too, move otherwise in a turn.
 """
 
 from __future__ import annotations
@@ -58,22 +52,14 @@ if TYPE_CHECKING:
 class Spread:
     """Statistics of strides at m points (percents); NaN where not known."""
 
-    n: Array
-    """(m,) strides with a valid value."""
-    trials: Array
-    """(m,) trials that they are of."""
-    mean: Array
-    """(m,) in the unit of the values, as all that follow."""
-    sd: Array
-    """(m,) over all strides."""
-    sd_within: Array
-    """(m,) between strides of one trial, sqrt(V_w)."""
-    sd_between: Array
-    """(m,) between trials, what strides within them do not explain, sqrt(V_b)."""
-    sd_error: Array
-    """(m,) the part of `sd`, and of `sd_within`, that is measurement error."""
-    se: Array
-    """(m,) standard error of the mean, shared errors included."""
+    n: Array  # (m,) strides with a valid value
+    trials: Array  # (m,) trials that they are of
+    mean: Array  # (m,) in the unit of the values, as all that follow
+    sd: Array  # (m,) over all strides
+    sd_within: Array  # (m,) between strides of one trial, sqrt(V_w)
+    sd_between: Array  # (m,) between trials, what strides within them do not explain, sqrt(V_b)
+    sd_error: Array  # (m,) the part of `sd`, and of `sd_within`, that is measurement error
+    se: Array  # (m,) standard error of the mean, shared errors included
 
 
 def spread(values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None) -> Spread:
@@ -124,14 +110,11 @@ def spread(values: Array, trials: NDArray[Any], own: Array | None = None, total:
 
 def _mean_over(values: Array, there: Array) -> Array:
     """(m,) mean over the strides whose value counts; NaN where one of them has no error."""
-    out: Array = np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
-    return out
+    return np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
 
 
-GROUP: Final = ("person", "session", "side", "variable")
-"""Columns of `cycles.csv` whose strides belong together."""
-WHERE: Final = [*GROUP, "trial", "stride", "percent"]
-"""Columns that tell one sample from all others."""
+GROUP: Final = ("person", "session", "side", "variable")  # columns of `cycles.csv` whose strides belong together
+WHERE: Final = [*GROUP, "trial", "stride", "percent"]  # columns that tell one sample from all others
 STATISTICS: Final = ("n", "trials", "mean", "sd", "sd_within", "sd_between", "sd_error", "se")
 ENSEMBLE_COLUMNS: Final = (*GROUP, "percent", *STATISTICS)
 

@@ -27,34 +27,25 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.gait.cycles import FootEvents
+from gaitcal.gait.cycles import FootEvents, changes
 from gaitcal.io.labels import FootEvent, FootMoment
+from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS
 
 AGREE: Final = 0.1
 """s: motion alone misses contacts by up to 0.08 s where a foot drags (`python -m scripts.validation events`)."""
-FIT: Final = 0.75
-"""Share of the events that must agree."""
-RIVAL: Final = 0.4
-"""s: where the motion has the event this near, but does not agree, the file's is at the wrong place."""
-FEWEST: Final = 4
-"""Events from which a fault common to all can be told."""
-SAME_EVENT: Final = 0.2
-"""s: an event of one foot this near to another of its kind is the same event."""
+FIT: Final = 0.75  # share of the events that must agree
+RIVAL: Final = 0.4  # s: where the motion has the event this near, but does not agree, the file's is at the wrong place
+FEWEST: Final = 4  # events from which a fault common to all can be told
+SAME_EVENT: Final = 0.2  # s: an event of one foot this near to another of its kind is the same event
 PLATE_OFFSET: Final = 0.04
 """s against the forces, of one event or common to several: who sets events by eye stays within that (laboratories
 seen: 0.014)."""
 MOTION_OFFSET: Final = 0.06
 """s common to strikes and offs against the motion: its own faults have opposite signs for the two."""
-SCATTER: Final = 0.02
-"""s, median distance from the common offset, above which it is no common one."""
-ALIKE: Final = 0.03
-"""s, most distance of one event of a foot or a kind from the offset that these are to have in common."""
-WHOLE: Final = 0.9
-"""Share of the events that lie inside the trial where they are counted otherwise."""
-EDGE: Final = 0.2
-"""s at either end of a trial, where the motion may not show the event."""
-SIDE_WORDS: Final = {"r": "right", "l": "left"}
-OTHER: Final = {"r": "l", "l": "r"}
+SCATTER: Final = 0.02  # s, median distance from the common offset, above which it is no common one
+ALIKE: Final = 0.03  # s, most distance of one event of a foot or a kind from the offset that they are to share
+WHOLE: Final = 0.9  # share of the events that lie inside the trial where they are counted otherwise
+EDGE: Final = 0.2  # s at either end of a trial, where the motion may not show the event
 
 
 @dataclass(frozen=True)
@@ -63,8 +54,7 @@ class _Fit:
 
     agreeing: int
     judged: int
-    spread: float
-    """s, RMS of the differences of those that agree."""
+    spread: float  # s, RMS of the differences of those that agree
 
     @property
     def good(self) -> bool:
@@ -80,28 +70,27 @@ def checked_events(
     """The events of the file that may be used, inside the trial `time` (nf,) s, and what is said of the rest."""
     half = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     file, twice = _once(file, plates, motion)
-    used, findings = _checked(file, plates, motion, time, half)
-    return used, (*twice, *findings)
-
-
-def _checked(
-    file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array, half: float
-) -> tuple[list[FootEvent], tuple[Finding, ...]]:
     inside = [e for e in file if time[0] - half <= e.time <= time[-1] + half]
     if not file or not (plates or motion):
-        return inside, ()
+        return inside, twice
     shown = [*plates, *motion]
     fit = _fit(file, shown, time)
     if fit.good:
         used, findings = _without_offset(inside, plates, motion)
         astray = [e for e in used if AGREE < abs(_nearest(e, shown)) < RIVAL]
         apart = [e for e in used if e not in astray and PLATE_OFFSET < abs(_from_plate(e, plates, motion)) < SAME_EVENT]
-        findings += (*(_astray(astray) if astray else ()), *(_apart(apart, plates) if apart else ()))
-        return [e for e in used if e not in astray and e not in apart], findings
+        if astray:
+            found = f"{', '.join(_name(e) for e in astray)}; not used, forces or motion tell them"
+            findings += (_info("single events of the file do not fit its forces and motion", found),)
+        if apart:
+            named = ", ".join(f"{_name(e)} (plate {e.time + _nearest(e, plates):.2f} s)" for e in apart)
+            cause = "single events of the file do not fit the plate under their foot"
+            findings += (_info(cause, f"{named}; not used, the plates tell them"),)
+        return [e for e in used if e not in astray and e not in apart], (*twice, *findings)
     if len(file) < FEWEST:
         if fit.judged == 0:
-            return inside, ()
-        return [], (_finding(Severity.INFO, "events of the file do not fit forces and motion", _stand(fit), ""),)
+            return inside, twice
+        return [], (*twice, _info("events of the file do not fit forces and motion", _stand(fit)))
     for offset, cause in (
         (float(time[0]), "the file's events are counted from its first frame, not from frame 0"),
         (-float(time[0]), "the file's events are counted from frame 0 twice over"),
@@ -110,31 +99,28 @@ def _checked(
         again, rest = _fit(moved, shown, time), _differences(moved, shown)
         whole = len(moved) >= WHOLE * len(file) and again.good and again.judged >= FEWEST
         if abs(offset) > AGREE and whole and abs(float(np.median(rest))) < PLATE_OFFSET:
-            found = f"{_stand(fit)}; {abs(offset):.3f} s {_word(offset)}, {again}: used so"
-            return moved, (_finding(Severity.INFO, cause, found, ""),)
-    return [], (_fault(file, shown, time, fit),)
+            later = "later" if offset > 0 else "earlier"
+            return moved, (*twice, _info(cause, f"{_stand(fit)}; {abs(offset):.3f} s {later}, {again}: used so"))
+    return [], (*twice, _fault(file, shown, time, fit))
 
 
 def _fault(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, fit: _Fit) -> Finding:
     """The single fault that makes most of the events agree, with its rival; else that none is known."""
-    swapped = _fit([replace(e, side=OTHER[e.side]) for e in file], shown, time)
+    swapped = _fit([replace(e, side=OTHER_SIDE[e.side]) for e in file], shown, time)
     offset = _common_offset(file, shown, time)
     shifted = _fit(_moved(file, offset), shown, time)
     can_swap, can_shift = (f.good and f.judged >= FEWEST for f in (swapped, shifted))
     unused = "not used; strides are those of forces and motion"
     if can_swap and not (can_shift and shifted.spread < 0.5 * swapped.spread):
         found = f"{_stand(fit)}; with the sides exchanged, {swapped}"
-        found += f" ({abs(offset):.2f} s {_word(offset)}, {shifted})" if can_shift else ""
+        found += f" ({abs(offset):.2f} s {'later' if offset > 0 else 'earlier'}, {shifted})" if can_shift else ""
         cure = "see whether the events or the markers bear the wrong side"
-        return _finding(
-            Severity.WARNING, "left and right of the file's events are exchanged", f"{found}; {unused}", cure
-        )
+        return _warning("left and right of the file's events are exchanged", f"{found}; {unused}", cure)
     if can_shift:
         found = f"{_stand(fit)}; moved by as much, {shifted}; {unused}"
         cause = f"the file's events come {abs(offset):.2f} s too {'early' if offset > 0 else 'late'}"
-        return _finding(Severity.WARNING, cause, found, "correct the events, or the clock that they were set with")
-    cause = "the file's events do not fit its forces and motion"
-    return _finding(Severity.INFO, cause, f"{_stand(fit)}; {unused}", "")
+        return _warning(cause, found, "correct the events, or the clock that they were set with")
+    return _info("the file's events do not fit its forces and motion", f"{_stand(fit)}; {unused}")
 
 
 def _once(
@@ -155,7 +141,7 @@ def _once(
     if not named:
         return list(file), ()
     found = f"{', '.join(named)}; of two, the one nearer to forces or motion is used"
-    return kept, (_finding(Severity.INFO, "events stand in the file more than once", found, ""),)
+    return kept, (_info("events stand in the file more than once", found),)
 
 
 def _without_offset(
@@ -167,7 +153,7 @@ def _without_offset(
         kinds = [_differences([e for e in inside if e.moment is m], motion) for m in FootMoment]
         middles = [float(np.median(d)) if len(d) > 1 else 0.0 for d in kinds]
         offset = min(middles, key=abs)
-        if abs(offset) > MOTION_OFFSET and middles[0] * middles[1] > 0 and _scatter(against) <= SCATTER:
+        if abs(offset) > MOTION_OFFSET and middles[0] * middles[1] > 0 and np.median(_from_median(against)) <= SCATTER:
             return [], (_offset_finding("", offset, f"{len(against)} against the motion of the feet"),)
     groups = {"": inside}
     groups |= {f"{m.value} ": [e for e in inside if e.moment is m] for m in FootMoment}
@@ -179,27 +165,22 @@ def _without_offset(
         against, beside = [d for d in from_plate if abs(d) <= AGREE], _differences(group, motion)
         enough = len(against) >= (2 if word else FEWEST - 1)
         if one_speaks:  # one event on a plate, for those that the motion has late by as much
-            enough = bool(against and word) and len(beside) >= FEWEST - 1 and _range(beside) <= 2 * SCATTER
-        if enough and abs(float(np.median(against))) > PLATE_OFFSET and _range(against) <= ALIKE:
+            enough = bool(against and word) and len(beside) >= FEWEST - 1 and _from_median(beside).max() <= 2 * SCATTER
+        if enough and abs(float(np.median(against))) > PLATE_OFFSET and _from_median(against).max() <= ALIKE:
             used = [e for e in used if e not in group]
             findings.append(_offset_finding(word, float(np.median(against)), f"{len(against)} against force plates"))
     return used, tuple(findings)
 
 
-def _range(differences: Sequence[float]) -> float:
-    """s, largest distance from their median."""
-    return float(np.max(np.abs(np.array(differences) - np.median(differences))))
-
-
-def _scatter(differences: Sequence[float]) -> float:
-    """s, median distance from their median."""
-    return float(np.median(np.abs(np.array(differences) - np.median(differences))))
+def _from_median(differences: Sequence[float]) -> Array:
+    """(n,) s, distances from their median."""
+    return np.abs(np.array(differences) - np.median(differences))
 
 
 def _offset_finding(of: str, offset: float, by: str) -> Finding:
     cause = f"the file's {of}events come {1e3 * abs(offset):.0f} ms too {'late' if offset > 0 else 'early'}"
     found = f"median of {by}; not used; strides are those of forces and motion"
-    return _finding(Severity.WARNING, cause, found, "correct the events, or the clock that they were set with")
+    return _warning(cause, found, "correct the events, or the clock that they were set with")
 
 
 def _from_plate(event: FootEvent, plates: Sequence[FootEvent], motion: Sequence[FootEvent]) -> float:
@@ -213,18 +194,6 @@ def _from_plate(event: FootEvent, plates: Sequence[FootEvent], motion: Sequence[
     if beside and abs(from_motion) < abs(from_plate - from_motion):
         return float("inf")
     return from_plate
-
-
-def _apart(events: Sequence[FootEvent], plates: Sequence[FootEvent]) -> tuple[Finding, ...]:
-    named = ", ".join(f"{_name(e)} (plate {e.time + _nearest(e, plates):.2f} s)" for e in events)
-    cause = "single events of the file do not fit the plate under their foot"
-    return (_finding(Severity.INFO, cause, f"{named}; not used, the plates tell them", ""),)
-
-
-def _astray(events: Sequence[FootEvent]) -> tuple[Finding, ...]:
-    named = ", ".join(_name(e) for e in events)
-    cause = "single events of the file do not fit its forces and motion"
-    return (_finding(Severity.INFO, cause, f"{named}; not used, forces or motion tell them", ""),)
 
 
 def _fit(events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> _Fit:
@@ -274,26 +243,18 @@ def _moved(events: Sequence[FootEvent], offset: float) -> list[FootEvent]:
     return [replace(e, time=e.time + offset) for e in events]
 
 
-def _word(offset: float) -> str:
-    return "later" if offset > 0 else "earlier"
-
-
 def _stand(fit: _Fit) -> str:
     return f"as they stand {fit} lie within {1e3 * AGREE:.0f} ms of what forces and motion show"
 
 
-def _finding(severity: Severity, cause: str, found: str, cure: str) -> Finding:
+def _warning(cause: str, found: str, cure: str, severity: Severity = Severity.WARNING) -> Finding:
     return Finding(
         severity=severity, topic="events", where="", cause=cause, found=found, cure=cure, code=Code.FILE_EVENTS
     )
 
 
-EVENT_ORDER_SIDE_WORDS = {"r": "right", "l": "left"}
-
-
-def changes(foot: FootEvents) -> list[tuple[float, bool]]:
-    """Time (s) and whether the foot is down after it, in order of time."""
-    return sorted([(t, True) for t in foot.strikes.tolist()] + [(t, False) for t in foot.toe_offs.tolist()])
+def _info(cause: str, found: str) -> Finding:
+    return _warning(cause, found, "", Severity.INFO)
 
 
 def is_down(before: bool | None, after: bool | None) -> bool | None:
@@ -312,27 +273,15 @@ def order_findings(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
     """What to say of feet (`r`, `l`) whose strikes and offs do not take turns."""
     named = []
     for side, foot in feet.items():
-        of_foot = changes(foot)
-        if not (len(foot.strikes) and len(foot.toe_offs)):
-            continue
-        for (first, struck), (second, again) in itertools.pairwise(of_foot):
-            if struck == again:
+        both = len(foot.strikes) and len(foot.toe_offs)
+        for (first, struck), (second, again) in itertools.pairwise(changes(foot)):
+            if both and struck == again:
                 kind, missing = ("strike", "off") if struck else ("off", "strike")
                 named.append(f"{SIDE_WORDS[side]} {kind} {first:.2f} and {second:.2f} s without {missing} between")
     if not named:
         return ()
-    return (
-        Finding(
-            severity=Severity.INFO,
-            topic="events",
-            where="",
-            cause="foot strikes or offs are missing",
-            found=f"{listed(named)}; phases that need them are not told, and stretches with a missing strike are no "
-            "strides",
-            cure="",
-            code=Code.MISSING_EVENTS,
-        ),
-    )
+    found = f"{listed(named)}; phases that need them are not told, and stretches with a missing strike are no strides"
+    return (replace(_info("foot strikes or offs are missing", found), code=Code.MISSING_EVENTS),)
 
 
 def double_support(other: FootEvents, strike: float, off: float) -> dict[str, float]:
@@ -344,17 +293,15 @@ def double_support(other: FootEvents, strike: float, off: float) -> dict[str, fl
     before = [down for t, down in of_other if t <= strike]
     inside = [(t, down) for t, down in of_other if strike < t < off]
     after = [down for t, down in of_other if t >= off]
-    whole = [*before[-1:], *(down for _, down in inside), *after[:1]]
-    first = is_down(before[-1] if before else None, next(iter([*(d for _, d in inside), *after]), None))
-    last = is_down(next(iter([*(d for _, d in reversed(inside)), *reversed(before)]), None), next(iter(after), None))
-    if first is not None:
-        left = [t for t, down in inside if not down]
-        out |= {"first_double_support": left[0] - strike} if first and left else {}
-        out |= {} if first else {"first_double_support": 0.0}
-    if last is not None:
-        struck = [t for t, down in inside if down]
-        out |= {"second_double_support": off - struck[-1]} if last and struck else {}
-        out |= {} if last else {"second_double_support": 0.0}
+    downs = [down for _, down in inside]
+    whole = [*before[-1:], *downs, *after[:1]]
+    first = is_down(before[-1] if before else None, [*downs, *after, None][0])
+    last = is_down([None, *before, *downs][-1], after[0] if after else None)
+    left, struck = [t for t, down in inside if not down], [t for t, down in inside if down]
+    if first is False or (first and left):
+        out["first_double_support"] = left[0] - strike if first else 0.0
+    if last is False or (last and struck):
+        out["second_double_support"] = off - struck[-1] if last else 0.0
     if len(out) == 2 and bool(np.all([a != b for a, b in itertools.pairwise(whole)])):
         both = sum(out.values())
         out |= {"double_support": both, "single_support": off - strike - both}

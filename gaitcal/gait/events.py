@@ -1,17 +1,30 @@
 """When the feet of a trial meet and leave the ground, each moment with its source.
 
 The file's own events come first, where they fit (`gait/event_clock.py`); where it has none, the moments at which a
-plate becomes loaded or unloaded; away from plates the motion (`gait/swing.py`). What the motion alone tells is moved by
-the median difference to the events that are known better, so that all of a foot mean the same.
+plate becomes loaded or unloaded; away from plates the motion. What the motion alone tells is moved by the median
+difference to the events that are known better, so that all of a foot mean the same. A plate that becomes loaded while
+the foot is long down, or unloaded long before the foot leaves, was entered or left by a foot that rolls over its edge:
+that is no event of the foot.
 
-A plate that becomes loaded while the foot is long down, or unloaded long before the foot leaves, was entered or left
-by a foot that rolls over its edge: that is no event of the foot.
+By motion alone: when the slower of a foot's two ends comes to rest, and when it leaves,
+
+    s(t) = min(|v_heel|, |v_toe|)        against the ground, so that a treadmill's belt counts as the floor
+    a swing is a peak p of s;  off: s rises through OFF p before it;  strike: s falls through STRIKE p after it.
+
+The speed of heel and toe (Ghoussayni, Stevens, Durham & Ewins, Gait & Posture 2004), with thresholds that follow how
+fast this swing is (Bruening & Ridge, Gait & Posture 2014, took the walking speed), holds for any direction of walking,
+in turns and from one step to the next, also where a foot lands on its toes. Where the heel is furthest in front of the
+pelvis (Zeni, Richards & Higginson 2008) it still travels at the pelvis' own speed: 20 to 60 ms before the contact. Both
+thresholds lie where vertical forces pass 20 N, as the median of laboratories has it
+(`python -m scripts.validation events`). A foot that drags slides on before and after its contact: the strike then comes
+late, and the off early.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -19,10 +32,8 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet
 from gaitcal.findings import Finding
-from gaitcal.gait.cycles import FootEvents, steady
+from gaitcal.gait.cycles import EventSource, FootEvents, GaitEvent, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, order_findings
-from gaitcal.gait.gait_event import EventSource, GaitEvent
-from gaitcal.gait.swing import OFF, STRIKE, swing_events
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.intervals import runs
 from gaitcal.io.labels import FootEvent, FootMoment
@@ -33,18 +44,21 @@ from gaitcal.motion.motion import Motion
 SIDES = ("r", "l")
 PLATE_AGREES = 0.1
 """s between a plate's loading and the motion's strike: more, and the foot came onto the plate otherwise."""
-UNSEEN = 0.2
-"""s at either end of a trial, where the swing before a strike or after an off is not in the recording."""
+UNSEEN = 0.2  # s at either end of a trial, where the swing before a strike or after an off is not in the recording
+STRIKE: Final = 0.10  # of the swing's peak
+OFF: Final = 0.25  # of the swing's peak
+SLOWEST_SWING: Final = 0.25  # m/s: a foot that is never faster does not swing
+SMALLEST_SWING: Final = 0.12  # of the trial's fastest swing: a lower peak is a shuffle on the spot
+DIP: Final = 0.7  # of the peak, by which the speed falls on both sides of a swing: less is a dip within one swing
+LEAST_TRAVEL: Final = 0.1  # m that the slower end of the foot travels in a swing: less is no step
 
 
 @dataclass(frozen=True)
 class TrialEvents:
     """The events of one trial, and what speaks against those of its file."""
 
-    events: tuple[GaitEvent, ...] = ()
-    """In order of time."""
-    findings: tuple[Finding, ...] = ()
-    """Without the name of the trial."""
+    events: tuple[GaitEvent, ...] = ()  # in order of time
+    findings: tuple[Finding, ...] = ()  # without the name of the trial
 
     def of(self, side: str) -> FootEvents:
         """Strikes and offs of one foot."""
@@ -64,17 +78,26 @@ def trial_events(
     reactions : None without force plates.
     recording : of the same trial; its file's events, and its plates, which tell the moment between frames.
     """
-    time = motion.time
-    by_motion = _by_motion(model, motion)
-    by_plates = [] if reactions is None else plate_events(time, reactions.loaded, recording.plates)
-    return joined_events(time, recording.events, by_plates, by_motion)
+    by_motion: list[FootEvent] = []
+    if has_feet(model):
+        feet = foot_points(model, motion, model.parameters)
+        by_motion = motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
+    by_plates = [] if reactions is None else plate_events(motion.time, reactions.loaded, recording.plates)
+    return joined_events(motion.time, recording.events, by_plates, by_motion)
 
 
 def joined_events(
     time: Array, file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> TrialEvents:
     """The events of three sources as one list; `time` (nf,) s of the trial's frames."""
-    plates = _steps(plates, motion, time)
+
+    def is_of_foot(event: FootEvent) -> bool:
+        """Whether the motion has the event of a plate, too, or shows nothing of that foot there."""
+        of_foot = times_of(motion, event.side, event.moment)
+        unseen = not of_foot or event.time < time[0] + UNSEEN or event.time > time[-1] - UNSEEN
+        return unseen or min(abs(t - event.time) for t in of_foot) <= PLATE_AGREES
+
+    plates = [event for event in plates if is_of_foot(event)]
     used, findings = checked_events(file, plates, motion, time)
     events: list[GaitEvent] = []
     for side in SIDES:
@@ -107,13 +130,6 @@ def _median_difference(known: Sequence[float], other: Sequence[float]) -> float:
     pairs = [min((k - t for k in known), key=abs) for t in other] if known else []
     near = [d for d in pairs if abs(d) < SAME_EVENT]
     return float(np.median(near)) if near else 0.0
-
-
-def _by_motion(model: SubjectModel, motion: Motion) -> list[FootEvent]:
-    if not has_feet(model):
-        return []
-    feet = foot_points(model, motion, model.parameters)
-    return motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
 
 
 def motion_events(time: Array, slower: Array, strike: float = STRIKE, off: float = OFF) -> list[FootEvent]:
@@ -150,12 +166,69 @@ def _passing(plates: Sequence[ForcePlate], begin: float, end: float, *, rising: 
     return end if rising else begin
 
 
-def _steps(plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array) -> list[FootEvent]:
-    """Events of plates that are events of the foot: the motion has the same, or shows nothing of that foot there."""
-    kept = []
-    for event in plates:
-        of_foot = times_of(motion, event.side, event.moment)
-        unseen = not of_foot or event.time < time[0] + UNSEEN or event.time > time[-1] - UNSEEN
-        if unseen or min(abs(t - event.time) for t in of_foot) <= PLATE_AGREES:
-            kept.append(event)
-    return kept
+def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float = OFF) -> tuple[Array, Array]:
+    """Strikes and offs (s, increasing) of one foot, between frames by a straight line.
+
+    Parameters
+    ----------
+    time : (nf,) s.
+    slower : (nf,) m/s, speed of heel or toe against the ground, whichever is the slower.
+    strike, off : thresholds, as parts of a swing's peak.
+    """
+    if len(time) < 3 or not np.isfinite(slower).all():
+        return np.array([]), np.array([])
+    padded = np.concatenate([[0.0], slower, [0.0]])
+    least = max(SLOWEST_SWING, SMALLEST_SWING * float(slower.max()))
+    peaks = np.array([k - 1 for k in _peaks(padded, least) if _alone(padded, int(k))], dtype=np.int64)
+    inner = [float(slower[k]) for k in peaks if 0 < k < len(time) - 1]
+    strikes, offs = [], []
+    for k in peaks:
+        # A swing that the trial cuts has its peak outside: the others tell how fast it was.
+        cut = k in (0, len(time) - 1)
+        peak = max(float(slower[k]), float(np.median(inner))) if cut and inner else float(slower[k])
+        begin, end = _below(slower, int(k), off * peak, -1), _below(slower, int(k), strike * peak, 1)
+        path = slower[slice((begin or 0), (len(time) if end is None else end + 1))]
+        if not cut and float(path.sum()) * float(np.median(np.diff(time))) < LEAST_TRAVEL:
+            continue
+        if end is not None:
+            strikes.append(_crossing(time, slower, end - 1, strike * peak))
+        if begin is not None:
+            offs.append(_crossing(time, slower, begin, off * peak))
+    return np.unique(strikes), np.unique(offs)
+
+
+def _peaks(values: Array, least: float) -> Array:
+    """Samples of at least that height that are higher than those beside them; of a flat top the middle one."""
+    turns = np.flatnonzero(np.diff(values))  # the last sample of each flat stretch, whose length is mostly one
+    starts = np.concatenate([[0], turns + 1])
+    ends = np.concatenate([turns, [len(values) - 1]])
+    height = values[starts]
+    top = np.zeros(len(height), dtype=bool)
+    top[1:-1] = (height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])
+    return ((starts + ends) // 2)[top & (height >= least)]
+
+
+def _alone(speed: Array, peak: int) -> bool:
+    """Whether no higher peak follows or precedes before the speed has fallen by `DIP`; of equals, the first counts."""
+    low, before, after = (1.0 - DIP) * speed[peak], speed[:peak][::-1], speed[peak + 1 :]
+    falls_before = _first(before < low) < _first(before >= speed[peak])
+    return falls_before and _first(after < low) < _first(after > speed[peak])
+
+
+def _first(marked: BoolArray) -> int:
+    """The first marked entry; the length where there is none."""
+    return int(np.argmax(marked)) if marked.any() else len(marked)
+
+
+def _below(speed: Array, start: int, threshold: float, step: int) -> int | None:
+    """The first frame after `start`, forwards or backwards, that is slower than the threshold; None without one."""
+    along = speed[start:] if step > 0 else speed[start::-1]
+    k = _first(along < threshold)
+    return None if k in (0, len(along)) else start + step * k
+
+
+def _crossing(time: Array, speed: Array, before: int, threshold: float) -> float:
+    """When the speed passes the threshold, between the frame `before` and the next one."""
+    a, b = float(speed[before]), float(speed[before + 1])
+    part = 0.0 if a == b else float(np.clip((threshold - a) / (b - a), 0.0, 1.0))
+    return float(time[before] + part * (time[before + 1] - time[before]))

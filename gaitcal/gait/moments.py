@@ -1,8 +1,7 @@
-"""Joint moments in numbers: their peaks, and how much calibration changed them.
+"""Joint moments in numbers, their peaks and how much calibration changed them; and words for what the program names.
 
-What the program's names mean in words that a gait laboratory uses: `hip_flexion_r` is the right hip's flexion.
-
-Coordinates, segments, joints and parameters have words here; names from the data (markers, trials) stay as they are.
+A gait laboratory reads the right hip's flexion for `hip_flexion_r`. Coordinates, segments, joints and parameters have
+words here; names from the data (markers, trials) stay as they are.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES, Moments
 from gaitcal.gait.strides import Layout
+from gaitcal.model import linkage
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, REACTIONS, SEGMENT_TABLE, joint_elements
 from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, Kind
@@ -26,57 +26,43 @@ from gaitcal.study.study_trial import Role
 
 def moment_names(model: SubjectModel) -> list[str]:
     """All joint moments that the model moves, the knees' adduction reaction after their flexion."""
-    elements = [e for joint in JOINTS for e in joint_elements(joint, reactions=True)]
+    elements = (e for joint in JOINTS for e in joint_elements(joint, reactions=True))
     return [e.name for e in elements if e.name in FORCES and e.name not in model.frozen]
 
 
 def moment_of(forces: Moments | TorqueErrors, name: str) -> Array:
     """(nf,) N·m, one moment of generalised forces or of their standard errors."""
     if name in REACTIONS:
-        reaction: Array = forces.knee_adduction[:, REACTIONS.index(name)]
-        return reaction
-    moment: Array = forces.tau[:, COORDINATE_INDEX[name]]
-    return moment
+        return forces.knee_adduction[:, REACTIONS.index(name)]
+    return forces.tau[:, COORDINATE_INDEX[name]]
 
 
 def own_error_of(errors: TorqueErrors, name: str) -> Array | None:
     """(nf,) N·m, the part of the standard error of one moment that the trial's own markers make; None: not known."""
     variance = errors.by_source.get(ErrorSource.MOTION)
-    if variance is None:
-        return None
-    own: Array = np.sqrt(variance[:, FORCES.index(name)])
-    return own
+    return None if variance is None else np.sqrt(variance[:, FORCES.index(name)])
 
 
 @dataclass(frozen=True)
 class Extreme:
     """The largest or smallest value of a moment."""
 
-    value: float
-    """N·m/kg."""
-    error: float | None
-    """N·m/kg, standard error."""
-    bwh: float
-    """The same in % of body weight times height."""
-    at: float
-    """% of the gait cycle, or s where the trial is drawn against time."""
+    value: float  # N·m/kg
+    error: float | None  # N·m/kg, standard error
+    bwh: float  # the value in % of body weight times height
+    at: float  # % of the gait cycle, or s where the trial is drawn against time
 
 
 @dataclass(frozen=True, kw_only=True)
 class MomentNumbers:
     """One joint moment of one trial."""
 
-    name: str
-    """`hip_flexion_r`."""
-    highest: Extreme | None
-    """Over the valid frames of the stride that is drawn; None where there are none."""
+    name: str  # `hip_flexion_r`
+    highest: Extreme | None  # over the valid frames of the stride that is drawn; None where there are none
     lowest: Extreme | None
-    change: float
-    """N·m/kg, RMS over all valid frames of the difference between calibrated and nominal model."""
-    change_bwh: float
-    """The same in % of body weight times height."""
-    peak: float
-    """N·m/kg, largest absolute value over all valid frames."""
+    change: float  # N·m/kg, RMS over all valid frames of the difference between calibrated and nominal model
+    change_bwh: float  # the change in % of body weight times height
+    peak: float  # N·m/kg, largest absolute value over all valid frames
 
     @property
     def side(self) -> str:
@@ -102,22 +88,24 @@ def moment_numbers(
     bases = list(dict.fromkeys(split_side(name)[0] for name in names))
     numbers = []
     for name in sorted(names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")):
-        valid = layout.valid_for(leg_of(name))
+        side, valid = split_side(name)[1], layout.valid_for(leg_of(name))
         if not valid.any():
             continue
         moment, before = (moment_of(f, name) / subject.mass for f in (final, nominal))
-        error = moment_of(errors, name) / subject.mass if errors else None
-        frames = np.flatnonzero(valid & layout.drawn(split_side(name)[1]))
-        extremes: tuple[Extreme | None, ...] = (None, None)
-        if len(frames):
-            peaks = (frames[moment[frames].argmax()], frames[moment[frames].argmin()])
-            extremes = tuple(_extreme(moment, error, int(frame), to_bwh, layout, name) for frame in peaks)
+        error = moment_of(errors, name) / subject.mass if errors else np.full(len(moment), np.nan)
+        frames = np.flatnonzero(valid & layout.drawn(side))
+        extremes: list[Extreme | None] = []
+        for frame in (frames[moment[frames].argmax()], frames[moment[frames].argmin()]) if len(frames) else ():
+            value, spread, time = float(moment[frame]), float(error[frame]), float(layout.time[frame])
+            at = float(layout.main(side).percent(time)) if layout.by_cycle else time
+            extremes.append(Extreme(value, spread if np.isfinite(spread) else None, to_bwh * value, at))
         change = float(np.sqrt(np.mean((moment - before)[valid] ** 2)))
+        highest, lowest = extremes or (None, None)
         numbers.append(
             MomentNumbers(
                 name=name,
-                highest=extremes[0],
-                lowest=extremes[1],
+                highest=highest,
+                lowest=lowest,
                 change=change,
                 change_bwh=to_bwh * change,
                 peak=float(np.abs(moment[valid]).max()),
@@ -126,15 +114,8 @@ def moment_numbers(
     return tuple(numbers)
 
 
-def _extreme(moment: Array, error: Array | None, frame: int, to_bwh: float, layout: Layout, name: str) -> Extreme:
-    value, time = float(moment[frame]), float(layout.time[frame])
-    spread = None if error is None or not np.isfinite(error[frame]) else float(error[frame])
-    at = float(layout.main(split_side(name)[1]).percent(time)) if layout.by_cycle else time
-    return Extreme(value, spread, to_bwh * value, at)
-
-
 _NAME = re.compile(r"[a-z_]+(\.[a-z]+){1,2}")
-SIDE_WORDS = {"r": "right", "l": "left", "": ""}
+SIDE_WORDS = {**linkage.SIDE_WORDS, "": ""}
 
 
 def coordinate_title(name: str) -> str:
@@ -182,8 +163,8 @@ def parameter_place(name: str) -> str:
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][0]
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    feature = JOINT_TABLE[split_side(parameter.joint)[0]].feature
-    return f"{feature} in the {segment_words(split_side(parameter.segment)[0])}"
+    place = segment_words(split_side(parameter.segment)[0])
+    return f"{JOINT_TABLE[split_side(parameter.joint)[0]].feature} in the {place}"
 
 
 def parameter_direction(name: str) -> str:

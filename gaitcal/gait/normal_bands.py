@@ -51,14 +51,10 @@ SHIPPED: Final[Mapping[str, str]] = {"schwartz2008": "normal_walking.csv"}
 
 
 class _BandsError(InputError):
-    """A file of normal bands is at fault."""
-
     code = Code.NORMAL_BANDS
 
 
 class _Row(NamedTuple):
-    """One row of a file."""
-
     line: int
     variable: str
     unit: str
@@ -80,27 +76,20 @@ UNITS: Final[Mapping[Kind, tuple[str, ...]]] = {
     Kind.MOMENT: ("N m/kg", "N mm/kg", "%BW*H", "N m"),
     Kind.POWER: ("W/kg", "W"),
     Kind.FORCE: ("BW", "%BW", "N/kg", "N"),
-}
-"""What a file may say, per kind of variable."""
+}  # What a file may say, per kind of variable
 
 
 @dataclass(frozen=True, kw_only=True)
 class NormalBand:
     """One variable of healthy people, as its file has it."""
 
-    variable: str
-    """As in `cycles.csv`: `hip_flexion_moment`."""
-    unit: str
-    """One of `UNITS` of its kind."""
+    variable: str  # as in `cycles.csv`: `hip_flexion_moment`
+    unit: str  # one of `UNITS` of its kind
     signs: Signs
-    percent: Array
-    """(n,) % of the stride, increasing."""
-    mean: Array
-    """(n,)"""
-    sd: Array
-    """(n,) at least 0."""
-    source: str = ""
-    """What the file says of where it is from."""
+    percent: Array  # (n,) % of the stride, increasing
+    mean: Array  # (n,)
+    sd: Array  # (n,) at least 0
+    source: str = ""  # what the file says of where it is from
 
     def for_person(self, subject: Subject, side: str = "r") -> tuple[Array, Array]:
         """Mean and SD (101,) at 0 to 100 %, in the unit and with the sign of `cycles.csv`, for a body of that size."""
@@ -120,8 +109,7 @@ class NormalBand:
         return 1.0
 
 
-Bands: TypeAlias = Mapping[str, NormalBand]
-"""Variable of `cycles.csv` -> its band."""
+Bands: TypeAlias = Mapping[str, NormalBand]  # Variable of `cycles.csv` -> its band
 
 
 def _to_ours(unit: str, subject: Subject) -> float:
@@ -147,13 +135,13 @@ def bands_file(name: Path | str) -> Path:
     InputError
         There is neither.
     """
-    path, known = Path(name), SHIPPED.get(str(name).lower())
-    if known is None or path.exists():
-        if not path.exists():
-            allowed = f"a CSV file, or the name of bands that gaitcal brings: {', '.join(SHIPPED)}"
-            raise _BandsError(f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path)
+    path, shipped = Path(name), SHIPPED.get(str(name).lower())
+    if path.exists():
         return path
-    return models_path() / known
+    if shipped is None:
+        allowed = f"a CSV file, or the name of bands that gaitcal brings: {', '.join(SHIPPED)}"
+        raise _BandsError(f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path)
+    return models_path() / shipped
 
 
 def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
@@ -207,46 +195,41 @@ def _named(comments: Sequence[str]) -> dict[str, list[str]]:
 def _signs(texts: Sequence[str], source: Path) -> Signs:
     """What all lines on signs agree in."""
     names = {signs.value: signs for signs in Signs} | {"opensim": Signs.GAITCAL}
-    allowed = f"allowed: a line '# signs: {' | '.join(names)}'"
-    if not texts:
-        raise _BandsError(f"missing; {allowed}", source=source, field="signs")
-    for text in texts:
-        if text.lower() not in names:
-            raise _BandsError(f"found '{text}'; {allowed}", source=source, field="signs")
-    if len({names[text.lower()] for text in texts}) > 1:
-        raise _BandsError(f"found {' and '.join(map(repr, texts))}; {allowed}", source=source, field="signs")
+    wrong = [text for text in texts if text.lower() not in names]
+    found = f"found '{wrong[0]}'" if wrong else "" if texts else "missing"
+    if not found and len({names[text.lower()] for text in texts}) > 1:
+        found = f"found {' and '.join(map(repr, texts))}"
+    if found:
+        raise _BandsError(f"{found}; allowed: a line '# signs: {' | '.join(names)}'", source=source, field="signs")
     return names[texts[0].lower()]
 
 
 def _read(rows: Sequence[tuple[int, list[str]]], source: Path) -> Iterator[_Row]:
     known = known_variables()
-    for number, row in rows:
-        cells, at = row, f"line {number}"
+    ranges = {"percent": (0.0, 100.0), "mean": (-1e6, 1e6), "sd": (0.0, 1e6)}
+    for number, cells in rows:
+
+        def fault(text: str, at: str = f"line {number}") -> _BandsError:
+            return _BandsError(text, source=source, field=at)
+
         if len(cells) != len(COLUMNS):
-            raise _BandsError(f"found {len(cells)} cells; allowed: {len(COLUMNS)}", source=source, field=at)
+            raise fault(f"found {len(cells)} cells; allowed: {len(COLUMNS)}")
         variable, unit = cells[:2]
         if variable not in known:
             hint = "; names have no side" if split_side(variable)[1] else nearest(variable, known)
-            raise _BandsError(
-                f"found variable '{variable}'; allowed: those of cycles.csv{hint}", source=source, field=at
-            )
+            raise fault(f"found variable '{variable}'; allowed: those of cycles.csv{hint}")
         allowed = UNITS[kind_of(variable)]
         spelt = {_plain(u): u for u in allowed}
         if _plain(unit) not in spelt:
-            raise _BandsError(
-                f"found unit '{unit}' of {variable}; allowed: {', '.join(allowed)}", source=source, field=at
-            )
+            raise fault(f"found unit '{unit}' of {variable}; allowed: {', '.join(allowed)}")
         numbers = []
-        for name, cell in zip(COLUMNS[2:], cells[2:], strict=True):
+        for (name, (low, high)), cell in zip(ranges.items(), cells[2:], strict=True):
             try:
                 value = float(cell)
             except ValueError:
                 value = float("nan")
-            low, high = {"percent": (0.0, 100.0), "mean": (-1e6, 1e6), "sd": (0.0, 1e6)}[name]
             if not low <= value <= high:
-                raise _BandsError(
-                    f"found {name} '{cell}'; allowed: a number from {low:g} to {high:g}", source=source, field=at
-                )
+                raise fault(f"found {name} '{cell}'; allowed: a number from {low:g} to {high:g}")
             numbers.append(value)
         yield _Row(number, variable, spelt[_plain(unit)], *numbers)
 
@@ -258,13 +241,14 @@ def _plain(unit: str) -> str:
 
 def _band(variable: str, rows: Sequence[_Row], signs: Signs, origin: str, source: Path) -> NormalBand:
     for before, row in itertools.pairwise(rows):
-        at = f"line {row.line}"
+        fault = ""
         if row.unit != before.unit:
-            found = f"found {variable} in {row.unit}, before it in {before.unit}"
-            raise _BandsError(f"{found}; allowed: one unit", source=source, field=at)
-        if row.percent <= before.percent:
+            fault = f"found {variable} in {row.unit}, before it in {before.unit}; allowed: one unit"
+        elif row.percent <= before.percent:
             found = f"found percent {row.percent:g} of {variable} after {before.percent:g}"
-            raise _BandsError(f"{found}; allowed: increasing percents", source=source, field=at)
+            fault = f"{found}; allowed: increasing percents"
+        if fault:
+            raise _BandsError(fault, source=source, field=f"line {row.line}")
     if len(rows) < LEAST_POINTS:
         raise _BandsError(f"found one percent of {variable}; allowed: two or more", source=source)
     if signs is Signs.CLINICAL and coordinate_words(coordinate_of(variable)).group == "trunk":

@@ -1,4 +1,4 @@
-"""Where and when the feet are put down: speed, cadence, steps, stance and swing, stride by stride of each foot.
+"""Where and when the feet are put down: speed, cadence, steps, stance and swing; means, and how alike both legs are.
 
 A stride of a foot goes from its strike at t0 to its next one at t1. With p(t) the horizontal place of its heel and o(t)
 that of the other one, both against the ground (a treadmill's belt is taken off: p - v_belt t), t_o the other foot's
@@ -12,39 +12,52 @@ The line of progression is that of each stride by itself (Huxham, Gong, Baker, M
 that lengths and widths hold on straight walks, in turns, and for any direction in the room. The step of a stride is the
 one that ends it: that of the leg that is named. Stance lasts from strike to off, swing from off to the next strike;
 double support is the part of a stance in which the other foot is down, too, single support the rest of it. Percent are
-of the stride.
+of the stride. Vicon's programs measure between the toe markers, which are further apart as toes point outwards: in five
+walks of a hospital its step width is 55 to 80 mm larger than between heels.
 
-Vicon's programs measure between the toe markers, which are further apart as toes point outwards: in five walks of a
-hospital its step width is 55 to 80 mm larger than between heels (`tests/gait/test_spatiotemporal.py`).
+A stride that turns (`gait/strides.py`) is measured along its own line, too, and left out of means. Feet that swing and
+get no further than a decimetre have no lengths: they step on the spot, or on a belt that looks like a floor. A stride
+that the recording cuts counts for what it shows: the stance of a last strike, the step to a first one (along the other
+foot's stride, where that is whole). Nothing is told of a foot at a strike at which no marker shows it.
 
-A stride that turns (`gait/progression.py`) is measured along its own line, too, and left out of means. Feet that swing
-and get no further than a decimetre have no lengths: they step on the spot, or on a belt that looks like a floor.
+    symmetry index = 100 (R - L) / ((R + L) / 2)   (%)
 
-A stride that the recording cuts counts for what it shows: the stance of a last strike, the step to a first one (along
-the other foot's stride, where that is whole). Nothing is told of a foot at a strike at which no marker shows it.
+of the means R and L of both legs over strides and trials (Robinson, Herzog & Nigg, J Manipulative Physiol Ther 1987): 0
+where they are alike, positive where the right one is larger. There is none of the step width, which is one distance
+between both feet. Mean and standard deviations are those of `gait/ensemble.py`: each stride counts the same, also where
+the recording shows a part of it. Legs that are refused are left out, with steps and supports beside them, to which both
+feet belong: what makes a leg's markers or forces wrong, or of the other side, need not spare its clock.
+
+The peak of a curve over strides is the mean of each stride's own. A stride of which little is valid says nothing of it.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.gait.cycles import CYCLE_RANGE, FootEvents, between, is_stride, resample
+from gaitcal.findings import Finding, Severity
+from gaitcal.gait.cycles import CYCLE_RANGE, EventSource, FootEvents, between, is_stride, resample
+from gaitcal.gait.ensemble import spread
 from gaitcal.gait.event_clock import double_support
 from gaitcal.gait.events import SIDES, TrialEvents
-from gaitcal.gait.gait_event import EventSource
-from gaitcal.gait.strides import turn_between
+from gaitcal.gait.moments import listed
+from gaitcal.gait.strides import turn_between, turns
+from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS
 
-PER_STRIDE: Final = 120.0
-"""Two steps, sixty seconds."""
-LEAST_STRIDE: Final = 0.1
-"""m: feet that swing and get no further step on the spot, or on a belt that nothing tells of."""
+PER_STRIDE: Final = 120.0  # two steps, sixty seconds
+LEAST_STRIDE: Final = 0.1  # m: feet that swing and get no further step on the spot, or on a belt that nothing tells of
+LEAST_VALID: Final = 0.9  # part of a stride that must be valid: the peak of a curve that is not seen is not known
+OF_BOTH_LEGS: Final = ("step_width",)  # one distance between both feet, told at the strikes of either
+OF_BOTH_FEET: Final = ("step", "first_double", "second_double", "double", "single")
+"""How measures begin that need the other foot's events or place, too."""
 MEASURES: Final = {
     "speed": "m/s",
     "cadence": "steps/min",
@@ -65,32 +78,22 @@ MEASURES: Final = {
     "double_support_percent": "%",
     "single_support": "s",
     "single_support_percent": "%",
-}
-"""Name -> unit, in the order of tables; `_percent` is of the stride."""
+}  # Name -> unit, in the order of tables; `_percent` is of the stride
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stride:
     """What one stride of one foot measures, or the part of it that the recording shows."""
 
-    side: str
-    """`r` or `l`."""
-    number: int | None
-    """From 1, as in `cycles.csv`; None where the recording holds only a part of it."""
-    start: float | None
-    """s, the strike that begins it; None where it is not recorded."""
-    stop: float | None
-    """s, the strike that ends it."""
-    sources: tuple[EventSource, ...]
-    """What told these strikes."""
-    measures: Mapping[str, float]
-    """Name of `MEASURES` -> value; what is not known is absent."""
-    line: float | None = None
-    """rad, direction of progression, to the left of the room's x axis; None where it is not known."""
-    turn: float | None = None
-    """deg to the left by which the pelvis turns from its begin to its end; None where it is not known."""
-    on_the_spot: bool = False
-    """The feet swing and get no further: without lengths and speed."""
+    side: str  # `r` or `l`
+    number: int | None  # from 1, as in `cycles.csv`; None where the recording holds only a part of it
+    start: float | None  # s, the strike that begins it; None where it is not recorded
+    stop: float | None  # s, the strike that ends it
+    sources: tuple[EventSource, ...]  # what told these strikes
+    measures: Mapping[str, float]  # name of `MEASURES` -> value; what is not known is absent
+    line: float | None = None  # rad, direction of progression, to the left of the room's x axis; None: not known
+    turn: float | None = None  # deg to the left by which the pelvis turns in it; None: not known
+    on_the_spot: bool = False  # the feet swing and get no further: without lengths and speed
 
 
 def strides_measured(
@@ -108,12 +111,12 @@ def strides_measured(
     time : (nf,) s.
     feet : heels on the laboratory's axes, and how the ground moves; None where the model has none: times alone.
     unseen : `foot_r`, `foot_l` -> (nf,) frames in which no marker shows the foot.
-    faced : (nf,) rad, where the pelvis points (`gait/progression.py`); None: whether a stride turns is not known.
+    faced : (nf,) rad, where the pelvis points (`gait/strides.py`); None: whether a stride turns is not known.
     """
     of_feet = {side: events.of(side) for side in SIDES}
     heels = _heels(time, feet, unseen or {})
     out: list[Stride] = []
-    for side, other in (("r", "l"), ("l", "r")):
+    for side, other in OTHER_SIDE.items():
         number = 0
         for start, stop in _spans(of_feet[side], of_feet[other]):
             whole = start is not None and stop is not None
@@ -125,8 +128,11 @@ def strides_measured(
             if heels is not None and stop is not None and period is not None:
                 along = heels.between(side if start is not None else other, *period)
                 measures |= _lengths(heels, side, start, stop, struck, along)
-            spot = along is not None and float(np.linalg.norm(along)) < LEAST_STRIDE
-            known = [t for t in (start, stop) if t is not None]
+            length = np.nan if along is None else float(np.linalg.norm(along))
+            goes_on = length >= LEAST_STRIDE
+            foot, sources = of_feet[side], list[EventSource]()
+            if len(foot.sources) == len(foot.strikes):
+                sources = [s for t, s in zip(foot.strikes, foot.sources, strict=True) if t in (start, stop)]
             if measures:
                 out.append(
                     Stride(
@@ -134,11 +140,11 @@ def strides_measured(
                         number=number if whole else None,
                         start=start,
                         stop=stop,
-                        sources=_sources(of_feet[side], known),
+                        sources=tuple(sources),
                         measures={name: measures[name] for name in MEASURES if name in measures},
-                        line=_direction(along),
+                        line=float(np.arctan2(-along[1], along[0])) if along is not None and goes_on else None,
                         turn=None if faced is None or period is None else turn_between(time, faced, *period),
-                        on_the_spot=spot,
+                        on_the_spot=length < LEAST_STRIDE,
                     )
                 )
     return tuple(out)
@@ -155,18 +161,12 @@ def _spans(foot: FootEvents, other: FootEvents) -> list[tuple[float | None, floa
     return [*out, (strikes[-1], None)]
 
 
-def _sources(foot: FootEvents, strikes: Sequence[float]) -> tuple[EventSource, ...]:
-    if len(foot.sources) != len(foot.strikes):
-        return ()
-    return tuple(s for t, s in zip(foot.strikes.tolist(), foot.sources, strict=True) if t in strikes)
-
-
 def _times(
-    own: FootEvents, other: FootEvents, start: float | None, stop: float | None, struck: float | None
+    foot: FootEvents, other: FootEvents, start: float | None, stop: float | None, struck: float | None
 ) -> dict[str, float]:
     """What events alone tell; `struck`: when the other foot began the step that ends the stride."""
     out: dict[str, float] = {}
-    off = _off(own, other, start, stop)
+    off = _off(foot, other, start, stop)
     if stop is not None and struck is not None:
         out["step_time"] = stop - struck
     if start is not None and off is not None:
@@ -182,17 +182,17 @@ def _times(
     return out
 
 
-def _off(own: FootEvents, other: FootEvents, start: float | None, stop: float | None) -> float | None:
+def _off(foot: FootEvents, other: FootEvents, start: float | None, stop: float | None) -> float | None:
     """The off of a stride: the first one after its start; the last one before its stop, where the start is unknown.
 
     None where a strike is missing beside it: two strikes of the other foot between.
     """
     low = start if start is not None else float(stop or 0.0) - CYCLE_RANGE[1]
     high = stop if stop is not None else low + CYCLE_RANGE[1]
-    earlier, later = own.strikes[own.strikes < high], own.strikes[own.strikes > low]
+    earlier, later = foot.strikes[foot.strikes < high], foot.strikes[foot.strikes > low]
     cut_before, cut_after = start is None and len(earlier), stop is None and len(later)
     low, high = max(low, float(earlier[-1])) if cut_before else low, min(high, float(later[0])) if cut_after else high
-    found = between(own.toe_offs, low, high)
+    found = between(foot.toe_offs, low, high)
     if not len(found) or ((cut_before or cut_after) and len(found) < 2 and len(between(other.strikes, low, high)) > 1):
         return None
     off = float(found[0] if start is not None else found[-1])
@@ -200,12 +200,12 @@ def _off(own: FootEvents, other: FootEvents, start: float | None, stop: float | 
     return None if len(phase) > 1 else off
 
 
-def _step_before(own: FootEvents, other: FootEvents, start: float | None, stop: float) -> float | None:
+def _step_before(foot: FootEvents, other: FootEvents, start: float | None, stop: float) -> float | None:
     """s, the other foot's strike from which a foot steps to its own one at `stop`."""
     before = other.strikes[(other.strikes < stop) & (other.strikes > stop - CYCLE_RANGE[1])]
     if start is not None:
         before = before[before > start]
-    earlier = own.strikes[own.strikes < stop]
+    earlier = foot.strikes[foot.strikes < stop]
     if len(earlier):  # not across a strike of its own
         before = before[before > earlier[-1]]
     return float(before[-1]) if len(before) else None
@@ -219,12 +219,10 @@ class _Heels:
     places: Mapping[str, Array]
 
     def at(self, side: str, when: float) -> Array:
-        out: Array = resample(self.time, self.places[side], np.array([when]))[0]
-        return out
+        return resample(self.time, self.places[side], np.array([when]))[0]
 
     def between(self, side: str, start: float, stop: float) -> Array:
-        out: Array = self.at(side, stop) - self.at(side, start)
-        return out
+        return self.at(side, stop) - self.at(side, start)
 
 
 def _heels(time: Array, feet: FootPoints | None, unseen: Mapping[str, BoolArray]) -> _Heels | None:
@@ -250,13 +248,6 @@ def _period(
     return (struck, float(ahead[0])) if len(ahead) else None
 
 
-def _direction(along: Array | None) -> float | None:
-    """Rad, to the left of the room's x axis; None of a stride that is not seen, or gets no further."""
-    if along is None or not float(np.linalg.norm(along)) >= LEAST_STRIDE:
-        return None
-    return float(np.arctan2(-along[1], along[0]))
-
-
 def _lengths(
     heels: _Heels, side: str, start: float | None, stop: float, struck: float | None, along: Array
 ) -> dict[str, float]:
@@ -270,9 +261,146 @@ def _lengths(
     if start is not None:
         out |= {"stride_length": length, "speed": length / (stop - start)}
     if struck is not None:
-        opposite = next(s for s in SIDES if s != side)
-        step, forward = heels.at(side, stop) - heels.at(opposite, struck), along / length
+        step, forward = heels.at(side, stop) - heels.at(OTHER_SIDE[side], struck), along / length
         right = np.array([-forward[1], forward[0]])
         out["step_length"] = float(step @ forward)
         out["step_width"] = float(step @ right) * (1.0 if side == "r" else -1.0)
     return {name: value for name, value in out.items() if np.isfinite(value)}
+
+
+def counts(name: str, side: str, refused: Sequence[str]) -> bool:
+    """Whether a measure of a leg may be used where the verdict refuses the legs `refused`."""
+    return side not in refused and not (refused and name.startswith(OF_BOTH_FEET))
+
+
+def counting(strides: Sequence[Stride], refused: Sequence[str] = ()) -> tuple[Stride, ...]:
+    """The strides of a trial that belong into means: straight ones, without what needs a leg that is refused."""
+    return tuple(
+        replace(s, measures={n: v for n, v in s.measures.items() if counts(n, s.side, refused)})
+        for s in strides
+        if not turns(s.turn)
+    )
+
+
+def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...]:
+    """What to say of strides that turn, and of those that get no further."""
+    whole = [s for s in strides if s.number]
+    short = f"less than {LEAST_STRIDE:g} m a stride, as on the spot or on a slow belt: no lengths, widths, speed"
+    left_out = "left out of means of strides and steps"
+    kinds = (
+        (Code.TURNING_STRIDES, [s for s in whole if turns(s.turn)], "strides turn", left_out),
+        (Code.ON_THE_SPOT, [s for s in whole if s.on_the_spot], "feet swing and get no further", short),
+    )
+    return tuple(
+        Finding(
+            severity=Severity.INFO,
+            topic="strides",
+            where=trial,
+            cause=cause,
+            found=f"{_named(found)}: {so}",
+            cure="",
+            code=code,
+        )
+        for code, found, cause, so in kinds
+        if found
+    )
+
+
+def _named(strides: Sequence[Stride]) -> str:
+    """`right 1 and 2, left 1 (turned by 48 deg at most)`."""
+    by_side = [
+        f"{SIDE_WORDS[side]} {listed([str(s.number) for s in strides if s.side == side])}"
+        for side in SIDES
+        if any(s.side == side for s in strides)
+    ]
+    most = max((abs(s.turn) for s in strides if turns(s.turn) and s.turn is not None), default=None)
+    return ", ".join(by_side) + ("" if most is None else f" (by up to {most:.0f} deg)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Average:
+    """One measure of one leg over strides and trials, in its unit."""
+
+    n: int  # strides
+    trials: int
+    mean: float
+    sd: float | None  # over all strides; None of one alone
+    sd_within: float | None  # between strides of one trial; None where no trial has two
+    sd_between: float | None  # between trials; None where it cannot be told from `sd_within`
+
+
+@dataclass(frozen=True)
+class MeasureMeans:
+    """One measure of both legs."""
+
+    name: str  # of `MEASURES`
+    unit: str
+    right: Average | None  # None where no stride of that leg shows it
+    left: Average | None
+
+    @property
+    def symmetry(self) -> float | None:
+        """%, of the means; None where a leg has none, both are 0, or the measure is one of both legs."""
+        if self.name in OF_BOTH_LEGS:
+            return None
+        if self.right is None or self.left is None or self.right.mean + self.left.mean == 0.0:
+            return None
+        return 200.0 * (self.right.mean - self.left.mean) / (self.right.mean + self.left.mean)
+
+
+def measure_means(strides: Mapping[str, Sequence[Stride]]) -> tuple[MeasureMeans, ...]:
+    """Of every measure that some stride shows, in the order of `MEASURES`; `strides`: trial -> those that count."""
+    out = []
+    for name, unit in MEASURES.items():
+        right, left = (_average(strides, side, name) for side in ("r", "l"))
+        if right is not None or left is not None:
+            out.append(MeasureMeans(name, unit, right, left))
+    return tuple(out)
+
+
+def _average(strides: Mapping[str, Sequence[Stride]], side: str, name: str) -> Average | None:
+    known = [
+        (trial, s.measures[name]) for trial, of in strides.items() for s in of if s.side == side if name in s.measures
+    ]
+    if not known:
+        return None
+    found = spread(np.array([[value] for _, value in known]), np.array([trial for trial, _ in known]))
+
+    def figure(value: np.ndarray) -> float | None:
+        return float(value[0]) if np.isfinite(value[0]) else None
+
+    return Average(
+        n=len(known),
+        trials=int(found.trials[0]),
+        mean=float(found.mean[0]),
+        sd=figure(found.sd),
+        sd_within=figure(found.sd_within),
+        sd_between=figure(found.sd_between),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class StridePeaks:
+    """The largest values of a curve in the strides of a leg."""
+
+    mean: float  # over the strides that count; NaN where none does
+    error: float  # standard deviation over them; of one alone, the standard error of its peak; NaN: not known
+    count: int  # strides that count
+    strides: int  # all that were looked at
+
+
+def stride_peaks(values: Array, errors: Array) -> StridePeaks:
+    """Of the largest value of each stride.
+
+    Parameters
+    ----------
+    values : (n, points) n strides; NaN where a value is not valid.
+    errors : (n, points) standard errors; NaN where not known.
+    """
+    counting = np.flatnonzero(np.isfinite(values).mean(axis=1) >= LEAST_VALID)
+    if not len(counting):
+        return StridePeaks(mean=np.nan, error=np.nan, count=0, strides=len(values))
+    places = np.nanargmax(values[counting], axis=1)
+    peaks = values[counting, places]
+    error = peaks.std(ddof=1) if len(peaks) > 1 else errors[counting[0], places[0]]
+    return StridePeaks(mean=float(peaks.mean()), error=float(error), count=len(counting), strides=len(values))

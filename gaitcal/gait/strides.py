@@ -1,8 +1,6 @@
-"""How a trial's signals are laid along the horizontal axis: by gait cycle, or by time where there is no full cycle.
+"""How a trial's signals are laid along the horizontal axis, by gait cycle or by time, and along which line strides go.
 
-The line along which a stride goes, how far the body turns in it, and the pelvis against that line.
-
-The line is that from the foot's strike to its next one (`gait/spatiotemporal.py`), pointed to where the pelvis faces,
+That line is from the foot's strike to its next one (`gait/spatiotemporal.py`), pointed to where the pelvis faces,
 so that walking backwards is no turn. With its direction theta about the vertical, and R the pelvis in the laboratory,
 
     Ry(-theta) R = Rz(tilt) Rx(list) Ry(rotation)
@@ -25,28 +23,26 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
 from gaitcal.gait.events import SIDES, TrialEvents
+from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.motion.motion import Motion
 
-MOST_POINTS = 400
-"""A plot against time shows no more: about one a pixel."""
-MOST_OTHERS = 10
-"""Further strides drawn thin beside the main one."""
+MOST_POINTS = 400  # a plot against time shows no more: about one a pixel
+MOST_OTHERS = 10  # further strides drawn thin beside the main one
+TURNING: Final = 15.0
+"""deg: who turns by more within a stride does not walk straight. From strike to strike of straight walks the pelvis
+faces the same to 6 deg (27 strides of eight people)."""
+AXES: Final = "ZXY"
 
 
 @dataclass(frozen=True)
 class Layout:
     """The horizontal axis of one trial."""
 
-    time: Array
-    """(nf,) s."""
-    valid: BoolArray
-    """(nf,) torques of the whole body may be used."""
-    valid_legs: BoolArray
-    """(nf, 2) torques of the right and the left leg may be used."""
-    down: Mapping[str, tuple[tuple[float, float], ...]]
-    """Side -> stretches (s) in which that foot is on the ground."""
-    cycles: Mapping[str, tuple[GaitCycle, ...]]
-    """Side -> complete cycles; empty where the trial is drawn against time."""
+    time: Array  # (nf,) s
+    valid: BoolArray  # (nf,) torques of the whole body may be used
+    valid_legs: BoolArray  # (nf, 2) torques of the right and the left leg may be used
+    down: Mapping[str, tuple[tuple[float, float], ...]]  # side -> stretches (s) in which that foot is on the ground
+    cycles: Mapping[str, tuple[GaitCycle, ...]]  # side -> complete cycles; empty where drawn against time
 
     @property
     def by_cycle(self) -> bool:
@@ -140,18 +136,9 @@ def strides_of(events: TrialEvents) -> dict[str, tuple[GaitCycle, ...]]:
     return {"r": gait_cycles(right, left), "l": gait_cycles(left, right)}
 
 
-PELVIS_ANGLES: Final = ("pelvis_tilt", "pelvis_list", "pelvis_rotation")
-"""About z, x and y, each moved by those before it."""
-TURNING: Final = 15.0
-"""deg: who turns by more within a stride does not walk straight. From strike to strike of straight walks the pelvis
-faces the same to 6 deg (27 strides of eight people)."""
-AXES: Final = "ZXY"
-
-
 def pelvis_angles(motion: Motion) -> Array:
     """(nf, 3) rad, `PELVIS_ANGLES` against the room."""
-    out: Array = motion.q[:, [motion.coordinates.index(name) for name in PELVIS_ANGLES]]
-    return out
+    return motion.q[:, [motion.coordinates.index(name) for name in PELVIS_ANGLES]]
 
 
 def facing(angles: Array) -> Array:
@@ -160,8 +147,7 @@ def facing(angles: Array) -> Array:
     `angles`: (nf, 3) rad, `PELVIS_ANGLES`.
     """
     forward = Rotation.from_euler(AXES, angles).as_matrix()[:, :, 0]
-    out: Array = np.unwrap(np.arctan2(-forward[:, 2], forward[:, 0]))
-    return out
+    return np.unwrap(np.arctan2(-forward[:, 2], forward[:, 0]))
 
 
 def turn_between(time: Array, faced: Array, start: float, stop: float) -> float:

@@ -102,9 +102,10 @@ def find_vertical(markers: Array, plates: tuple[ForcePlate, ...]) -> Vertical | 
     if axis is None:
         axis, evidence = _normal_axis(plates), "the plate corners"
     if axis is None:
-        axis, evidence = _spread_axis(markers), "the spread of the markers"
-    if axis is None:
-        return None
+        spread, evidence = _spread(markers, 3), "the spread of the markers"
+        if spread is None or not spread.max() > 0:
+            return None
+        axis = int(np.argmax(spread))
     seen = markers[..., axis][np.isfinite(markers[..., axis])]
     floors = [float(p.corners[:, axis].mean()) for p in plates if p.corners is not None]
     above = float(np.median(seen)) - (floors[0] if floors else 0.0) if len(seen) else 0.0
@@ -125,48 +126,40 @@ def force_axis(plates: Iterable[ForcePlate]) -> int | None:
 
 def _normal_axis(plates: tuple[ForcePlate, ...]) -> int | None:
     """The axis along which the normals of all plates lie; None where they disagree or lie aslant."""
-    axes = set()
-    for plate in plates:
-        if plate.corners is None:
-            continue
-        normal = np.abs(np.cross(plate.corners[0] - plate.corners[1], plate.corners[0] - plate.corners[3]))
-        axes.add(int(np.argmax(normal)) if normal.max() > DOMINANT * np.linalg.norm(normal) else -1)
-    return axes.pop() if len(axes) == 1 and axes != {-1} else None
+    corners = [plate.corners for plate in plates if plate.corners is not None]
+    normals = [np.abs(np.cross(c[0] - c[1], c[0] - c[3])) for c in corners]
+    axes = {int(np.argmax(n)) if n.max() > DOMINANT * np.linalg.norm(n) else None for n in normals}
+    return axes.pop() if len(axes) == 1 else None
 
 
-def _spread_axis(markers: Array) -> int | None:
-    """The axis along which the markers (nf, nm, 3) of a frame differ most, median over some 200 frames."""
+def _spread(markers: Array, fewest: int) -> Array | None:
+    """(3,) m, how much the markers (nf, nm, 3) of a frame differ along each axis: median over some 200 frames.
+
+    Of frames with at least `fewest` markers; None where there is none.
+    """
     seen = seen_mask(markers)
-    frames = np.flatnonzero(seen.sum(axis=1) >= 3)
+    frames = np.flatnonzero(seen.sum(axis=1) >= fewest)
     if not len(frames):
         return None
     spread = [np.std(markers[i][seen[i]], axis=0) for i in frames[:: max(1, len(frames) // 200)]]
-    middle = np.median(spread, axis=0)
-    return int(np.argmax(middle)) if middle.max() > 0 else None
+    return np.asarray(np.median(spread, axis=0))
 
 
 def body_vertical(markers: Array) -> Vertical | None:
     """The axis along which a whole body of markers (nf, nm, 3) stands; None where they do not tell it clearly."""
-    seen = seen_mask(markers)
-    frames = np.flatnonzero(seen.sum(axis=1) >= BODY_MARKERS)
-    if not len(frames):
+    spread = _spread(markers, BODY_MARKERS)
+    if spread is None:
         return None
-    spread = [np.std(markers[i][seen[i]], axis=0) for i in frames[:: max(1, len(frames) // 200)]]
-    middle = np.median(spread, axis=0)
-    axis = int(np.argmax(middle))
-    clear = middle[axis] > CLEARLY_TALLER * np.delete(middle, axis).max()
+    axis = int(np.argmax(spread))
+    clear = spread[axis] > CLEARLY_TALLER * np.delete(spread, axis).max()
     return Vertical(axis, 1, "the spread of the markers") if clear else None
 
 
 def turn_plate(plate: ForcePlate, turn: Turn) -> ForcePlate:
     """A plate in new axes: force, point, moment and corners together."""
-    return replace(
-        plate,
-        force=turn.apply(plate.force),
-        point=turn.apply(plate.point),
-        moment=turn.apply(plate.moment),
-        corners=None if plate.corners is None else turn.apply(plate.corners),
-    )
+    force, point, moment = (turn.apply(vectors) for vectors in (plate.force, plate.point, plate.moment))
+    corners = None if plate.corners is None else turn.apply(plate.corners)
+    return replace(plate, force=force, point=point, moment=moment, corners=corners)
 
 
 def turn_recording(recording: Recording, turn: Turn) -> Recording:
@@ -223,22 +216,15 @@ def turn_to_progression(recording: Recording, forward: Array | None = None) -> R
     if not np.all(np.isfinite(along)) or not along.any():
         return recording
     choice = int(np.argmax(along))
-    notes = _off_x(ABOUT_Y[choice].apply(way)) if walks else ()
-    if choice == 0:
-        return recording.with_notes(*notes) if notes else recording
-    turned = turn_recording(recording, ABOUT_Y[choice])
-    turn_note = f"Turned about the vertical so that the file's {NEW_X[choice]} (y up) is forward, +x."
-    return turned.with_notes(turn_note, *notes)
-
-
-def _off_x(way: Array) -> tuple[str, ...]:
-    """What a way (3,) that is not along x means for the angles."""
-    angle = float(np.rad2deg(np.arctan2(way[2], way[0])))
-    if abs(angle) <= OFF_X_DEG:
-        return ()
-    side = "right" if angle > 0 else "left"
-    return (
-        f"The walk goes {abs(angle):.0f} deg to the {side} of x: pelvis angles are relative to "
-        "the laboratory's x, so list and tilt mix and rotation holds this angle (those of cycles.csv are along each "
-        "stride); other joint angles and torques do not depend on it.",
-    )
+    notes: tuple[str, ...] = ()
+    if choice:
+        notes += (f"Turned about the vertical so that the file's {NEW_X[choice]} (y up) is forward, +x.",)
+    ahead, _, right = ABOUT_Y[choice].apply(way)
+    angle = float(np.rad2deg(np.arctan2(right, ahead)))
+    if walks and abs(angle) > OFF_X_DEG:
+        notes += (
+            f"The walk goes {abs(angle):.0f} deg to the {'right' if angle > 0 else 'left'} of x: pelvis angles are "
+            "relative to the laboratory's x, so list and tilt mix and rotation holds this angle (those of cycles.csv "
+            "are along each stride); other joint angles and torques do not depend on it.",
+        )
+    return turn_recording(recording, ABOUT_Y[choice]).with_notes(*notes) if notes else recording

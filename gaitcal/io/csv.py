@@ -9,7 +9,7 @@ The corners have no place in the table of forces, and without them nobody can te
 plate. Numbers are written in the shortest form that reads back to the same bits. Lines before the header that begin
 with `#` are comments; those that begin with `#:` say what a C3D file said of the person and of events:
 
-    #: mass = 66.5                                 kg, m, rad, as in `metadata.Facts`; without name and doubts
+    #: mass = 66.5                                 kg, m, rad, as in `labels.Facts`; without name and doubts
     #: knee_width = {"r": 0.105, "l": 0.107}       values as JSON writes them
     #: event = [1.23, "r", "foot strike"]          s
 
@@ -30,14 +30,20 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
-from gaitcal.io.axes import UP_TO_Y, Turn, body_vertical, turn_up
+from gaitcal.io.axes import body_vertical, turn_up
 from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
 from gaitcal.io.labels import ComputedPoints, Facts, FootEvent, FootMoment, axes_points, clean, unique
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
-from gaitcal.io.text_file import NumberTable, number_lines, parse_rows, read_lines, require_increasing
+from gaitcal.io.text_file import (
+    FileFault,
+    NumberTable,
+    naming_file,
+    number_lines,
+    parse_rows,
+    read_lines,
+    require_increasing,
+)
 
 MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)
 FORCE_COLUMN = re.compile(r"(?P<name>.+)_(?P<quantity>[fpt])(?P<axis>[xyz])", re.DOTALL)
@@ -46,25 +52,20 @@ CORNER_HEADER = ["plate", "corner", "x", "y", "z"]
 CORNERS = 4
 
 
+@naming_file
 def read_markers_csv(path: Path) -> Recording:
     """Markers of a wide table, every number as written."""
     lines = read_lines(path)
-    names, start = _header(path, lines)
+    names, start = _header(lines)
     if is_force_header(names):
-        raise InputError(
-            "this is a table of forces; give it as the forces of a trial", source=path, code=Code.FILE_FORMAT
-        )
-    table = parse_rows(lines, start, 1 + len(names), source=path, separator=",")
-    facts, events = told_by(lines[:start], path)
+        raise FileFault("this is a table of forces; give it as the forces of a trial")
+    table = parse_rows(lines, start, 1 + len(names), ",")
+    facts, events = facts_in_comments(lines[:start])
     places: dict[tuple[str, int], dict[int, int]] = {}
     for column, name in enumerate(names):
         match = MARKER_COLUMN.fullmatch(name)
         if match is None:
-            raise InputError(
-                f"found the column '{name[:40]}'; NAME_x, NAME_y and NAME_z are allowed",
-                source=path,
-                code=Code.FILE_FORMAT,
-            )
+            raise FileFault(f"found the column '{name[:40]}'; NAME_x, NAME_y and NAME_z are allowed")
         axis, repeat = "xyz".index(match["axis"]), 0
         while axis in places.setdefault((match["name"], repeat), {}):
             repeat += 1
@@ -72,24 +73,18 @@ def read_markers_csv(path: Path) -> Recording:
     for (name, _), columns in places.items():
         if len(columns) < 3:
             axes = ", ".join("xyz"[axis] for axis in sorted(columns))
-            raise InputError(
-                f"found only {axes}; x, y and z are needed",
-                source=path,
-                field=f"marker {name[:40]}",
-                code=Code.FILE_FORMAT,
-            )
+            raise FileFault(f"found only {axes}; x, y and z are needed", f"marker {name[:40]}")
     if not places:
-        raise InputError(
-            "found no marker columns; NAME_x, NAME_y and NAME_z are needed", source=path, code=Code.FILE_FORMAT
-        )
+        raise FileFault("found no marker columns; NAME_x, NAME_y and NAME_z are needed")
     of_models = {name: columns for (name, _), columns in places.items() if name.startswith(COMPUTED)}
     places = {key: columns for key, columns in places.items() if key[0] not in of_models}
     labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
     markers, gap_notes = zeros_to_missing(_points(table, places.values()))
     modelled = tuple(clean(name.removeprefix(COMPUTED)) or "?" for name in of_models)
+    require_increasing(table.values[:, 0], table.lines)
     recording = Recording(
         source=str(path),
-        time=_time(path, table),
+        time=np.ascontiguousarray(table.values[:, 0]),
         labels=labels,
         markers=markers,
         notes=repetition_notes + gap_notes,
@@ -107,37 +102,29 @@ def _points(table: NumberTable, columns: Collection[dict[int, int]]) -> Array:
     return table.values[:, 1:][:, order].reshape(len(table.values), len(columns), 3)
 
 
+@naming_file
 def read_forces_csv(path: Path) -> Forces:
     """Plates of a wide table, every number as written."""
-    names, table = _table(path)
+    lines = read_lines(path)
+    names, start = _header(lines)
+    table = parse_rows(lines, start, 1 + len(names), ",")
     columns_of: dict[str, PlateColumns] = {}
     for column, name in enumerate(names):
         match = FORCE_COLUMN.fullmatch(name)
         if match is None:
-            raise InputError(
-                f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed",
-                source=path,
-                code=Code.FILE_FORMAT,
-            )
+            raise FileFault(f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed")
         columns = columns_of.setdefault(clean(match["name"]), PlateColumns())
         axes, axis = columns.columns[QUANTITIES[match["quantity"]]], "xyz".index(match["axis"])
         if axis in axes:
-            raise InputError(f"found the column '{name[:40]}' twice", source=path, code=Code.FILE_FORMAT)
+            raise FileFault(f"found the column '{name[:40]}' twice")
         axes[axis] = column
         columns.names.append(name)
     if not columns_of:
-        raise InputError(
-            "found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed", source=path, code=Code.FILE_FORMAT
-        )
-    time = _time(path, table)
-    plates: list[ForcePlate] = []
-    notes: tuple[str, ...] = ()
-    for name, columns in columns_of.items():
-        plate, plate_notes = build_plate(name, time, table.values[:, 1:], columns, path)
-        plates.append(plate)
-        notes += plate_notes
-    ready, turn, turn_notes = standing(plates)
-    return Forces(str(path), ready, notes + turn_notes, turn)
+        raise FileFault("found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed")
+    require_increasing(table.values[:, 0], table.lines)
+    time = np.ascontiguousarray(table.values[:, 0])
+    built = [build_plate(name, time, table.values[:, 1:], columns) for name, columns in columns_of.items()]
+    return standing(path, [plate for plate, _ in built], tuple(note for _, notes in built for note in notes))
 
 
 def is_force_header(names: list[str]) -> bool:
@@ -145,26 +132,30 @@ def is_force_header(names: list[str]) -> bool:
     return bool(names) and all(FORCE_COLUMN.fullmatch(name) for name in names)
 
 
+@naming_file
 def read_header(path: Path) -> list[str]:
     """Column names after time."""
-    return _header(path, read_lines(path))[0]
+    return _header(read_lines(path))[0]
 
 
+@naming_file
 def write_markers_csv(path: Path, recording: Recording) -> None:
     """Markers as a wide table that reads back bit for bit."""
-    require_plain_labels(recording, path)
+    require_plain_labels(recording)
     labels, values = list(recording.labels), recording.markers
-    if recording.computed is not None and (kept := computed_kept(recording.computed)):
-        at = [recording.computed.labels.index(label) for label in kept]
-        labels += [COMPUTED + label for label in kept]
-        values = np.concatenate([values, recording.computed.points[:, at]], axis=1)
+    if (computed := recording.computed) is not None:
+        left_out = axes_points(computed.labels)  # the four points of each segment's axes
+        at = [i for i, label in enumerate(computed.labels) if label not in left_out]
+        labels += [COMPUTED + computed.labels[i] for i in at]
+        values = np.concatenate([values, computed.points[:, at]], axis=1)
     names = [f"{label}_{axis}" for label in labels for axis in "xyz"]
-    _write(path, names, recording.time, values.reshape(len(recording.time), -1), told_lines(recording))
+    _write(path, names, recording.time, values.reshape(len(recording.time), -1), comments_with_facts(recording))
 
 
+@naming_file
 def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """Plates with one common time as a wide table that reads back bit for bit."""
-    time, values = on_one_time(plates, path)
+    time, values = on_one_time(plates)
     names = [f"{plate.name}_{quantity}{axis}" for plate in plates for quantity in "fpt" for axis in "xyz"]
     _write(path, names, time, values)
 
@@ -176,38 +167,23 @@ def _write(path: Path, names: list[str], time: Array, values: Array, comments: S
         file.write(number_lines(np.column_stack([time, values]), ","))
 
 
-def _header(path: Path, lines: list[str]) -> tuple[list[str], int]:
+def _header(lines: list[str]) -> tuple[list[str], int]:
     """Column names after time, and the index of the first line of numbers."""
     start = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
     if start == len(lines):
-        raise InputError("found only comments; a header line is needed", source=path, code=Code.FILE_FORMAT)
+        raise FileFault("found only comments; a header line is needed")
     try:
         cells = next(csv.reader([lines[start]]))
     except csv.Error as error:
-        raise InputError(
-            f"damaged header ({error})", source=path, field=f"line {start + 1}", code=Code.FILE_FORMAT
-        ) from None
+        raise FileFault(f"damaged header ({error})", f"line {start + 1}") from None
     if not cells or cells[0].strip().lower() != "time":
         hint = " (this one is separated by ';')" if ";" in lines[start] else ""
-        raise InputError(
-            f"found '{lines[start][:40]}'; a header 'time,NAME_x,NAME_y,...' with commas is needed{hint}",
-            source=path,
-            field=f"line {start + 1}",
-            code=Code.FILE_FORMAT,
-        )
+        needed = f"a header 'time,NAME_x,NAME_y,...' with commas is needed{hint}"
+        raise FileFault(f"found '{lines[start][:40]}'; {needed}", f"line {start + 1}")
     return [cell.strip() for cell in cells[1:]], start + 1
 
 
-def _table(path: Path) -> tuple[list[str], NumberTable]:
-    lines = read_lines(path)
-    names, start = _header(path, lines)
-    return names, parse_rows(lines, start, 1 + len(names), source=path, separator=",")
-
-
-def _time(path: Path, table: NumberTable) -> Array:
-    time = np.ascontiguousarray(table.values[:, 0])
-    require_increasing(time, path, table.lines)
-    return time
+# --------------------------------------------------------------------------------------------- corners of the plates
 
 
 def plates_file(forces: Path) -> Path:
@@ -225,64 +201,46 @@ def write_plates_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
                 rows.writerow([plate.name, k + 1, *map(repr, corner)])
 
 
-def with_corners(
-    plates: tuple[ForcePlate, ...], forces: Path, turn: Turn = UP_TO_Y[1, 1]
-) -> tuple[tuple[ForcePlate, ...], tuple[str, ...]]:
-    """The plates with the corners of the table beside `forces`, if there is one; and a note that says so.
-
-    `turn`: from the axes of the files to those of the plates.
+def with_corners(forces: Forces, path: Path) -> Forces:
+    """The forces of the file at `path`, with the corners of the table beside it, if there is one; and a note on that.
 
     InputError where that table is damaged or names a plate that the forces lack.
     """
-    path = plates_file(forces)
-    if not path.is_file():
-        return plates, ()
-    corners = {name: turn.apply(of_plate) for name, of_plate in _read_corners(path).items()}
-    names = [plate.name for plate in plates]
-    for name in corners:
-        if name not in names:
-            allowed = ", ".join(names)
-            raise InputError(
-                f"found the plate '{name[:20]}'; {forces.name} has {allowed}", source=path, code=Code.FILE_FORMAT
-            )
-    placed = tuple(replace(plate, corners=corners.get(plate.name, plate.corners)) for plate in plates)
-    return placed, (f"Corners of plates {', '.join(corners)} from {path.name}.",)
+    table = plates_file(path)
+    if not table.is_file():
+        return forces
+    names = [plate.name for plate in forces.plates]
+    corners = {name: forces.turn.apply(of_plate) for name, of_plate in _read_corners(table, path.name, names).items()}
+    placed = tuple(replace(plate, corners=corners.get(plate.name, plate.corners)) for plate in forces.plates)
+    notes = (f"Corners of plates {', '.join(corners)} from {table.name}.",)
+    return replace(forces, plates=placed, notes=forces.notes + notes)
 
 
-def _read_corners(path: Path) -> dict[str, Array]:
-    """Plate -> corners (4, 3) m, from a table of corners in any order."""
+@naming_file
+def _read_corners(path: Path, forces: str, allowed: Sequence[str]) -> dict[str, Array]:
+    """Plate, of those that the file `forces` has -> corners (4, 3) m, from a table of corners in any order."""
     rows = list(csv.reader(line for line in read_lines(path) if line.strip() and not line.startswith("#")))
     if not rows or [cell.strip().lower() for cell in rows[0]] != CORNER_HEADER:
-        raise InputError(f"a header '{','.join(CORNER_HEADER)}' is needed", source=path, code=Code.FILE_FORMAT)
+        raise FileFault(f"a header '{','.join(CORNER_HEADER)}' is needed")
     corners: dict[str, Array] = {}
     for number, row in enumerate(rows[1:], start=1):
-        field = f"row {number}"
+        field, text = f"row {number}", ",".join(row)[:60]
         try:
             name, corner, values = row[0].strip(), int(row[1]), [float(cell) for cell in row[2:]]
         except (ValueError, IndexError):
-            shown = ",".join(row)[:60]
-            raise InputError(
-                f"found '{shown}'; plate,corner,x,y,z are needed", source=path, field=field, code=Code.FILE_FORMAT
-            ) from None
+            raise FileFault(f"found '{text}'; plate,corner,x,y,z are needed", field) from None
         if not 1 <= corner <= CORNERS or len(values) != 3 or not all(map(math.isfinite, values)):
-            raise InputError(
-                f"found '{','.join(row)[:60]}'; a corner of 1 to {CORNERS} and three numbers are needed",
-                source=path,
-                field=field,
-                code=Code.FILE_FORMAT,
-            )
+            raise FileFault(f"found '{text}'; a corner of 1 to {CORNERS} and three numbers are needed", field)
         of_plate = corners.setdefault(name, np.full((CORNERS, 3), np.nan))
         if not np.isnan(of_plate[corner - 1, 0]):
-            raise InputError(
-                f"found corner {corner} of plate '{name[:20]}' twice", source=path, field=field, code=Code.FILE_FORMAT
-            )
+            raise FileFault(f"found corner {corner} of plate '{name[:20]}' twice", field)
         of_plate[corner - 1] = values
     for name, of_plate in corners.items():
         if np.isnan(of_plate).any():
             missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(of_plate[:, 0])))
-            raise InputError(
-                f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed", source=path, code=Code.FILE_FORMAT
-            )
+            raise FileFault(f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed")
+        if name not in allowed:
+            raise FileFault(f"found the plate '{name[:20]}'; {forces} has {', '.join(allowed)}")
     return corners
 
 
@@ -292,19 +250,18 @@ MARK: Final = "#: "
 COMPUTED: Final = "computed:"
 EVENT: Final = "event"
 _NAMES: Final = tuple(f.name for f in fields(Facts) if f.name not in ("name", "doubtful"))
-_MOMENTS: Final = {moment.value: moment for moment in FootMoment}
 
 
-def told_lines(recording: Recording) -> list[str]:
-    """Comment lines that `told_by` reads back to the same numbers."""
-    told = {name: getattr(recording.facts, name) for name in _NAMES}
-    lines = [f"{MARK}{name} = {json.dumps(value)}" for name, value in told.items() if value not in (None, {})]
+def comments_with_facts(recording: Recording) -> list[str]:
+    """Comment lines that `facts_in_comments` reads back to the same numbers."""
+    facts = {name: getattr(recording.facts, name) for name in _NAMES}
+    lines = [f"{MARK}{name} = {json.dumps(value)}" for name, value in facts.items() if value not in (None, {})]
     events = ([e.time, e.side, e.moment.value] for e in recording.events)
     return lines + [f"{MARK}{EVENT} = {json.dumps(event)}" for event in events]
 
 
-def told_by(lines: Iterable[str], path: Path) -> tuple[Facts, tuple[FootEvent, ...]]:
-    """Facts and events of the comment lines before a table; InputError for one that says neither."""
+def facts_in_comments(lines: Iterable[str]) -> tuple[Facts, tuple[FootEvent, ...]]:
+    """Facts and events of the comment lines before a table; FileFault for one that says neither."""
     facts: dict[str, Any] = {}
     events: list[FootEvent] = []
     for line in lines:
@@ -315,23 +272,13 @@ def told_by(lines: Iterable[str], path: Path) -> tuple[Facts, tuple[FootEvent, .
             value = json.loads(text)
             if name == EVENT:
                 time, side, moment = value
-                events.append(FootEvent(_MOMENTS[moment], {"r": "r", "l": "l"}[side], _number(time)))
+                events.append(FootEvent(FootMoment(moment), {"r": "r", "l": "l"}[side], _number(time)))
             else:
                 facts[name] = _checked(name, value)
         except (ValueError, TypeError, KeyError, RecursionError):
             allowed = ", ".join((*_NAMES, EVENT))
-            raise InputError(
-                f"found '{line[:60]}'; allowed after '#:': {allowed}", source=path, code=Code.FILE_FORMAT
-            ) from None
+            raise FileFault(f"found '{line[:60]}'; allowed after '#:': {allowed}") from None
     return Facts(**facts), tuple(sorted(events, key=lambda e: e.time))
-
-
-def computed_kept(computed: ComputedPoints | None) -> tuple[str, ...]:
-    """Labels of the computed points that a table takes: all but the four of each segment's axes."""
-    if computed is None:
-        return ()
-    left_out = axes_points(computed.labels)
-    return tuple(label for label in computed.labels if label not in left_out)
 
 
 def _checked(name: str, value: Any) -> Any:

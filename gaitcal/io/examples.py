@@ -1,14 +1,11 @@
-"""An example's folder: recordings that are checked, study.toml, and SOURCE.txt, which says whose they are.
+"""Public recordings that `gaitcal example NAME` fetches: the registry `models/examples.toml`, and a folder of one.
 
-Files that are right are kept, whatever ends a run: what was fetched before a fault or Ctrl-C counts, and the next run
-asks for the rest only. A folder with anything else in it is refused (`files/ownership`).
+This is the only module of gaitcal that asks the internet for anything, on `gaitcal example NAME` alone. A request holds
+the address of a public file and the program's name; nothing of the user's data. Never is more read than was announced,
+and a file is checked before it counts.
 
-One public file over the network: asked for by name, never more than was announced, and checked before it counts.
-
-This is the only module of gaitcal that asks the internet for anything, on `gaitcal example NAME` alone. The request
-holds the address of a public file and the program's name; nothing of the user's data.
-
-Which public recordings can be fetched: `models/examples.toml`, read once, checked once.
+The folder holds the recordings, study.toml, and SOURCE.txt, which says whose they are. Files that are right are kept,
+whatever ends a run: the next one asks for the rest only. A folder with anything else in it is refused.
 """
 
 from __future__ import annotations
@@ -25,18 +22,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import NoReturn
 from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError, nearest
-from gaitcal.io.atomic import InterruptedWork, Stopped, also_at, atomic_directory
-from gaitcal.io.lock import MANIFEST, ResultKind, read_object
-from gaitcal.io.snapshot import sha256_of
-from gaitcal.io.toml import models_path, package_version
-from gaitcal.io.validation import Table, read_validated
+from gaitcal.io.atomic import InterruptedWork, Stopped
+from gaitcal.io.result_folder import MANIFEST, ResultKind, also_at, atomic_directory, read_object, sha256_of
+from gaitcal.io.toml import Table, models_path, package_version, read_validated
 
 REGISTRY = "examples.toml"
 
@@ -165,30 +159,29 @@ class Connection:
 
 
 def download(file: RemoteFile, target: Path, connection: Connection, progress: Callable[[int], None]) -> None:
-    """Fetch `file` to `target`; `progress` is told the bytes so far.
+    """Fetch `file` to `target`; `progress` gets the bytes so far.
 
-    Raises
-    ------
-    InputError
-        No network, no such file, another size or SHA-256 than in the registry; `target` is then gone.
+    InputError for no network, no such file, another size or SHA-256 than in the registry; `target` is then gone.
     """
     address = connection.address(file)
     for pause in (*connection.pauses_s, None):
         try:
             _fetch(file, address, target, connection, progress)
-            break
-        except _PassingError as fault:
+            return
+        except BaseException as fault:
             target.unlink(missing_ok=True)
+            if not isinstance(fault, _PassingError):
+                raise
             if pause is None:
                 tries = len(connection.pauses_s) + 1
                 raise InputError(f"{fault}; tried {tries} times", source=address, code=Code.DOWNLOAD) from None
             time.sleep(pause)
-        except BaseException:
-            target.unlink(missing_ok=True)
-            raise
 
 
-def _fetch(file: RemoteFile, address: str, target: Path, connection: Connection, told: Callable[[int], None]) -> None:
+def _fetch(file: RemoteFile, address: str, target: Path, connection: Connection, step: Callable[[int], None]) -> None:
+    def fault(message: str) -> InputError:
+        return InputError(message, source=address, code=Code.DOWNLOAD)
+
     request = urllib.request.Request(address, headers={"User-Agent": "gaitcal example"})
     opener = urllib.request.build_opener(_Redirects(connection.schemes))
     digest, size = hashlib.sha256(), 0
@@ -197,47 +190,31 @@ def _fetch(file: RemoteFile, address: str, target: Path, connection: Connection,
             while block := answer.read(_BLOCK):
                 size += len(block)
                 if size > file.bytes:
-                    raise InputError(
-                        f"is longer than the {file.bytes} bytes announced", source=address, code=Code.DOWNLOAD
-                    )
+                    raise fault(f"is longer than the {file.bytes} bytes announced")
                 digest.update(block)
                 stream.write(block)
-                told(size)
+                step(size)
     except urllib.error.HTTPError as error:
         with error:
-            _tell_status(error, address)
+            message = f"the server answers {error.code} {error.reason}"
+            if error.code in _PASSING:
+                raise _PassingError(message) from None
+            raise fault(message + ("; the file is no longer there" if error.code in (404, 410) else "")) from None
     except urllib.error.URLError as error:
-        _tell_reason(error.reason, address)
+        reason = error.reason
+        if isinstance(reason, ssl.SSLCertVerificationError):
+            raise fault(f"the server's certificate is not accepted ({reason.verify_message})") from None
+        if isinstance(reason, FileNotFoundError):
+            raise fault("no such file in the mirror") from None
+        host = urlsplit(address).netloc or "the mirror"
+        raise _PassingError(f"{host} cannot be reached ({getattr(reason, 'strerror', None) or reason})") from None
     except (http.client.HTTPException, TimeoutError, ConnectionError, ssl.SSLError) as error:
         raise _PassingError(f"the connection broke off ({type(error).__name__})") from None
     if size < file.bytes:
         raise _PassingError(f"broke off after {size} of {file.bytes} bytes")
     if digest.hexdigest() != file.sha256:
         found = f"SHA-256 {digest.hexdigest()[:12]}..., registered {file.sha256[:12]}..."
-        raise InputError(
-            f"is not the registered file ({found}): it was changed there or on the way",
-            source=address,
-            code=Code.DOWNLOAD,
-        )
-
-
-def _tell_status(error: urllib.error.HTTPError, address: str) -> None:
-    told = f"the server answers {error.code} {error.reason}"
-    if error.code in _PASSING:
-        raise _PassingError(told) from None
-    hint = "; the file is no longer there" if error.code in (404, 410) else ""
-    raise InputError(told + hint, source=address, code=Code.DOWNLOAD) from None
-
-
-def _tell_reason(reason: object, address: str) -> None:
-    if isinstance(reason, ssl.SSLCertVerificationError):
-        message = f"the server's certificate is not accepted ({reason.verify_message})"
-        raise InputError(message, source=address, code=Code.DOWNLOAD) from None
-    if isinstance(reason, FileNotFoundError):
-        raise InputError("no such file in the mirror", source=address, code=Code.DOWNLOAD) from None
-    told = getattr(reason, "strerror", None) or str(reason)
-    host = urlsplit(address).netloc or "the mirror"
-    raise _PassingError(f"{host} cannot be reached ({told})") from None
+        raise fault(f"is not the registered file ({found}): it was changed there or on the way")
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
@@ -253,6 +230,8 @@ class _Redirects(urllib.request.HTTPRedirectHandler):
             raise InputError(message, source=req.full_url, code=Code.DOWNLOAD)
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
+
+# ------------------------------------------------------------------------------------------------------ the folder
 
 SOURCE, STUDY = "SOURCE.txt", "study.toml"
 
@@ -275,72 +254,59 @@ def right_files(example: Example, folder: Path) -> tuple[RemoteFile, ...]:
 
 def is_complete(example: Example, folder: Path) -> bool:
     """Whether nothing is left to fetch."""
-    own = read_object(folder / MANIFEST).get("example") == example.name
-    return own and len(right_files(example, folder)) == len(example.files)
+    is_same = read_object(folder / MANIFEST).get("example") == example.name
+    return is_same and len(right_files(example, folder)) == len(example.files)
 
 
-def fetch_example(example: Example, folder: Path, connection: Connection, told: Callable[[Step], None]) -> None:
-    """Fetch what is not there, and put all of it into `folder`.
+def fetch_example(example: Example, folder: Path, connection: Connection, progress: Callable[[Step], None]) -> None:
+    """Fetch what is not there, and put all of it into `folder`. A study file that is there stays as its user left it.
 
-    Raises
-    ------
-    InputError
-        The folder holds something else; a file cannot be had, or is not the registered one. What was fetched before
-        is kept.
-    InterruptedWork
-        Ctrl-C or a signal; the same.
+    InputError where the folder holds something else; where a file cannot be had, or is not the registered one, and
+    InterruptedWork after Ctrl-C or a signal: what was fetched before is kept.
     """
     if is_complete(example, folder):
         return
-    _require_same(example, folder)
+    other = read_object(folder / MANIFEST).get("example", example.name)
+    if other != example.name:
+        message = f"holds the example '{other}'; name a new or an empty folder"
+        raise InputError(message, source=folder, code=Code.FOLDER_TAKEN)
     fault: InputError | KeyboardInterrupt | Stopped | None = None
     with atomic_directory(folder, ResultKind.EXAMPLE) as content:
         for file in right_files(example, folder):
             also_at(folder / file.name, content / file.name)
         try:
-            _fetch_rest(example, content, connection, told)
+            _fetch_rest(example, content, connection, progress)
         except (InputError, KeyboardInterrupt, Stopped) as ending:
             fault = ending
         there = right_files(example, content)
         if fault is not None and not there:
             raise fault
-        _write_words(example, folder, content)
-    if fault is not None:
-        _tell(fault, f"{len(there)} of {len(example.files)} files are in {folder}; run again for the rest")
+        if (folder / STUDY).is_file():
+            also_at(folder / STUDY, content / STUDY)
+        elif example.study:
+            (content / STUDY).write_text(example.study.lstrip("\n"), encoding="utf-8")
+        (content / SOURCE).write_text(source_text(example), encoding="utf-8")
+        manifest = {"gaitcal": package_version("gaitcal"), "example": example.name}
+        (content / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
+    if fault is None:
+        return
+    kept = f"{len(there)} of {len(example.files)} files are in {folder}; run again for the rest"
+    if isinstance(fault, InputError):
+        raise InputError(f"{fault}; {kept}", code=fault.code) from fault
+    raise InterruptedWork(fault, kept) from fault
 
 
-def _require_same(example: Example, folder: Path) -> None:
-    other = read_object(folder / MANIFEST).get("example", example.name)
-    if other != example.name:
-        raise InputError(
-            f"holds the example '{other}'; name a new or an empty folder", source=folder, code=Code.FOLDER_TAKEN
-        )
+def _fetch_rest(example: Example, content: Path, connection: Connection, progress: Callable[[Step], None]) -> None:
+    missing = [file for file in example.files if not (content / file.name).exists()]
+    done = example.size - sum(file.bytes for file in missing)
+    for file in missing:
+        (content / file.name).parent.mkdir(parents=True, exist_ok=True)
 
+        def step(size: int, name: str = file.name, before: int = done) -> None:
+            progress(Step(name, before + size, example.size))
 
-def _fetch_rest(example: Example, content: Path, connection: Connection, told: Callable[[Step], None]) -> None:
-    done = sum(file.bytes for file in example.files if (content / file.name).exists())
-    for file in example.files:
-        target = content / file.name
-        if target.exists():
-            continue
-        target.parent.mkdir(parents=True, exist_ok=True)
-
-        def progress(size: int, name: str = file.name, before: int = done) -> None:
-            told(Step(name, before + size, example.size))
-
-        download(file, target, connection, progress)
+        download(file, content / file.name, connection, step)
         done += file.bytes
-
-
-def _write_words(example: Example, folder: Path, content: Path) -> None:
-    """What stands beside the recordings. A study file that is there stays as its user left it."""
-    if (folder / STUDY).is_file():
-        also_at(folder / STUDY, content / STUDY)
-    elif example.study:
-        (content / STUDY).write_text(example.study.lstrip("\n"), encoding="utf-8")
-    (content / SOURCE).write_text(source_text(example), encoding="utf-8")
-    manifest = {"gaitcal": package_version("gaitcal"), "example": example.name}
-    (content / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
 
 
 def source_text(example: Example) -> str:
@@ -356,9 +322,3 @@ def source_text(example: Example) -> str:
     files = "\n".join(f"{file.name}\n  {file.url}\n  SHA-256 {file.sha256}" for file in example.files)
     wrapped = (textwrap.fill(line, 100, break_long_words=False, break_on_hyphens=False) for line in words)
     return "\n".join(wrapped) + f"\n\n{files}\n"
-
-
-def _tell(fault: InputError | KeyboardInterrupt | Stopped, kept: str) -> NoReturn:
-    if isinstance(fault, InputError):
-        raise InputError(f"{fault}; {kept}", code=fault.code) from fault
-    raise InterruptedWork(fault, kept) from fault

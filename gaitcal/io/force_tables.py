@@ -20,10 +20,10 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.errors import InputError
 from gaitcal.io.axes import AXES, UP_TO_Y, Turn, force_axis, turn_plate
 from gaitcal.io.force_plate import TURNED_ROUND, UP, pushes_down, turned_round
 from gaitcal.io.recording import ForcePlate
+from gaitcal.io.text_file import FileFault
 
 NAME = re.compile(r"(?P<rest>.+?)_?(?P<letter>(?<=_)[vfpmt])?_?(?P<axis>[xyz])", re.IGNORECASE)
 LETTERS = {"v": "force", "f": "force", "p": "point", "m": "moment", "t": "moment"}
@@ -97,50 +97,37 @@ def _meaning(name: str) -> tuple[str, int, str] | None:
     return None
 
 
-def build_plate(
-    name: str, time: Array, values: Array, found: PlateColumns, source: object
-) -> tuple[ForcePlate, tuple[str, ...]]:
-    """The plate of `found` columns in `values` (ns, columns), m, N, N·m, and notes; InputError if incomplete.
+def build_plate(name: str, time: Array, values: Array, found: PlateColumns) -> tuple[ForcePlate, tuple[str, ...]]:
+    """The plate of `found` columns in `values` (ns, columns), m, N, N·m, and notes; FileFault if incomplete.
 
     Rows without a force at either end of the table are not part of it.
     """
+    field, names = f"plate {name}", ", ".join(found.names)
+    force, point, moment = (found.take(quantity, values) for quantity in ("force", "point", "moment"))
     free = found.columns["moment"]
-    upright = len(free) == 1 and _vertical(found, values) in free
+    vertical = None
+    if force is not None and len(free) == 1:
+        zero = np.zeros_like(force)
+        loads = ForcePlate(name=name, time=time, force=np.nan_to_num(force), point=zero, moment=zero)
+        vertical = force_axis([loads])
+        if vertical in free:
+            moment = np.zeros((len(values), 3))
+            moment[:, vertical] = values[:, free[vertical]]
     for quantity, columns in found.columns.items():
-        if columns and len(columns) < 3 and not (upright and quantity == "moment"):
+        if columns and len(columns) < 3 and (quantity != "moment" or moment is None):
             axes = ", ".join("xyz"[axis] for axis in sorted(columns))
-            raise InputError(
-                f"found only {axes} of the {quantity} (among {', '.join(found.names)}); x, y and z are needed",
-                source=source,
-                field=f"plate {name}",
-                code=Code.FILE_FORMAT,
-            )
-    force = found.take("force", values)
-    point = found.take("point", values)
-    moment = found.take("moment", values)
+            raise FileFault(f"found only {axes} of the {quantity} (among {names}); x, y and z are needed", field)
     if force is None or point is None:
-        raise InputError(
-            f"no point of application among {', '.join(found.names)}; columns like ground_force_px are needed",
-            source=source,
-            field=f"plate {name}",
-            code=Code.FILE_FORMAT,
-        )
+        raise FileFault(f"no point of application among {names}; columns like ground_force_px are needed", field)
     known = np.flatnonzero(np.isfinite(force).all(axis=1))
     if not len(known):
-        raise InputError(
-            "its force columns hold no numbers", source=source, field=f"plate {name}", code=Code.BAD_NUMBER
-        )
-    span = slice(int(known[0]), int(known[-1]) + 1)
-    time, force, point = time[span], force[span], point[span]
+        raise FileFault("its force columns hold no numbers", field, Code.BAD_NUMBER)
     notes: tuple[str, ...] = ()
-    if upright:
-        axis, column = next(iter(free.items()))
-        moment = np.zeros((len(values), 3))
-        moment[:, axis] = values[:, column]
     if moment is None:
-        moment = np.zeros_like(values[:, :3])
+        moment = np.zeros((len(values), 3))
         notes += (f"Plate {name}: no moment columns; a free moment of zero was taken.",)
-    moment = moment[span]
+    span = slice(int(known[0]), int(known[-1]) + 1)
+    time, force, point, moment = time[span], force[span], point[span], moment[span]
     idle = (force == 0).all(axis=1) & np.isnan(point).any(axis=1)
     if idle.any():
         point = np.where(idle[:, None], 0.0, point)
@@ -149,23 +136,15 @@ def build_plate(
     return ForcePlate(name=name, time=time, force=force, point=point, moment=moment), notes
 
 
-def _vertical(found: PlateColumns, values: Array) -> int | None:
-    """The axis along which a plate's force acts under load."""
-    force = found.take("force", values)
-    if force is None:
-        return None
-    zero = np.zeros_like(force)
-    return force_axis([ForcePlate(name="", time=values[:, 0], force=np.nan_to_num(force), point=zero, moment=zero)])
-
-
-def standing(plates: Sequence[ForcePlate]) -> tuple[tuple[ForcePlate, ...], Turn, tuple[str, ...]]:
-    """Plates of a table with y up and with the force acting on the body; the turn that brought it about, and notes.
+def standing(
+    path: Path, plates: Sequence[ForcePlate], notes: tuple[str, ...], feet: Mapping[str, str] | None = None
+) -> Forces:
+    """The forces of the file at `path`, with y up and acting on the body, and notes on what that took.
 
     The vertical is the axis along which the forces act under load; y where they do not tell it.
     """
     axis = force_axis(plates)
     turn = UP_TO_Y[1 if axis is None else axis, 1]
-    notes: tuple[str, ...] = ()
     if not turn.is_identity:
         notes += (f"Vertical axis of the forces is +{AXES[axis or 0]}, as they act along it; y is up here.",)
     ready = []
@@ -175,26 +154,23 @@ def standing(plates: Sequence[ForcePlate]) -> tuple[tuple[ForcePlate, ...], Turn
             turned = turned_round(turned)
             notes += (f"Plate {plate.name}: {TURNED_ROUND}",)
         ready.append(turned)
-    return tuple(ready), turn, notes
+    return Forces(str(path), tuple(ready), notes, turn, feet or {})
 
 
-def on_one_time(plates: tuple[ForcePlate, ...], target: Path) -> tuple[Array, Array]:
+def on_one_time(plates: tuple[ForcePlate, ...]) -> tuple[Array, Array]:
     """Times (ns,) of a table of all plates, and its values (ns, 9 * plates): force, point, moment of each.
 
-    A plate that begins later or ends sooner than another has NaN there. InputError where plates are sampled at
+    A plate that begins later or ends sooner than another has NaN there. FileFault where plates are sampled at
     different times, as one table has one time column.
     """
     if not plates:
-        raise InputError("there are no force plates to write", source=target, code=Code.NOT_WRITABLE)
+        raise FileFault("there are no force plates to write", code=Code.NOT_WRITABLE)
     time = np.unique(np.concatenate([plate.time for plate in plates]))
     values = np.full((len(time), 9 * len(plates)), np.nan)
     for number, plate in enumerate(plates):
         rows = np.searchsorted(time, plate.time)
         if rows[-1] - rows[0] + 1 != len(rows):
-            raise InputError(
-                "the plates are sampled at different times; a table needs the same for all",
-                source=target,
-                code=Code.NOT_WRITABLE,
-            )
+            message = "the plates are sampled at different times; a table needs the same for all"
+            raise FileFault(message, code=Code.NOT_WRITABLE)
         values[rows, 9 * number : 9 * number + 9] = np.hstack([plate.force, plate.point, plate.moment])
     return time, values

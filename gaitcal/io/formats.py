@@ -14,7 +14,7 @@ What `convert` makes of a file:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -37,11 +37,10 @@ from gaitcal.io.csv import (
     write_markers_csv,
     write_plates_csv,
 )
-from gaitcal.io.external_loads import read_external_loads
 from gaitcal.io.force_tables import Forces
+from gaitcal.io.opensim_files import read_external_loads, read_mot_forces, read_trc, write_forces_mot, write_trc
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.text_file import readable_size
-from gaitcal.io.trc_mot import read_mot_forces, read_trc, write_forces_mot, write_trc
+from gaitcal.io.text_file import FileFault, naming_file, readable_size
 from gaitcal.runtime import with_one_blas_thread
 
 MARKER_READERS = {".c3d": read_c3d, ".trc": read_trc, ".csv": read_markers_csv}
@@ -80,9 +79,7 @@ def read_forces(path: str | PathLike[str]) -> Forces:
 
     Their corners are those of NAME_plates.csv, where it lies beside NAME_forces.csv.
     """
-    forces = _read(Path(path), FORCE_READERS)
-    plates, corner_notes = with_corners(forces.plates, Path(path), forces.turn)
-    return replace(forces, plates=plates, notes=forces.notes + corner_notes)
+    return with_corners(_read(Path(path), FORCE_READERS), Path(path))
 
 
 def _read(file: Path, readers: Mapping[str, Callable[[Path], _T]]) -> _T:
@@ -91,63 +88,51 @@ def _read(file: Path, readers: Mapping[str, Callable[[Path], _T]]) -> _T:
     if reader is None:
         readable_size(file)  # a missing file or a folder is the plainer fault
         ending = f"found the ending '{file.suffix[:20]}'" if file.suffix else "found no ending"
-        raise InputError(
-            f"{ending}; allowed are {', '.join(readers)}{nearest(file.suffix, readers)}",
-            source=file,
-            code=Code.FILE_FORMAT,
-        )
+        allowed = f"allowed are {', '.join(readers)}{nearest(file.suffix, readers)}"
+        raise InputError(f"{ending}; {allowed}", source=file, code=Code.FILE_FORMAT)
     with np.errstate(all="ignore"):  # absurd numbers of a damaged file may overflow on their way to a message
         return reader(file)
 
 
 def convert(source: str | PathLike[str], target: str | PathLike[str]) -> tuple[Path, ...]:
     """Write `source` anew as `target`; the endings say how. Returns the files written, the target first."""
-    old, new = Path(source), Path(target)
+    return _convert(Path(target), Path(source))
+
+
+@naming_file
+def _convert(new: Path, old: Path) -> tuple[Path, ...]:
     readable_size(old)
     if new.is_dir():
-        raise InputError("found a folder; a file name is needed", source=new, code=Code.NOT_WRITABLE)
+        raise FileFault("found a folder; a file name is needed", code=Code.NOT_WRITABLE)
     if new.exists() and new.samefile(old):
-        raise InputError("source and target are the same file", source=new, code=Code.NOT_WRITABLE)
-    if _holds_forces(old):
-        _require_ending(new, FORCE_WRITERS, old)
-        plates = read_forces(old).plates
-        FORCE_WRITERS[new.suffix.lower()](new, plates)
-        return (new, *_write_corners(new, plates))
-    _require_ending(new, MARKER_WRITERS, old)
+        raise FileFault("source and target are the same file", code=Code.NOT_WRITABLE)
+    before, ending = old.suffix.lower(), new.suffix.lower()
+    holds_forces = before in (".mot", ".sto", ".xml") or (before == ".csv" and is_force_header(read_header(old)))
+    allowed = FORCE_WRITERS if holds_forces else MARKER_WRITERS
+    if ending not in allowed:
+        found = new.suffix[:20] or "no ending"
+        raise FileFault(f"found {found}; {old.name} can become {', '.join(allowed)}", code=Code.NOT_WRITABLE)
+    if holds_forces:
+        return _write_forces(new, read_forces(old).plates)
     beside = old.with_name(f"{old.stem}_forces.csv")
-    forces = beside if old.suffix.lower() == ".csv" and new.suffix.lower() == ".c3d" and beside.is_file() else None
-    return _write_markers(read_recording(old, forces=forces), new)
-
-
-def _holds_forces(file: Path) -> bool:
-    ending = file.suffix.lower()
-    return ending in (".mot", ".sto", ".xml") or (ending == ".csv" and is_force_header(read_header(file)))
-
-
-def _write_markers(recording: Recording, new: Path) -> tuple[Path, ...]:
-    """Write markers, and beside formats that hold no plates those too; returns the files written."""
-    ending, written = new.suffix.lower(), [new]
+    forces = beside if (before, ending) == (".csv", ".c3d") and beside.is_file() else None
+    recording = read_recording(old, forces=forces)
+    written: tuple[Path, ...] = ()
     if recording.plates and ending != ".c3d":
         forces_ending = ".csv" if ending == ".csv" else ".mot"
-        forces = new.with_name(f"{new.stem}_forces{forces_ending}")
-        FORCE_WRITERS[forces_ending](forces, recording.plates)
-        written += [forces, *_write_corners(forces, recording.plates)]
+        written = _write_forces(new.with_name(f"{new.stem}_forces{forces_ending}"), recording.plates)
     MARKER_WRITERS[ending](new, recording)
-    return tuple(written)
+    return (new, *written)
 
 
-def _write_corners(forces: Path, plates: tuple[ForcePlate, ...]) -> tuple[Path, ...]:
-    """Beside a file of forces; where there are none, a table that lies there already is emptied, as it is another's."""
-    path = plates_file(forces)
-    if not path.exists() and all(plate.corners is None for plate in plates):
-        return ()
-    write_plates_csv(path, plates)
-    return (path,)
+def _write_forces(path: Path, plates: tuple[ForcePlate, ...]) -> tuple[Path, ...]:
+    """Write forces and, where any plate has them, corners beside them; returns the files written.
 
-
-def _require_ending(new: Path, allowed: Iterable[str], old: Path) -> None:
-    if new.suffix.lower() not in allowed:
-        ending = new.suffix[:20] or "no ending"
-        raise InputError(
-            f"found {ending}; {old.name} can become {', '.join(allowed)}", source=new, code=Code.NOT_WRITABLE
-        )
+    Without corners, a table of them that lies there already is emptied, as it is another's.
+    """
+    FORCE_WRITERS[path.suffix.lower()](path, plates)
+    corners = plates_file(path)
+    if not corners.exists() and all(plate.corners is None for plate in plates):
+        return (path,)
+    write_plates_csv(corners, plates)
+    return path, corners

@@ -1,18 +1,22 @@
-"""Marker names: which of a file's labels are markers, and how they are spelt inside.
+"""What a file says beside its samples: names of markers, facts about the person, moments at which feet meet the ground.
 
 A C3D file's POINT list may hold, besides markers, everything a vendor's pipeline computed: angles, moments, powers,
 joint centres, four points for each segment's axes. None of these was measured; none may be fitted.
 
-What a file says beside its samples: about the person, the moments at which feet meet the ground, computed points.
+Its group PROCESSING is where Vicon's programs keep what was measured by hand: kg and mm, angles in rad. EVENT is the
+standard's own group: TIMES is (2, n), minutes and seconds from the beginning of the recording, as the frames count.
 """
 
 from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any, Final
+
+import numpy as np
 
 from gaitcal.arrays import Array
 
@@ -148,3 +152,123 @@ class ComputedPoints:
     labels: tuple[str, ...]
     points: Array
     """(nf, np, 3) m, at the frames of the recording and in its axes; NaN where not known."""
+
+
+# ------------------------------------------------------------------------- facts and events of a C3D file's parameters
+
+SIDES: Final = {"right": "r", "left": "l"}
+MOMENTS: Final = {
+    "foot strike": FootMoment.STRIKE,
+    "heel strike": FootMoment.STRIKE,
+    "initial contact": FootMoment.STRIKE,
+    "foot contact": FootMoment.STRIKE,
+    "foot off": FootMoment.OFF,
+    "toe off": FootMoment.OFF,
+}
+_MM, _CM, _INCH, _NEWTON = 1e-3, 1e-2, 0.0254, 1 / 9.80665
+_Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Figure:
+    """A number of PROCESSING: its parameters (of a side: without R and L), its units, and what it may be."""
+
+    parameters: tuple[str, ...]
+    units: tuple[float, ...]
+    """Each in kg, m or rad; the first in which the number lies in `allowed` is the one that was meant."""
+    allowed: _Range
+    """kg, m, rad; outside of it a number is none of these: 0 stands where nobody filled in the form."""
+    no: str = ""
+    """What a number is not where none of `units` fits; then it may be in one of the `others`."""
+    others: Mapping[str, float] = field(default_factory=dict)
+    likely: _Range = (0.0, 0.0)
+    """Of a person whose figures are in another unit than they should be: a guess has to be a likely one."""
+
+
+_MASS = _Figure(
+    ("Bodymass", "Mass", "Weight"), (1.0,), (2.0, 400.0), "mass in kg", {"N": _NEWTON, "g": 1e-3}, (5.0, 250.0)
+)
+_HEIGHT = _Figure(("Height",), (_MM, 1.0), (0.3, 2.6), "height in mm or m", {"cm": _CM, "inches": _INCH}, (0.5, 2.3))
+_DIAMETER = _Figure(("MarkerDiameter",), (_MM,), (0.003, 0.04))
+_ASIS = _Figure(("InterAsisDistance",), (_MM,), (0.08, 0.5))
+_SIDED = {
+    "knee_width": _Figure(("KneeWidth",), (_MM,), (0.02, 0.3), "width in mm", {"cm": _CM}, (0.05, 0.2)),
+    "ankle_width": _Figure(("AnkleWidth",), (_MM,), (0.02, 0.3), "width in mm", {"cm": _CM}, (0.03, 0.15)),
+    "leg_length": _Figure(("LegLength",), (_MM,), (0.1, 1.5)),
+    "static_plantarflexion": _Figure(("StaticPlantFlex",), (1.0,), (-1.5, 1.5)),
+}
+
+
+def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
+    """What the groups PROCESSING and SUBJECTS say; a number that cannot be meant is taken as not given."""
+    group = {str(name).lower(): value for name, value in parameters.get("PROCESSING", {}).items()}
+    subjects = parameters.get("SUBJECTS", {})
+    doubtful: dict[str, tuple[str, float | None]] = {}
+
+    def number(fact: str, figure: _Figure, side: str = "") -> float | None:
+        names = [side.upper() + name for name in figure.parameters]
+        values = {name: value for name in names if (value := _first_number(group.get(name.lower())))}
+        for unit in figure.units:
+            for value in values.values():
+                if figure.allowed[0] <= value * unit <= figure.allowed[1]:
+                    return value * unit
+        for name, value in values.items():
+            low, high = figure.likely
+            meant = {unit: value * by for unit, by in figure.others.items() if low <= value * by <= high}
+            if meant:
+                si = "kg" if figure is _MASS else "m"
+                words = " or ".join(f"{size:.4g} {si} if {unit}" for unit, size in meant.items())
+                only = next(iter(meant.values())) if len(meant) == 1 else None
+                doubtful[f"{fact}_{side}" if side else fact] = (f"{name} = {value:g}: no {figure.no}; {words}", only)
+                break
+        return None
+
+    mass, height = number("mass", _MASS), number("height", _HEIGHT)
+    sided: dict[str, dict[str, float]] = {}
+    for fact, figure in _SIDED.items():
+        found = {side: number(fact, figure, side) for side in SIDES.values()}
+        sided[fact] = {side: value for side, value in found.items() if value is not None}
+    static = _first_number(subjects.get("IS_STATIC"))
+    return Facts(
+        name=_first_text(subjects.get("NAMES")),
+        mass=mass,
+        height=height,
+        marker_set=_first_text(subjects.get("MARKER_SETS")),
+        marker_diameter=number("marker_diameter", _DIAMETER),
+        asis_distance=number("asis_distance", _ASIS),
+        **sided,
+        doubtful=doubtful,
+        is_static=True if static else None,
+    )
+
+
+def events_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[FootEvent, ...]:
+    """Foot strikes and offs with a side, in order of time."""
+    group = parameters.get("EVENT", {})
+    labels, contexts = _texts(group.get("LABELS")), _texts(group.get("CONTEXTS"))
+    times = np.asarray(group.get("TIMES", ()), dtype=np.float64)
+    if times.ndim != 2 or times.shape[0] != 2:
+        return ()
+    seconds = 60.0 * times[0] + times[1]
+    events = [
+        FootEvent(MOMENTS[label.lower()], SIDES[context.lower()], float(second))
+        for label, context, second in zip(labels, contexts, seconds, strict=False)
+        if label.lower() in MOMENTS and context.lower() in SIDES and np.isfinite(second)
+    ]
+    return tuple(sorted(events, key=lambda e: e.time))
+
+
+def _texts(values: Any) -> list[str]:
+    return [clean(text) if isinstance(text, str) else "" for text in ([] if values is None else values)]
+
+
+def _first_text(values: Any) -> str | None:
+    return next((text for text in _texts(values) if text), None)
+
+
+def _first_number(values: Any) -> float | None:
+    try:
+        found = np.asarray(values, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        return None
+    return float(found[0]) if len(found) and np.isfinite(found[0]) else None

@@ -1,22 +1,21 @@
 """What one trial holds after reading, whatever file it came from: markers with their gaps, and force plates.
 
 Frames and units are settled once, on reading: metres, seconds, newtons, newton metres; y up, right-handed.
-The turn about the vertical that brings x along the progression is a step of its own (`recording/axes.py`).
-Gaps stay gaps: they are told, weighed with zero later, and never filled.
+The turn about the vertical that brings x along the progression is a step of its own (`axes.py`).
+Gaps stay gaps, weighed with zero later, and never filled.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.codes import Code
-from gaitcal.errors import InputError
 from gaitcal.io.labels import ComputedPoints, Facts, FootEvent, clean
+from gaitcal.io.text_file import FileFault
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,40 +105,9 @@ def zeros_to_missing(markers: Array) -> tuple[Array, tuple[str, ...]]:
     return np.where((zero | part)[:, :, None], np.nan, markers), notes
 
 
-def require_plain_labels(recording: Recording, target: Path) -> None:
-    """InputError for marker or plate names that no text table can hold."""
+def require_plain_labels(recording: Recording) -> None:
+    """FileFault for marker or plate names that no text table can hold."""
     for name in (*recording.labels, *(plate.name for plate in recording.plates)):
         if clean(name) != name or not name:
-            raise InputError(
-                f"the name {name[:40]!r} cannot be written; it has odd characters",
-                source=target,
-                code=Code.NOT_WRITABLE,
-            )
-
-
-@dataclass(frozen=True)
-class MarkerGaps:
-    """The gaps of one marker."""
-
-    label: str
-    seen: float
-    """Share of the frames in which it was seen, 0 to 1."""
-    longest_gap: float
-    """s from the last frame before to the first frame after the longest gap; at an end of the trial, to that end."""
-
-
-def marker_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
-    """One entry for each marker, in the order of the labels."""
-    seen = seen_mask(recording.markers)
-    time = recording.time
-    gaps = []
-    for index, label in enumerate(recording.labels):
-        frames = np.flatnonzero(seen[:, index])
-        if len(frames) == 0:
-            longest = float(time[-1] - time[0])
-        else:
-            last = np.flatnonzero(np.diff(frames) > 1)
-            between = (time[frames[last + 1]] - time[frames[last]]).max(initial=0.0)
-            longest = float(max(between, time[frames[0]] - time[0], time[-1] - time[frames[-1]]))
-        gaps.append(MarkerGaps(label, float(len(frames) / len(time)), longest))
-    return tuple(gaps)
+            message = f"the name {name[:40]!r} cannot be written; it has odd characters"
+            raise FileFault(message, code=Code.NOT_WRITABLE)

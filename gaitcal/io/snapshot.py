@@ -1,14 +1,11 @@
-"""What was read is what was written, and still is there when the work is done: SHA-256 of files, when and where read.
+"""Reading a result as it was written, all files of one state, and whether they still are the same when work is done.
 
-The manifest of a result lists the SHA-256 of every file written, and that of its own content (`SELF`). A file that
-does not match was damaged (a flipped bit, a half copied folder) or edited, and is named before it is used. A
-`Snapshot` of the files that a command has read tells at its end whether they are still the same.
+A file that does not match the SHA-256 in the manifest was damaged (a flipped bit, a half copied folder) or edited, and
+is named before it is used.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -17,66 +14,15 @@ from typing import TypeVar
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.lock import MANIFEST, ResultKind, files_of, put_back, read_object, refuse_cohort
+from gaitcal.io.result_folder import MANIFEST, ResultKind, listed, put_back, read_object, sha256_of
 
-FILES, HASHES, SELF = "files", "sha256", "own_sha256"
-"""Entries of a manifest: names of files, file -> SHA-256, and SHA-256 of all other entries."""
-_TRIES = 20
-_AGAIN_S = 0.1
+PEOPLE = "people"
+"""Folder of the results of all people within that of a cohort."""
+AGAIN_S = 0.1
+TRIES = 20
 """A result that is being replaced while it is read is read again, for two seconds."""
 
 Content = TypeVar("Content")
-
-
-def sha256_of(path: Path) -> str | None:
-    """SHA-256 of a file, hexadecimal; None where there is none, or it cannot be read."""
-    try:
-        with path.open("rb") as stream:
-            digest = hashlib.sha256()
-            while block := stream.read(1 << 20):
-                digest.update(block)
-    except (OSError, ValueError):
-        return None
-    return digest.hexdigest()
-
-
-def self_hash(manifest: Mapping[str, object]) -> str:
-    """SHA-256 of a manifest's entries, but for the one that tells it."""
-    entries = {name: value for name, value in manifest.items() if name != SELF}
-    return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
-
-
-def sign(content: Path, kind: ResultKind, kept: Iterable[str], carried: Mapping[str, str]) -> None:
-    """Put the kind, the files with their hashes, and what was kept of an earlier result into a manifest in `content`.
-
-    `carried`: hashes of files that come from an earlier result, as that one listed them: what was damaged there stays
-    damaged here.
-    """
-    files = [name for name in files_of(content) if name != MANIFEST]
-    hashes = {name: carried.get(name) or sha256_of(content / name) for name in files}
-    written = read_object(content / MANIFEST)
-    manifest: dict[str, object] = {"gaitcal": "", **written, "kind": kind.value, FILES: files, HASHES: hashes}
-    if names := list(kept):
-        manifest["kept_from_earlier_result"] = names
-    manifest[SELF] = self_hash(manifest)
-    (content / MANIFEST).write_text(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-def listed(folder: Path) -> dict[str, str]:
-    """File -> SHA-256, as the manifest of a folder lists them; empty where there is none.
-
-    Raises
-    ------
-    InputError
-        The manifest is not as it was written.
-    """
-    manifest = read_object(folder / MANIFEST)
-    unreadable = not manifest and (folder / MANIFEST).exists()
-    if unreadable or ((SELF in manifest or HASHES in manifest) and manifest.get(SELF) != self_hash(manifest)):
-        message = "is damaged, or was edited: not as gaitcal wrote it; run again what wrote it"
-        raise InputError(message, source=folder / MANIFEST, code=Code.DAMAGED_RESULT)
-    hashes = manifest.get(HASHES)
-    return {str(k): str(v) for k, v in hashes.items()} if isinstance(hashes, dict) else {}
 
 
 @dataclass(frozen=True)
@@ -109,13 +55,16 @@ class Snapshot:
 def require_person(folder: Path) -> None:
     """What every reader of the result of one person begins with: a hidden earlier one is put back.
 
-    Raises
-    ------
-    InputError
-        It is a cohort.
+    InputError where it is a cohort, which names the result of one of its people.
     """
     put_back(folder)
-    refuse_cohort(folder)
+    if read_object(folder / MANIFEST).get("kind") != ResultKind.COHORT.value:
+        return
+    results = (path.parent for level in ("*", "*/*") for path in sorted(folder.glob(f"{PEOPLE}/{level}/{MANIFEST}")))
+    one = next(results, None)
+    such = "" if one is None else f", such as {one.as_posix()}"
+    message = f"is a cohort; name the result of one person, a folder in its {PEOPLE}/{such}"
+    raise InputError(message, source=folder, code=Code.NO_RESULT)
 
 
 def read_whole(
@@ -123,54 +72,38 @@ def read_whole(
 ) -> tuple[Content, Snapshot]:
     """Call `read`, which reads these files of a result, such that all of them are of one state of the folder.
 
-    Parameters
-    ----------
-    editable : those of `names` that people may edit; they are told of in the snapshot and not refused.
-
-    Raises
-    ------
-    InputError
-        It is a cohort, a file is damaged or missing, or the folder goes on changing; and what `read` raises.
+    `editable` are those of `names` that people may edit; the snapshot lists them, and they are not refused. InputError
+    where it is a cohort, a file is damaged or missing, or the folder goes on changing; and what `read` raises.
     """
     require_person(folder)
-    wanted, may_differ = tuple(names), set(editable)
-    for _ in range(_TRIES):
-        before = _hashes(folder, wanted)
-        found: Content | None = None
-        fault: InputError | None = None
-        edited: tuple[str, ...] = ()
+    wanted, may_differ = (MANIFEST, *names), set(editable)
+    for _ in range(TRIES):
+        before = {name: sha256_of(folder / name) for name in wanted}
+        outcome: tuple[Content, Snapshot] | InputError
         try:
             edited = _edited(folder, before, may_differ)
-            found = read()
-        except InputError as error:
-            fault = error
-        if _hashes(folder, wanted) == before:
-            if fault is not None:
-                raise fault
             known = {name: digest for name, digest in before.items() if name != MANIFEST}
-            return found, Snapshot(folder, known, edited)  # type: ignore[return-value]
-        time.sleep(_AGAIN_S)
-    raise InputError(
-        "goes on changing while it is read; run again when nothing writes there", source=folder, code=Code.CHANGED_FILE
-    )
-
-
-def _hashes(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
-    return {name: sha256_of(folder / name) for name in (MANIFEST, *names)}
+            outcome = read(), Snapshot(folder, known, edited)
+        except InputError as error:
+            outcome = error
+        if {name: sha256_of(folder / name) for name in wanted} == before:
+            if isinstance(outcome, InputError):
+                raise outcome
+            return outcome
+        time.sleep(AGAIN_S)
+    message = "goes on changing while it is read; run again when nothing writes there"
+    raise InputError(message, source=folder, code=Code.CHANGED_FILE)
 
 
 def _edited(folder: Path, found: Mapping[str, str | None], editable: set[str]) -> tuple[str, ...]:
     """Files that differ from what the manifest lists and may; InputError for one that may not."""
-    differ = [name for name, digest in listed(folder).items() if name in found and found[name] != digest]
+    differ = tuple(name for name, digest in listed(folder).items() if name in found and found[name] != digest)
     for name in differ:
         if found[name] is None:
-            raise InputError(
-                "is missing, though manifest.json lists it; calibrate again",
-                source=folder / name,
-                code=Code.DAMAGED_RESULT,
-            )
-        if name not in editable:
-            raise InputError(
-                "is damaged: not as gaitcal wrote it; calibrate again", source=folder / name, code=Code.DAMAGED_RESULT
-            )
-    return tuple(differ)
+            message = "is missing, though manifest.json lists it; calibrate again"
+        elif name not in editable:
+            message = "is damaged: not as gaitcal wrote it; calibrate again"
+        else:
+            continue
+        raise InputError(message, source=folder / name, code=Code.DAMAGED_RESULT)
+    return differ

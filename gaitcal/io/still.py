@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, seen_mask
@@ -57,72 +57,63 @@ def still_window(recording: Recording, labels: Iterable[str], duration: float = 
 
     Without a still one, the stillest that is merely restless. A recording shorter than `duration` is taken whole, one
     shorter than LAG_S even where it moves a little: noise moves it, too.
-    InputError where none of the labels is ever seen, or where no window is slower than RESTLESS_M_S; it tells the
+    InputError where none of the labels is ever seen, or where no window is slower than RESTLESS_M_S; it names the
     smallest speed found.
     """
+
+    def fault(message: str, code: Code = Code.NO_STILL_WINDOW) -> InputError:
+        return InputError(message, source=recording.source, field="static trial", code=code)
+
     wanted = list(dict.fromkeys(labels))
     places = [recording.labels.index(label) for label in wanted if label in recording.labels]
-    seen = seen_mask(recording.markers[:, places])
-    if not places or not seen.any():
+    time, markers = recording.time, recording.markers[:, places]
+    if not places or not seen_mask(markers).any():
         some = ", ".join(wanted[:6]) + ("..." if len(wanted) > 6 else "")
-        raise InputError(
-            f"none of the markers {some} is seen",
-            source=recording.source,
-            field="static trial",
-            code=Code.TOO_LITTLE_SEEN,
-        )
-    frames = len(recording.time)
-    if recording.time[-1] - recording.time[0] < LAG_S:
-        return _whole(recording, recording.markers[:, places])
+        raise fault(f"none of the markers {some} is seen", Code.TOO_LITTLE_SEEN)
+    frames = len(time)
+    if time[-1] - time[0] < LAG_S:
+        speed = _speed_of_few(time, markers)
+        if speed > WALKS_M_S:
+            raise fault(
+                f"no still window: {frames} frames in all, half of the markers move at {speed:.3g} m/s or more; "
+                f"at most {WALKS_M_S:g} m/s is allowed where there are so few"
+            )
+        return StillWindow(slice(0, frames), speed, float(time[0]), float(time[-1]), _scatter(markers))
     length = min(frames, max(2, round(duration * recording.rate) + 1))
     lag = min(length - 1, max(1, round(LAG_S * recording.rate)))
-    markers = recording.markers[:, places]
-    speeds = _speeds(recording.time, markers, lag, length)
+    speeds = _speeds(time, markers, lag, length)
     wide = max(1, min(round(SMOOTH_S * recording.rate), length - lag))
-    smooth = _speeds(*_averaged(recording.time, markers, wide), lag, length - wide + 1)
-    ranked = ((speeds, STILL_M_S), (smooth, STILL_M_S), (smooth, RESTLESS_M_S))
-    found = next(((by, by <= limit) for by, limit in ranked if (by <= limit).any()), None)
-    if found is None:
+    smooth = _speeds(*_averaged(time, markers, wide), lag, length - wide + 1)
+    for ranking, limit in ((speeds, STILL_M_S), (smooth, STILL_M_S), (smooth, RESTLESS_M_S)):
+        slow = ranking <= limit
+        if slow.any():
+            break
+    else:
         reason = f"the stillest {length / recording.rate:.2g} s move at {np.nanmin([*smooth, np.inf]):.3g} m/s RMS"
         if np.isnan(smooth).all():
             reason = "no marker is seen twice within a window"
-        raise InputError(
-            f"no still window: {reason}; at most {RESTLESS_M_S:g} m/s is allowed",
-            source=recording.source,
-            field="static trial",
-            code=Code.NO_STILL_WINDOW,
-        )
-    by, still = found
-    coverage = _coverage(seen_mask(markers), length)
-    most_seen = still & (coverage == coverage[still].max())
-    start = int(np.argmin(np.where(most_seen, by, np.inf)))
+        raise fault(f"no still window: {reason}; at most {RESTLESS_M_S:g} m/s is allowed")
+    coverage = (_moving_sum(seen_mask(markers).astype(np.float64), length) > 0.5).sum(axis=1)
+    start = int(np.argmin(np.where(slow & (coverage == coverage[slow].max()), ranking, np.inf)))
     window = slice(start, start + length)
-    times = recording.time[window]
-    speed = smooth[start] if np.isfinite(smooth[start]) else speeds[start]
-    return StillWindow(window, float(speed), float(times[0]), float(times[-1]), _scatter(markers[window]))
+    speed = float(smooth[start] if np.isfinite(smooth[start]) else speeds[start])
+    return StillWindow(window, speed, float(time[window][0]), float(time[window][-1]), _scatter(markers[window]))
 
 
-def _whole(recording: Recording, markers: Array) -> StillWindow:
-    """All frames of a recording too short to tell noise from movement, unless it moves beyond all noise."""
-    time, half = recording.time, len(recording.time) // 2
-    speed = 0.0
-    if half > 0:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # a marker seen in one half alone says nothing
-            way = np.nanmean(markers[half:], axis=0) - np.nanmean(markers[:half], axis=0)
-        lasts = float(time[half:].mean() - time[:half].mean())
-        ways = np.linalg.norm(way[np.isfinite(way).all(axis=1)], axis=1)
-        # Over so few frames a single marker that jumps would make the RMS of all look like a walk.
-        speed = float(np.median(ways)) / lasts if len(ways) else 0.0
-    if speed > WALKS_M_S:
-        raise InputError(
-            f"no still window: {len(time)} frames in all, half of the markers move at {speed:.3g} m/s or more; at most "
-            f"{WALKS_M_S:g} m/s is allowed where there are so few",
-            source=recording.source,
-            field="static trial",
-            code=Code.NO_STILL_WINDOW,
-        )
-    return StillWindow(slice(0, len(time)), speed, float(time[0]), float(time[-1]), _scatter(markers))
+def _speed_of_few(time: Array, markers: Array) -> float:
+    """m/s from the first to the second half of frames too few to tell noise from movement; 0 of a single one.
+
+    The median over the markers, as one of them that jumps would make the RMS of all look like a walk.
+    """
+    half = len(time) // 2
+    if half == 0:
+        return 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a marker seen in one half alone says nothing
+        way = np.nanmean(markers[half:], axis=0) - np.nanmean(markers[:half], axis=0)
+    ways = np.linalg.norm(way[np.isfinite(way).all(axis=1)], axis=1)
+    lasts = float(time[half:].mean() - time[:half].mean())
+    return float(np.median(ways)) / lasts if len(ways) else 0.0
 
 
 def _scatter(markers: Array) -> float:
@@ -137,7 +128,7 @@ def _scatter(markers: Array) -> float:
 
 def _averaged(time: Array, markers: Array, wide: int) -> tuple[Array, Array]:
     """Times and paths (nf - wide + 1, nm, 3), each the mean over `wide` frames; NaN where a marker is seldom seen."""
-    known: BoolArray = np.asarray(np.isfinite(markers).all(axis=2))
+    known = seen_mask(markers)
     count = _moving_sum(known.astype(np.float64), wide)
     total = _moving_sum(np.where(known[..., None], markers, 0.0), wide)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -151,19 +142,12 @@ def _speeds(time: Array, markers: Array, lag: int, length: int) -> Array:
     steps = (time[lag:] - time[:-lag])[:, None]
     squares = np.sum((markers[lag:] - markers[:-lag]) ** 2, axis=2) / steps**2
     known = np.isfinite(squares)
-    per_window = length - lag
-    total = _moving_sum(np.where(known, squares, 0.0).sum(axis=1), per_window)
-    count = _moving_sum(known.sum(axis=1).astype(np.float64), per_window)
+    total = _moving_sum(np.where(known, squares, 0.0).sum(axis=1), length - lag)
+    count = _moving_sum(known.sum(axis=1).astype(np.float64), length - lag)
     with np.errstate(invalid="ignore", divide="ignore"):
         speeds: Array = np.sqrt(np.maximum(total, 0.0) / count)
     speeds[count < 0.5] = np.nan
     return speeds
-
-
-def _coverage(seen: BoolArray, length: int) -> Array:
-    """How many of the markers are seen in each window of `length` frames."""
-    out: Array = (_moving_sum(seen.astype(np.float64), length) > 0.5).sum(axis=1)
-    return out
 
 
 def _moving_sum(values: Array, length: int) -> Array:

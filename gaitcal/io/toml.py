@@ -1,8 +1,6 @@
-"""TOML files a user writes: read with one-line errors, written back. Also the one check that a named file is there.
+"""TOML files that users write: read, checked against a table of fields, and written, every mistake told in one line.
 
-What is installed: where the data folder `models/` lies, and versions of packages.
-
-The data folder is inside the installed package, or at the top of a source checkout.
+Also the data folder `models/`, whose tables are read in the same way, and versions of installed packages.
 """
 
 from __future__ import annotations
@@ -11,11 +9,14 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
 
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, InputError, nearest
@@ -38,22 +39,21 @@ _DOTTED = re.compile(rf"(?:[\w\"'-]{{1,200}}[ \t]*\.[ \t]*){{{MAX_DOTS},}}")
 def require_file(path: Path, *, source: object = None, field: str | None = None) -> Path:
     """Return `path` if a regular file lies there.
 
-    Raises
-    ------
-    InputError
-        Names the path and what lies beside it: the nearest name, or the first few names of the folder.
+    Else an InputError names it and what lies beside it: the nearest name, or the first few names of the folder.
     """
     # os.path answers False where pathlib raises: over-long names, embedded null characters.
     if os.path.isfile(path):  # noqa: PTH113
         return path
-    shown = repr(str(path))[1:-1]
-    if len(shown) > 300:
-        shown = f"{shown[:140]}...{shown[-140:]}"
+    name = repr(str(path))[1:-1]
+    if len(name) > 300:
+        name = f"{name[:140]}...{name[-140:]}"
     if os.path.isdir(path):  # noqa: PTH112
-        raise InputError(f"'{shown}' is a folder, a file is needed", source=source, field=field, code=Code.NO_FILE)
-    if os.path.exists(path):  # noqa: PTH110
-        raise InputError(f"'{shown}' is no regular file", source=source, field=field, code=Code.NO_FILE)
-    raise InputError(f"no such file: '{shown}'{_beside(path)}", source=source, field=field, code=Code.NO_FILE)
+        message = f"'{name}' is a folder, a file is needed"
+    elif os.path.exists(path):  # noqa: PTH110
+        message = f"'{name}' is no regular file"
+    else:
+        message = f"no such file: '{name}'{_beside(path)}"
+    raise InputError(message, source=source, field=field, code=Code.NO_FILE)
 
 
 def _beside(path: Path) -> str:
@@ -70,44 +70,40 @@ def _beside(path: Path) -> str:
 def read_toml(path: Path, parse_float: Callable[[str], Any] = float, most_bytes: int = MAX_BYTES) -> dict[str, Any]:
     """Read the TOML file at `path` (UTF-8, a byte order mark is allowed), numbers with a point by `parse_float`.
 
-    Raises
-    ------
-    InputError
-        Missing or unreadable, over `most_bytes`, nested absurdly, not UTF-8, or not TOML (with the line).
+    InputError where it is missing or unreadable, over `most_bytes`, nested absurdly, not UTF-8, or not TOML (with the
+    line).
     """
     require_file(path)
+
+    def fault(message: str, code: Code = Code.TOML) -> InputError:
+        return InputError(message, source=path, code=code)
+
     try:
         with path.open("rb") as stream:
             raw = stream.read(most_bytes + 1)
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE) from None
+        raise fault(f"cannot be read: {error.strerror}", Code.UNREADABLE) from None
     if len(raw) > most_bytes:
-        raise InputError(
-            f"over {most_bytes // 1000} kB: no TOML file of this kind is that long", source=path, code=Code.TOML
-        )
+        raise fault(f"over {most_bytes // 1000} kB: no TOML file of this kind is that long")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError("found UTF-16 text; save the file as UTF-8", source=path, code=Code.NOT_TEXT)
+        raise fault("found UTF-16 text; save the file as UTF-8", Code.NOT_TEXT)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise InputError(
-            f"line {line} is not UTF-8 text; save the file as UTF-8", source=path, code=Code.NOT_TEXT
-        ) from None
+        raise fault(f"line {line} is not UTF-8 text; save the file as UTF-8", Code.NOT_TEXT) from None
     if deep := _DOTTED.search(text):
         line = text.count("\n", 0, deep.start()) + 1
-        raise InputError(
-            f"line {line} nests tables over {MAX_DOTS} deep; no file of this kind does", source=path, code=Code.TOML
-        )
+        raise fault(f"line {line} nests tables over {MAX_DOTS} deep; no file of this kind does")
     try:
         return tomllib.loads(text, parse_float=parse_float)
     except RecursionError:
-        raise InputError("not valid TOML: brackets nested too deeply", source=path, code=Code.TOML) from None
+        raise fault("not valid TOML: brackets nested too deeply") from None
     except ValueError as error:  # TOMLDecodeError, and numbers too long to be read
         message = str(error).replace("at end of document", f"at the end, line {text.count(chr(10)) + 1}")
         hint = "; a table that repeats is written [[name]], with two brackets" if "Cannot declare" in message else ""
         hint += "; in double quotes a backslash starts an escape: use single quotes or '/'" if "\\" in message else ""
-        raise InputError(f"not valid TOML: {message}{hint}", source=path, code=Code.TOML) from None
+        raise fault(f"not valid TOML: {message}{hint}") from None
 
 
 def toml_value(value: object) -> str:
@@ -132,16 +128,166 @@ def toml_table(header: str, content: Mapping[str, object]) -> str:
     return "\n".join([header, *(f"{key} = {toml_value(value)}" for key, value in content.items())]) + "\n"
 
 
+# ------------------------------------------------------------------------------- tables checked by pydantic
+
+# pydantic's name of an error -> what is allowed instead; the names in braces are entries of the error's context
+_ALLOWED = {
+    "string_type": "text in quotes",
+    "path_type": "a file name in quotes",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "finite_number": "a finite number",
+    "dict_type": "a table, {{ name = value, ... }}",
+    "list_type": "a list, [a, b]",
+    "tuple_type": "a list, [a, b]",
+    "greater_than": "a number greater than {gt:g}",
+    "greater_than_equal": "a number at least {ge:g}",
+    "less_than": "a number less than {lt:g}",
+    "less_than_equal": "a number at most {le:g}",
+    "is_instance_of": "an instance of {class}",
+    "string_too_short": "String should have at least {min_length} character{s}",
+    "too_short": "{field_type} should have at least {min_length} item{s} after validation, not {actual_length}",
+    "too_long": "{field_type} should have at most {max_length} item{s} after validation, not {actual_length}",
+}
+
+
+def shown(value: object) -> str:
+    """`value` as a message shows it: quoted if text, in one line, cut off where long."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, a table nested as deeply
+        text = f"a {type(value).__name__} too large to show"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+class Table(BaseModel):
+    """A table of the file: no unknown keys, no conversion between types, never changed."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+
+_T = TypeVar("_T", bound=Table)
+
+
+def read_validated(
+    table: type[_T], path: Path, parse_float: Callable[[str], Any] = float, most_bytes: int = MAX_BYTES
+) -> _T:
+    """The TOML file at `path` as a table; InputError, in one line, where it is none."""
+    return validated(table, read_toml(path, parse_float, most_bytes), path)
+
+
+def validated(table: type[_T], content: Mapping[str, object], source: object) -> _T:
+    """What a file says as a table; InputError, in one line, where it is none. `source`: the file, for the message."""
+    try:
+        return table.model_validate(content)
+    except ValidationError as error:
+        raise _input_error(error, table, source) from None
+
+
+def require_known(
+    names: Iterable[str], allowed: Iterable[str], kind: str, *, source: Path, field: str, listed: bool = False
+) -> None:
+    """InputError for the first name that is not allowed, with the nearest that is, or else (`listed`) with all."""
+    known = list(allowed)
+    for name in names:
+        if name not in known:
+            hint = nearest(name, known) or (f"; allowed: {', '.join(known)}" if listed else "")
+            raise InputError(
+                f"found {shown(name)}, which is no {kind}{hint}", source=source, field=field, code=Code.UNKNOWN_FIELD
+            )
+
+
+def _input_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:
+    """The first mistake in `error` as an `InputError`; a misspelt key comes before what is missing because of it."""
+    details = error.errors(include_url=False)
+    first = next((d for d in details if d["type"] == "extra_forbidden"), details[0])
+    location, kind, found = first["loc"], first["type"], first["input"]
+    context: dict[str, Any] = first.get("ctx", {})
+    if kind == "extra_forbidden":
+        allowed = _keys(_table_and_field(model, location[:-1])[0])
+        close = nearest(str(location[-1]), allowed)
+        message = f"unknown key {shown(location[-1])}{close or '; allowed: ' + ', '.join(allowed)}"
+        return InputError(message, source=source, field=_field_name(location[:-1]), code=Code.UNKNOWN_FIELD)
+    table, field = _table_and_field(model, location)
+    if kind == "missing":
+        message = f"missing: {field.description}" if field and field.description else "missing"
+    elif kind == "value_error":
+        message = str(context["error"])
+    elif kind == "literal_error" and field is not None:
+        choices = _choices(field.annotation)
+        close = nearest(found, choices) if isinstance(found, str) else ""
+        *others, last = map(repr, choices)
+        message = f"found {shown(found)}; allowed: {', '.join(others)} or {last}{close}"
+    elif kind in {"model_type", "model_attributes_type"}:
+        message = f"found {shown(found)}; allowed: a table with {', '.join(_keys(table))}"
+    else:
+        message = f"found {shown(found)}; allowed: {_allowed(kind, context, field)}"
+    code = Code.MISSING_FIELD if kind == "missing" else Code.BAD_VALUE
+    return InputError(message, source=source, field=_field_name(location), code=code)
+
+
+def _allowed(kind: str, context: Mapping[str, Any], field: FieldInfo | None) -> str:
+    """What is allowed instead, by the kind of error; of a kind that is not in the list, what the field is about."""
+    if kind not in _ALLOWED:
+        return field.description or "another value" if field else "another value"
+    length = context.get("min_length", context.get("max_length"))
+    return _ALLOWED[kind].format_map({**context, "s": "" if length == 1 else "s"})
+
+
+def _field_name(location: Sequence[str | int]) -> str | None:
+    """A place in the file as people write it: `trial[2].file`; None for the file as a whole."""
+    text = ""
+    for part in location:
+        if isinstance(part, int):
+            text += f"[{part + 1}]"
+        else:
+            name = part if re.fullmatch(r"[\w-]{1,60}", part) else shown(part)
+            text += f".{name}" if text else name
+    return text or None
+
+
+def _table_and_field(model: type[BaseModel], location: Sequence[str | int]) -> tuple[type[BaseModel], FieldInfo | None]:
+    """The table that `location` leads to or ends in, and the last field on the way there, if any.
+
+    Numbers in lists and the free keys of a dict are no fields: there the field is the one that holds the list or dict.
+    """
+    last = None
+    for part in location:
+        for name, field in model.model_fields.items():
+            if part in (name, field.alias):
+                model, last = _model_in(field.annotation) or model, field
+                break
+    return model, last
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model that an annotation like `tuple[Trial, ...]` is about; None where it is about none."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for argument in get_args(annotation) if (found := _model_in(argument))), None)
+
+
+def _choices(annotation: Any) -> list[str]:
+    """All words that the literals in an annotation like `dict[str, Literal["r", "l"]] | None` allow."""
+    if get_origin(annotation) is Literal:
+        return list(get_args(annotation))
+    return [word for argument in get_args(annotation) for word in _choices(argument)]
+
+
+def _keys(table: type[BaseModel]) -> list[str]:
+    return [field.alias or name for name, field in table.model_fields.items()]
+
+
+# ----------------------------------------------------------------------------------------- what is installed
+
+
 def models_path() -> Path:
     """The folder `models/`: linkage, marker sets, anthropometric tables, the nominal subject.
 
     A wheel carries it as `gaitcal/models`; a source checkout, also one installed in editable mode, has it beside the
-    package.
-
-    Raises
-    ------
-    GaitcalError
-        The installation is incomplete: neither place holds the folder.
+    package. GaitcalError where neither place holds it: the installation is incomplete.
     """
     package = Path(str(files("gaitcal")))
     for folder in (package / "models", package.parent / "models"):

@@ -18,8 +18,6 @@ above its toe marker (at most 0.10 there). Of two uneven feet the one whose heel
 the floor, whichever differs more; the other stands flat, and tells how the markers lie to the sole. That both heels are
 off the floor alike, as when a child stands on its forefeet, the markers do not tell: the file's angle does where it is
 DISAGREE from a level sole, and is believed; where the file has none, heel markers STEEP above toe markers are doubted.
-
-Points that move together as one rigid body: its motion in every frame, and what it carries.
 """
 
 from __future__ import annotations
@@ -34,17 +32,14 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_centres import SIDE_WORDS
 from gaitcal.model.landmarks import StaticPosture
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
 from gaitcal.model.segment_frames import LowerBody, unit
 
-UNEVEN, HIGH = 0.10, 0.22
-"""Shares of the distance from heel to toe marker: 6 and 13 degrees of its slope."""
+UNEVEN, HIGH = 0.10, 0.22  # shares of the distance from heel to toe marker: 6 and 13 degrees of its slope
 DISAGREE = STEEP = np.deg2rad(8.0)
 """rad. Of twelve feet that stand flat the file's angle is 0 to 5.7 degrees from a level sole; of 32 the heel marker is
 at most 5.7 degrees above the toe marker, in shoes."""
-OTHER = {"r": "l", "l": "r"}
 
 
 class AnkleZero(Enum):
@@ -61,8 +56,7 @@ class AnkleZero(Enum):
 class StandingAnkles:
     """The ankles of the static posture."""
 
-    dorsiflexion: Mapping[str, float]
-    """Side -> rad."""
+    dorsiflexion: Mapping[str, float]  # side -> rad
     notes: tuple[str, ...]
     doubts: Mapping[str, str] = field(default_factory=dict)
     """Side -> why that may be another angle, where nobody has said what to count from."""
@@ -82,28 +76,31 @@ def standing_ankles(
     InputError
         The file's angles are asked for, and it has none.
     """
+    if rule is AnkleZero.FILE and (lacking := [side for side in SIDES if side not in plantarflexion]):
+        raise InputError(
+            f"the static trial has no static plantarflexion angle, {SIDE_WORDS[lacking[0]]}; allowed: a C3D file "
+            "whose PROCESSING group has LStaticPlantFlex and RStaticPlantFlex, or 'sole', 'markers', 'auto'",
+            source=posture.source,
+            field="calibration.ankle_zero = 'file'",
+            code=Code.GIVEN_BY_FILE,
+        )
     feet = {side: _Foot.of(posture, legs, side, plantarflexion.get(side)) for side in SIDES}
-    angles, words = {}, {}
+    angles, told = {}, []
     for side, foot in feet.items():
-        other = feet[OTHER[side]]
         if rule is AnkleZero.AUTO:
-            angles[side], words[side] = _automatic(foot, other)
-        elif rule is AnkleZero.FILE:
-            if foot.by_file is None:
-                raise InputError(
-                    f"the static trial has no static plantarflexion angle, {SIDE_WORDS[side]}; allowed: a C3D file "
-                    "whose PROCESSING group has LStaticPlantFlex and RStaticPlantFlex, or 'sole', 'markers', 'auto'",
-                    source=posture.source,
-                    field="calibration.ankle_zero = 'file'",
-                    code=Code.GIVEN_BY_FILE,
-                )
-            angles[side], words[side] = foot.by_file, "the file's static plantarflexion angle says so"
+            angle, why = _automatic(foot, feet[OTHER_SIDE[side]])
         elif rule is AnkleZero.SOLE:
-            angles[side], words[side] = foot.by_sole, "the sole is taken as level"
+            angle, why = foot.by_sole, "the sole is taken as level"
+        elif rule is AnkleZero.FILE and foot.by_file is not None:
+            angle, why = foot.by_file, "the file's static plantarflexion angle says so"
         else:
-            angles[side], words[side] = foot.by_markers, "the line from heel to toe marker is taken as the sole's"
-    doubts = {s: why for s in SIDES if rule is AnkleZero.AUTO and (why := _doubt(feet[s], feet[OTHER[s]]))}
-    return StandingAnkles(angles, _notes(angles, words, feet), doubts)
+            angle, why = foot.by_markers, "the line from heel to toe marker is taken as the sole's"
+        angles[side], slope = angle, np.rad2deg(foot.slope)
+        told.append(
+            f"{SIDE_WORDS[side]} {np.rad2deg(angle):.1f} deg ({why}; heel to toe marker slopes {slope:+.1f} deg)"
+        )
+    doubts = {s: why for s in SIDES if rule is AnkleZero.AUTO and (why := _doubt(feet[s], feet[OTHER_SIDE[s]]))}
+    return StandingAnkles(angles, (f"dorsiflexion in the static trial: {', '.join(told)}",), doubts)
 
 
 @dataclass(frozen=True)
@@ -113,12 +110,9 @@ class _Foot:
     by_sole: float
     by_markers: float
     by_file: float | None
-    slope: float
-    """rad, of the line from heel to toe marker; positive: the toe marker is higher."""
-    heel: float
-    """m, height of the heel marker."""
-    toe: float
-    """m, height of the toe marker."""
+    slope: float  # rad, of the line from heel to toe marker; positive: the toe marker is higher
+    heel: float  # m, height of the heel marker
+    toe: float  # m, height of the toe marker
 
     @property
     def disagrees(self) -> bool:
@@ -190,49 +184,3 @@ def _doubt(foot: _Foot, other: _Foot) -> str:
     taken = "the sole is taken to lie on the floor" if np.sin(foot.slope) >= -HIGH else "the sole is taken to lie along"
     line = f"its heel marker lies {-np.rad2deg(foot.slope):.0f} deg above its toe marker"
     return f"{line}, and {taken}" + ("" if taken.endswith("floor") else " that line")
-
-
-def _notes(angles: Mapping[str, float], words: Mapping[str, str], feet: Mapping[str, _Foot]) -> tuple[str, ...]:
-    def of(side: str) -> str:
-        slope = np.rad2deg(feet[side].slope)
-        return f"{np.rad2deg(angles[side]):.1f} deg ({words[side]}; heel to toe marker slopes {slope:+.1f} deg)"
-
-    return ("dorsiflexion in the static trial: " + ", ".join(f"{SIDE_WORDS[side]} {of(side)}" for side in SIDES),)
-
-
-def rigid_motions(points: Array, paths: Array) -> tuple[Array, Array]:
-    """R (nf, 3, 3) and o (nf, 3) of the rigid motions of points (n, 3) nearest to paths (nf, n, 3), Kabsch 1976."""
-    middle, middles = points.mean(axis=0), paths.mean(axis=1)
-    spread = np.einsum("fni,nj->fij", paths - middles[:, None], points - middle)
-    u, _, vt = np.linalg.svd(spread)
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    rotation = u @ vt
-    return rotation, middles - rotation @ middle
-
-
-def off_line(points: Array) -> float:
-    """m, RMS distance of points (n, 3) from the line that is nearest to them."""
-    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return float(np.sqrt((sizes[1:] ** 2).sum() / len(points)))
-
-
-def left_share(count: int) -> float:
-    """Share of the variance of points that a rigid fit to them leaves: it hides six of their directions."""
-    return (3.0 * count - 6.0) / (3.0 * count)
-
-
-def lever(points: Array, place: Array) -> float:
-    """1/n + trace([r] I^-1 [r]^T) / 3: variance of a place (3,) for one of every point (n, 3) that carries it."""
-    away, r = points - points.mean(axis=0), place - points.mean(axis=0)
-    inertia = np.eye(3) * (away**2).sum() - away.T @ away
-    cross = np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
-    return 1.0 / len(points) + float(np.trace(cross @ np.linalg.pinv(inertia) @ cross.T)) / 3.0
-
-
-def carried(place: Array, points: Array, paths: Array) -> Array:
-    """(nf, 3) path of a place (3,) fixed to points (n, 3) with paths (nf, n, 3); NaN where one of them is not seen."""
-    path = np.full((len(paths), 3), np.nan)
-    seen = np.isfinite(paths).all(axis=(1, 2))
-    rotation, origin = rigid_motions(points, paths[seen])
-    path[seen] = rotation @ place + origin
-    return path

@@ -2,7 +2,7 @@
 
 Mass fractions, mass centres and radii of gyration are de Leva's; the fractions are divided by their sum (99.99 % for
 women), so that the total is the person's mass. Those of a child whose age is known are changed as Jensen's change with
-age (`growth.py`). Lengths: thigh, shank, upper arm and forearm as measured between the
+age. Lengths: thigh, shank, upper arm and forearm as measured between the
 person's joint centres; pelvis, trunk, head, hand and foot as de Leva's, scaled by height, because no marker set
 measures them well (vertex, suprasternale, third metacarpal, toe in a shoe). Axes: sagittal = x, longitudinal = y,
 transverse = z; in the foot longitudinal = x, transverse = y, sagittal = z.
@@ -29,6 +29,7 @@ import functools
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +39,7 @@ from gaitcal.model.linkage import SEGMENT_TABLE, SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
 from gaitcal.model.subject_model import Subject
 
-CHILD_HEIGHT = 1.45
-"""m; few adults are shorter, and most children before puberty are."""
+CHILD_HEIGHT = 1.45  # m; few adults are shorter, and most children before puberty are
 YOUTH_HEIGHT, YOUTH_MASS = 1.60, 50.0
 """m and kg; somebody below both may be a child of 10 to 14 years: the median child passes both shortly before the 14th
 birthday (2000 CDC Growth Charts, Vital Health Stat 11(246), 2002); some slender women are below both, too."""
@@ -55,25 +55,24 @@ GROWING: dict[str, str] = {
     "Thigh": "thigh",
     "Shank2": "shank_foot",
     "Foot": "shank_foot",
-}
-"""Segment of de Leva's -> the part of Jensen's that it belongs to; the torso is in neither."""
+}  # Segment of de Leva's -> the part of Jensen's that it belongs to; the torso is in neither
 
 
 @functools.cache
-def _growth_table() -> tuple[tuple[float, float], dict[str, list[float]]]:
-    data = json.loads((models_path() / "jensen_1989.json").read_text(encoding="utf-8"))
-    low, high = data["age_years"]
-    return (float(low), float(high)), data["mass_share"]
+def _tables(name: str) -> dict[str, Any]:
+    data: dict[str, Any] = json.loads((models_path() / name).read_text(encoding="utf-8"))
+    return data
 
 
 def youngest_and_adult_age() -> tuple[float, float]:
     """Years of age from which and up to which the shares change."""
-    return _growth_table()[0]
+    low, high = _tables("jensen_1989.json")["age_years"]
+    return float(low), float(high)
 
 
 def jensen_share(part: str, age: float) -> float:
     """Share of body mass, 0 to 1, of one part of Jensen's, at an age in years."""
-    return float(np.polynomial.polynomial.polyval(age, _growth_table()[1][part]))
+    return float(np.polynomial.polynomial.polyval(age, _tables("jensen_1989.json")["mass_share"][part]))
 
 
 def growth(age: float) -> dict[str, float]:
@@ -81,11 +80,6 @@ def growth(age: float) -> dict[str, float]:
     youngest, adult = youngest_and_adult_age()
     at = float(np.clip(age, youngest, adult))
     return {name: jensen_share(part, at) / jensen_share(part, adult) for name, part in GROWING.items()}
-
-
-def is_known_child(subject: Subject) -> bool:
-    """Whether the age is given, and below that of adults."""
-    return subject.age is not None and subject.age < youngest_and_adult_age()[1]
 
 
 def looks_like_child(subject: Subject) -> bool:
@@ -99,8 +93,7 @@ def supposed_age(subject: Subject) -> float:
     return UNKNOWN_AGE if subject.height < CHILD_HEIGHT else UNKNOWN_AGE_OF_YOUTH
 
 
-FOOT_CENTRE_UP = 0.0004 / 1.70
-"""Height of the foot's mass centre above the heel-toe line over body height: not zero, as costs divide by it."""
+FOOT_CENTRE_UP = 0.0004 / 1.70  # of the foot's mass centre above the heel-toe line over body height: costs divide by it
 _DIAGONAL = {"sagittal": 0, "longitudinal": 1, "transverse": 2}
 _FOOT_DIAGONAL = {"longitudinal": 0, "transverse": 1, "sagittal": 2}
 
@@ -111,10 +104,8 @@ class BodyLengths:
 
     limbs: Mapping[str, float]
     """`thigh_r`, `shank_r`, `upper_arm_r`, `forearm_hand_r` (elbow to wrist) and `_l`: between joint centres."""
-    hip_centre: Array
-    """(2,) anterior and superior coordinate of the middle of the hip centres in the pelvis frame."""
-    lumbar_above_hips: float
-    """From there up to the lumbar joint, along the pelvis's y."""
+    hip_centre: Array  # (2,) anterior and superior coordinate of the middle of the hip centres in the pelvis frame
+    lumbar_above_hips: float  # from there up to the lumbar joint, along the pelvis's y
 
 
 @dataclass(frozen=True)
@@ -123,30 +114,16 @@ class _Part:
 
     mass: float
     length: float
-    centre: float
-    """m from the first endpoint."""
-    gyration: dict[str, float]
-    """Axis name -> radius of gyration, m."""
+    centre: float  # m from the first endpoint
+    gyration: dict[str, float]  # axis name -> radius of gyration, m
 
 
-@functools.cache
-def _table() -> dict[str, object]:
-    data: dict[str, object] = json.loads((models_path() / "de_leva_1996.json").read_text(encoding="utf-8"))
-    return data
-
-
-_WHOLE = ("Head2", "UpperTrunk", "MiddleTrunk", "LowerTrunk") + 2 * (
-    "UpperArm",
-    "Forearm",
-    "Hand",
-    "Thigh",
-    "Shank2",
-    "Foot",
-)
+_LIMBS = ("UpperArm", "Forearm", "Hand", "Thigh", "Shank2", "Foot")
+_WHOLE = ("Head2", "UpperTrunk", "MiddleTrunk", "LowerTrunk", *_LIMBS, *_LIMBS)
 
 
 def _row(name: str, sex: str) -> dict[str, float]:
-    row: dict[str, float] = _table()["table"][name][sex]  # type: ignore[index]
+    row: dict[str, float] = _tables("de_leva_1996.json")["table"][name][sex]
     return row
 
 
@@ -168,8 +145,8 @@ def mass_shares(sex: str, age: float | None) -> dict[str, float]:
 def table_words(subject: Subject) -> str:
     """The table that the nominal masses are from, and what speaks against it."""
     words = f"de Leva 1996, {subject.sex}"
-    youngest, _ = youngest_and_adult_age()
-    if is_known_child(subject) and subject.age is not None:
+    youngest, adult = youngest_and_adult_age()
+    if subject.age is not None and subject.age < adult:
         words += f"; masses changed to {max(subject.age, youngest):g} years of age by Jensen 1989, measured on boys"
         if subject.age < youngest:
             words += f" of {youngest:g} years and more: the person is {subject.age:g} years old"
@@ -201,7 +178,7 @@ def child_spread(subject: Subject) -> dict[str, float]:
 
 def default_length(name: str, subject: Subject) -> float:
     """Length (m) of a segment of de Leva's table, scaled by height."""
-    population: float = _table()["population"][subject.sex]["height_mm"]  # type: ignore[index]
+    population: float = _tables("de_leva_1996.json")["population"][subject.sex]["height_mm"]
     return _row(name, subject.sex)["length_mm"] / population * subject.height
 
 
@@ -233,37 +210,23 @@ def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
     rows: dict[str, Array] = {}
     lower = _part("LowerTrunk", subject)
     ant, sup = lengths.hip_centre
-    rows["pelvis"] = _one(lower, np.array([ant, sup + lower.length - lower.centre, 0.0]))
-    rows["head_trunk"] = _head_trunk(subject, lower.length - lengths.lumbar_above_hips)
+    rows["pelvis"] = np.array([lower.mass, ant, sup + lower.length - lower.centre, 0.0, *_moments(lower)])
+    # stacked from the lumbar joint up along the trunk
+    middle, upper, head = (_part(name, subject) for name in ("MiddleTrunk", "UpperTrunk", "Head2"))
+    xiphoid = lower.length - lengths.lumbar_above_hips + middle.length
+    vertex = xiphoid + default_length("UpperTrunk2", subject) + head.length
+    upper_centre, head_centre = xiphoid + upper.length - upper.centre, vertex - head.centre
+    rows["head_trunk"] = _in_line([(middle, xiphoid - middle.centre), (upper, upper_centre), (head, head_centre)])
     foot = _part("Foot", subject)
-    foot_centre = np.array([foot.centre, FOOT_CENTRE_UP * subject.height, 0.0])
+    foot_up = FOOT_CENTRE_UP * subject.height
     for side in SIDES:
         for segment in ("thigh", "shank", "upper_arm"):
             part = _part(SEGMENT_TABLE[segment].parts[0], subject, lengths.limbs[f"{segment}_{side}"])
-            rows[f"{segment}_{side}"] = _one(part, np.array([0.0, -part.centre, 0.0]))
-        rows[f"foot_{side}"] = np.concatenate([[foot.mass], foot_centre, _moments(foot, _FOOT_DIAGONAL)])
+            rows[f"{segment}_{side}"] = np.array([part.mass, 0.0, -part.centre, 0.0, *_moments(part)])
+        rows[f"foot_{side}"] = np.array([foot.mass, foot.centre, foot_up, 0.0, *_moments(foot, _FOOT_DIAGONAL)])
         forearm, hand = _part("Forearm", subject, lengths.limbs[f"forearm_hand_{side}"]), _part("Hand", subject)
         rows[f"forearm_hand_{side}"] = _in_line([(forearm, -forearm.centre), (hand, -forearm.length - hand.centre)])
     return np.concatenate([rows[segment] for segment in MASSIVE_SEGMENTS])
-
-
-def _one(part: _Part, centre: Array) -> Array:
-    """(7,) the parameters of a segment that is one of de Leva's, with its mass centre (3,) m."""
-    return np.concatenate([[part.mass], centre, _moments(part)])
-
-
-def _head_trunk(subject: Subject, start: float) -> Array:
-    """Stacked from `start` (m along the trunk above its origin)."""
-    middle, upper, head = (_part(n, subject) for n in ("MiddleTrunk", "UpperTrunk", "Head2"))
-    xiphoid = start + middle.length
-    vertex = xiphoid + default_length("UpperTrunk2", subject) + head.length
-    return _in_line(
-        [
-            (middle, xiphoid - middle.centre),
-            (upper, xiphoid + upper.length - upper.centre),
-            (head, vertex - head.centre),
-        ]
-    )
 
 
 def _in_line(parts: list[tuple[_Part, float]]) -> Array:
@@ -273,4 +236,4 @@ def _in_line(parts: list[tuple[_Part, float]]) -> Array:
     moments = np.zeros(3)
     for part, y in parts:
         moments += _moments(part) + part.mass * (y - centre) ** 2 * np.array([1.0, 0.0, 1.0])
-    return np.concatenate([[mass], [0.0, centre, 0.0], moments])
+    return np.array([mass, 0.0, centre, 0.0, *moments])

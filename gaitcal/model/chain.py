@@ -9,12 +9,10 @@ C_k constant, M_k the elementary motion of coordinate k. A segment, and the axis
 in the frame of the coordinate before them: X_segment = X_b D_s; a joint parameter moves all that comes after it along
 (or about) the axis a_p through the point c_p of frame b. These constants depend on the joint parameters alone.
 
-Kinematics of a chain for all frames at once.
-
-Everything is vectorised over frames, with the frame index last, so that each elementary operation is one pass over
-contiguous memory. Poses are kept as the three axis vectors of a frame and its origin, in the laboratory; the columns
-of the Jacobian are spatial velocities **about the laboratory origin** [v; w]: a turn about the unit axis a through
-the point c is [c x a; a], a slide along a is [a; 0]. They agree with Pinocchio's `computeJointJacobians` (tested).
+Kinematics are for all frames at once, the frame index last, so that each elementary operation is one pass over
+contiguous memory. Poses are the three axis vectors of a frame and its origin, in the laboratory; the columns of the
+Jacobian are spatial velocities **about the laboratory origin** [v; w]: a turn about the unit axis a through the point
+c is [c x a; a], a slide along a is [a; 0]. They agree with Pinocchio's `computeJointJacobians` (tested).
 """
 
 from __future__ import annotations
@@ -22,6 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from math import cos, sin
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,31 +39,23 @@ from gaitcal.model.linkage import (
 from gaitcal.model.parameters import JP_INDEX
 
 
-@dataclass(frozen=True)
-class _Step:
+class _Step(NamedTuple):
     """One element in its place: which frame it is constant in, and what it acts on."""
 
     element: Element
-    source: int
-    """Index of the coordinate, joint parameter or zero angle."""
+    source: int  # index of the coordinate, joint parameter or zero angle
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChainConstants:
     """What the joint parameters fix. Rotations as 3 x 3, lengths in m."""
 
-    offset_rotation: Array
-    """(nq, 3, 3) rotation of C_k."""
-    offset_translation: Array
-    """(nq, 3) translation of C_k."""
-    segment_rotation: Array
-    """(ns, 3, 3) rotation of D_s."""
-    segment_translation: Array
-    """(ns, 3) translation of D_s."""
-    parameter_axis: Array
-    """(np, 3) a_p, with the sign of the element."""
-    parameter_point: Array
-    """(np, 3) c_p."""
+    offset_rotation: Array  # (nq, 3, 3) rotation of C_k
+    offset_translation: Array  # (nq, 3) translation of C_k
+    segment_rotation: Array  # (ns, 3, 3) rotation of D_s
+    segment_translation: Array  # (ns, 3) translation of D_s
+    parameter_axis: Array  # (np, 3) a_p, with the sign of the element
+    parameter_point: Array  # (np, 3) c_p
 
     def without_parameters(self) -> ChainConstants:
         """The constants of the same chain with no joint parameter free."""
@@ -112,14 +103,13 @@ class Chain:
         coordinates: list[str] = []
         elements: list[Element] = []
         parents: list[int] = []
+        # per segment, the frame it hangs on and the constant steps from there; per coordinate, those before it
         self._walks: dict[str, tuple[int, list[_Step]]] = {}
-        """Per segment: the frame it hangs on, and the constant steps from there."""
         self._before: list[list[_Step]] = []
-        """Per coordinate: the constant steps between it and the coordinate before."""
+        # per free joint parameter, the frame it is constant in and the steps from there up to itself
         passed: dict[str, tuple[int, list[_Step]]] = {}
-        """Per free joint parameter: the frame it is constant in, and the steps from there up to itself."""
+        # per segment, the coordinates and the free joint parameters that move it
         ancestors: dict[str, tuple[set[int], set[str]]] = {}
-        """Per segment: the coordinates and the free joint parameters that move it."""
 
         def walk(sequence: tuple[Element, ...], start: str | None, child: str) -> None:
             # `pending` gathers constant steps until a coordinate makes a new frame of them. Lists are built anew, not
@@ -166,7 +156,7 @@ class Chain:
             for k, (name, (_, steps)) in enumerate(zip(self.free, self._passed, strict=True))
             if steps[-1].element.source is Source.COORDINATE
         )
-        """Of every free secondary motion: place in `free`, frame of its coordinate, element, index in `BENDS`."""
+        # of every free secondary motion: place in `free`, frame of its coordinate, element, index in `BENDS`
         self.segment_frame: IntArray = np.array([self._walks[s][0] for s in self.segments], dtype=np.intp)
         self.parameter_frame: IntArray = np.array([frame for frame, _ in self._passed], dtype=np.intp)
         self.parameter_rotates: BoolArray = np.array([w[-1].element.rotates for _, w in self._passed], bool)
@@ -184,7 +174,8 @@ class Chain:
                 support[nq + k, column] = float(name in names)
         self.support: Array = support
         """(nq + np, ns): 1 where a coordinate or a free joint parameter moves a segment."""
-        self.moved_sets, self.moved_set = _distinct_rows(support)
+        self.moved_sets, row_of = np.unique(support, axis=0, return_inverse=True)
+        self.moved_set: IntArray = row_of.ravel()
         """(n, ns) the distinct rows of `support`, and (nq + np,) which of them each variable has."""
 
     def constants(self, joint: Array, zero_angles: Array) -> ChainConstants:
@@ -212,11 +203,6 @@ def chain_of(
 ) -> Chain:
     """The chain of a part of the linkage, compiled once: every trial of a person has the same."""
     return Chain(root, segments, free, reactions=reactions)
-
-
-def _distinct_rows(support: Array) -> tuple[Array, IntArray]:
-    rows, row_of = np.unique(support, axis=0, return_inverse=True)
-    return rows, row_of.ravel()
 
 
 def _compose(steps: list[_Step], joint: Array, zero_angles: Array) -> tuple[Array, Array]:
@@ -263,10 +249,8 @@ def root_angles(r: Array) -> Array:
 class Poses:
     """Poses of the moving frames of a chain."""
 
-    axes: Array
-    """(nq, 3, 3, nf): axes[k, j] is the j-th unit axis of frame k in the laboratory."""
-    origins: Array
-    """(nq, 3, nf) m."""
+    axes: Array  # (nq, 3, 3, nf): axes[k, j] is the j-th unit axis of frame k in the laboratory
+    origins: Array  # (nq, 3, nf) m
     secondary_axes: dict[int, Array] = field(default_factory=dict)
     """Frame -> (3, nf) y about which the last of its joint's secondary motions turns."""
 
@@ -277,8 +261,7 @@ class SecondaryMotion:
 
     amounts: dict[str, Array]
     """Coordinate -> (4, nf) m, rad: slides along x and y, then turns about x and y, before the coordinate moves."""
-    regressors: dict[str, tuple[Array, Array]]
-    """Coordinate -> (nf,) of each of `BENDS`: d amount / d variable."""
+    regressors: dict[str, tuple[Array, Array]]  # Coordinate -> (nf,) of each of `BENDS`: d amount / d variable
 
     def frames(self, part: slice | IntArray) -> SecondaryMotion:
         """The same for some frames."""

@@ -22,11 +22,9 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
 class ClinicalAngle:
     """An angle that gait laboratories count otherwise, by the side of the stride."""
 
-    right: float
-    """1 or -1: factor of the angle in strides of the right foot."""
+    right: float  # 1 or -1: factor of the angle in strides of the right foot
     left: float
-    words: str
-    """What a positive one means: `this side up`."""
+    words: str  # what a positive one means: `this side up`
 
     def sign(self, side: str) -> float:
         """In strides of one side (`r`, `l`)."""
@@ -35,7 +33,7 @@ class ClinicalAngle:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What nobody who walks or runs exceeds (`verdict/bounds.py`).
+    """What nobody who walks or runs exceeds (`faults/bounds.py`).
 
     Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons, Joint Motion, 1965;
     Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as zero angles differ from model to model.
@@ -43,36 +41,24 @@ class Limits:
     sprinters at 9 m/s (Schache et al., Med Sci Sports Exerc 43:1260-1271, 2011); clean walks reach 10 %BW*H.
     """
 
-    angle: tuple[float, float] | None = None
-    """deg, smallest and largest."""
-    speed: float | None = None
-    """deg/s."""
-    torque: float
-    """Percent of body weight times height."""
+    angle: tuple[float, float] | None = None  # deg, smallest and largest
+    speed: float | None = None  # deg/s
+    torque: float  # percent of body weight times height
 
 
 @dataclass(frozen=True, kw_only=True)
 class Coordinate:
     """A coordinate of the linkage or a locked joint's reaction, of both sides or of the middle."""
 
-    name: str
-    """Without the side: `hip_flexion`."""
-    group: str
-    """Key of `GROUPS`."""
-    title: str
-    """`Hip flexion`."""
-    angle: str
-    """What a positive angle means: `flexion`."""
-    moment: str
-    """What a positive internal moment does: `flexor`."""
-    senses: tuple[str, str] | None = None
-    """What positive and negative values mean, of angles and of moments."""
-    clinical: ClinicalAngle | None = None
-    """The angle with clinical signs, where it is another."""
-    point: str = ""
-    """First word of the Plug-in Gait point that holds it: `Hip` of `RHipAngles`; empty: none does."""
-    usual: tuple[float, float]
-    """deg: the range that living people stay within, for sliders of other programs; contains Rajagopal's."""
+    name: str  # without the side: `hip_flexion`
+    group: str  # key of `GROUPS`
+    title: str  # `Hip flexion`
+    angle: str  # what a positive angle means: `flexion`
+    moment: str  # what a positive internal moment does: `flexor`
+    senses: tuple[str, str] | None = None  # what positive and negative values mean, of angles and of moments
+    clinical: ClinicalAngle | None = None  # the angle with clinical signs, where it is another
+    point: str = ""  # first word of the Plug-in Gait point that holds it: `Hip` of `RHipAngles`; empty: none does
+    usual: tuple[float, float]  # deg: living people stay within, for sliders of other programs; contains Rajagopal's
     wall: tuple[float, float] | None = None
     """deg from the static posture, how far the joint may turn in tracking. Passive ranges of adults: hip adduction 30
     and abduction 45, rotation 45 each way, dorsiflexion 20, plantarflexion 50, inversion 35, eversion 15 (American
@@ -91,8 +77,7 @@ class Group:
     """A joint as people name it, with the coordinates that are shown together."""
 
     title: str
-    power: str
-    """Its power over all axes, as in `powers/TRIAL.csv`; empty: it has none."""
+    power: str  # its power over all axes, as in `powers/TRIAL.csv`; empty: it has none
 
 
 GROUPS: Final = {
@@ -102,8 +87,7 @@ GROUPS: Final = {
     "pelvis": Group("Pelvis", ""),
     "trunk": Group("Trunk", "lumbar"),
     "arm": Group("Arm", ""),
-}
-"""In the order of pages."""
+}  # In the order of pages
 LEG_GROUPS: Final = ("hip", "knee", "ankle")
 
 # fmt: off
@@ -163,8 +147,7 @@ COMPONENT_SENSES: Final = {
     "knee_rotation": ("internal rotation", "external rotation"),
     "ankle_inversion": ("inversion", "eversion"),
     "ankle_rotation": ("internal rotation", "external rotation"),
-}
-"""Moments of legs along axes that have no coordinate (`dynamics/joint_moments.py`) -> their senses."""
+}  # Moments of legs along axes that have no coordinate (`dynamics/joint_moments.py`) -> their senses
 
 
 def split_side(name: str) -> tuple[str, str]:
@@ -211,14 +194,10 @@ def is_of_leg(name: str) -> bool:
 class JointWords:
     """What a joint of the linkage is called."""
 
-    words: str
-    """`Ankle (talocrural)`."""
-    feature: str
-    """What its parameters place: `knee axis`."""
-    centre: str = ""
-    """Landmark that is its centre, without the side: `hjc`; empty: it has none."""
-    power: str
-    """Joint as people name it, with whose power its own is summed: `ankle` of `subtalar`."""
+    words: str  # `Ankle (talocrural)`
+    feature: str  # what its parameters place: `knee axis`
+    centre: str = ""  # landmark that is its centre, without the side: `hjc`; empty: it has none
+    power: str  # joint as people name it, with whose power its own is summed: `ankle` of `subtalar`
 
 
 JOINT_TABLE: Final[dict[str, JointWords]] = {
@@ -229,5 +208,4 @@ JOINT_TABLE: Final[dict[str, JointWords]] = {
     "back": JointWords(words="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
     "shoulder": JointWords(words="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
     "elbow": JointWords(words="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
-}
-"""Joint of the linkage without its side -> its names."""
+}  # Joint of the linkage without its side -> its names

@@ -3,19 +3,16 @@
 Everything a wrong file can spoil is caught here, so that the geometry after it need not doubt its input: landmarks
 missing or never seen, sides or medial and lateral exchanged, lengths that belong to no body of that height.
 
-The knee alignment device (KAD) of a static trial: where the knee marker would be, and where the knee's axis points.
-
-The device sits on the knee in place of the lateral marker. Its three markers are the ends of three rods of one length L
-at right angles to each other, which meet where the marker would be; the rod of the first lies along the flexion axis.
-So the three are L sqrt(2) apart, and with their mean c, the unit normal n of their plane and their mean distance d
+A knee alignment device (KAD) sits on the knee in place of the lateral marker. Its three markers are the ends of three
+rods of one length L at right angles to each other, which meet where the marker would be; the rod of the first lies
+along the flexion axis. So the three are L sqrt(2) apart, and with their mean c, the unit normal n of their plane and
+their mean distance d
 
     corner = c + n d / sqrt(6),      n towards the other knee.
 
 The rods stand at 55 deg to n: it points inwards along the line between the two ASIS as far as the knee's axis does. The
-way to the middle of the pelvis would not do, as it is mostly vertical.
-
-(Vicon, Plug-in Gait reference guide; in static trials of two hospitals the corner lies within 0.1 mm of the knee marker
-that Vicon's own program computed.)
+way to the middle of the pelvis would not do, as it is mostly vertical. (Vicon, Plug-in Gait reference guide; in static
+trials of two hospitals the corner lies within 0.1 mm of the knee marker that Vicon's own program computed.)
 """
 
 from __future__ import annotations
@@ -30,9 +27,8 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.recording import Recording
-from gaitcal.model.landmark_names import PARTNER, REQUIRED, instead_of
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet, instead_of
 
 PLAUSIBLE = {"distance between the ASIS": (0.08, 0.25), "knee to ankle": (0.15, 0.36), "heel to toe": (0.05, 0.25)}
 """Allowed lengths as fractions of height. The nominal subject has 0.144, 0.222, 0.160."""
@@ -45,18 +41,13 @@ class StaticPosture:
     """Mean positions in the still window, in the laboratory."""
 
     source: str
-    markers: Mapping[str, Array]
-    """Label -> (3,) m, for every marker of the set that was seen."""
-    landmarks: Mapping[str, Array]
-    """Landmark -> (3,) m, for every landmark whose markers were all seen."""
-    absent: Mapping[str, tuple[str, ...]]
-    """Landmark of the set -> its markers that were not seen."""
-    notes: tuple[str, ...] = ()
-    """Landmarks that no marker shows, and how they were guessed."""
+    markers: Mapping[str, Array]  # label -> (3,) m, for every marker of the set that was seen
+    landmarks: Mapping[str, Array]  # landmark -> (3,) m, for every landmark whose markers were all seen
+    absent: Mapping[str, tuple[str, ...]]  # landmark of the set -> its markers that were not seen
+    notes: tuple[str, ...] = ()  # landmarks that no marker shows, and how they were guessed
     hips: Mapping[str, Array] = field(default_factory=dict)
     """Side -> (3,) m: hip centres that the file itself has, measured or computed by another program."""
-    hip_labels: Mapping[str, str] = field(default_factory=dict)
-    """Side -> what they are called."""
+    hip_labels: Mapping[str, str] = field(default_factory=dict)  # side -> what they are called
 
     def has(self, *names: str) -> bool:
         """Whether all these landmarks are there."""
@@ -78,22 +69,24 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
         A required landmark is missing; the message names its marker and what would do instead.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
-    markers: dict[str, Array] = {}
-    for label in marker_set.labels:
-        if label in column:
-            mean = _mean(recording.markers[window, column[label]])
-            if np.isfinite(mean).all():
-                markers[label] = mean
+    means = {m: _mean(recording.markers[window, column[m]]) for m in marker_set.labels if m in column}
+    markers = {label: mean for label, mean in means.items() if np.isfinite(mean).all()}
     landmarks: dict[str, Array] = {}
     absent: dict[str, tuple[str, ...]] = {}
     for name, labels in marker_set.landmarks.items():
-        missing = tuple(label for label in labels if label not in markers)
-        if missing:
+        if missing := tuple(label for label in labels if label not in markers):
             absent[name] = missing
         else:
             landmarks[name] = np.mean([markers[label] for label in labels], axis=0)
-    mirrored = _sacrum_of_one(absent, landmarks, marker_set, markers)
-    landmarks |= mirrored
+    notes: list[str] = []
+    one = one_psis(marker_set, markers)
+    if one and "sacrum" in absent and {"asis_r", "asis_l"} <= set(landmarks):
+        # the middle of one posterior spine and its mirror image, in the plane midway between the ASIS and across them
+        across = landmarks["asis_r"] - landmarks["asis_l"]
+        across = across / np.linalg.norm(across)
+        aside = (markers[one[0]] - 0.5 * (landmarks["asis_r"] + landmarks["asis_l"])) @ across
+        landmarks["sacrum"] = markers[one[0]] - aside * across
+        notes.append(sacrum_words(one[0]))
     for name in REQUIRED:
         guessed = name not in marker_set.landmarks and PARTNER.get(name) in landmarks
         if name not in landmarks and not guessed:
@@ -104,12 +97,15 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
                 code=Code.LANDMARKS,
             )
     guesses = {name: _end_of_foot(name, landmarks) for name in PARTNER if name not in landmarks}
+    for name, at in guesses.items():
+        length = 1e3 * float(np.linalg.norm(at - landmarks[PARTNER[name]]))
+        line = "the malleoli" if f"ankle_med_{name[-1]}" in landmarks else "the pelvis"
+        notes.append(
+            f"{name}: no marker; assumed {length:.0f} mm from {PARTNER[name]}, level with it and straight across the "
+            f"line of {line}: the foot's own direction, and with it the zero of its ankle's angles, is a guess"
+        )
     hips, hip_labels = _hips(recording, landmarks, window)
-    notes = (
-        *(sacrum_words(one) for one in one_psis(marker_set, markers) if mirrored),
-        *_foot_notes(guesses, landmarks),
-    )
-    return StaticPosture(recording.source, markers, landmarks | guesses, absent, notes, hips, hip_labels)
+    return StaticPosture(recording.source, markers, landmarks | guesses, absent, tuple(notes), hips, hip_labels)
 
 
 def one_psis(marker_set: MarkerSet, seen: Collection[str]) -> tuple[str, ...]:
@@ -127,19 +123,6 @@ def sacrum_words(label: str) -> str:
     )
 
 
-def _sacrum_of_one(
-    absent: Mapping[str, tuple[str, ...]], p: Mapping[str, Array], marker_set: MarkerSet, markers: Mapping[str, Array]
-) -> dict[str, Array]:
-    """The middle of one posterior spine and its mirror image, in the plane midway between the ASIS and across them."""
-    one = one_psis(marker_set, markers)
-    if "sacrum" not in absent or not one or not {"asis_r", "asis_l"} <= set(p):
-        return {}
-    across = p["asis_r"] - p["asis_l"]
-    across = across / np.linalg.norm(across)
-    aside = (markers[one[0]] - 0.5 * (p["asis_r"] + p["asis_l"])) @ across
-    return {"sacrum": markers[one[0]] - aside * across}
-
-
 def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
     """(3,) m, heel or toe of a foot whose other end alone is marked: level with that and straight ahead of the ankle.
 
@@ -153,20 +136,7 @@ def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
     ahead = np.cross([0.0, 1.0, 0.0], across)
     length = FOOT_TO_SHANK * np.linalg.norm(p[f"knee_lat_{side}"] - p[f"ankle_lat_{side}"])
     step = length * ahead / np.linalg.norm(ahead)
-    out: Array = p[PARTNER[name]] + (step if name.startswith("toe") else -step)
-    return out
-
-
-def _foot_notes(guesses: Mapping[str, Array], p: Mapping[str, Array]) -> tuple[str, ...]:
-    notes = []
-    for name, at in guesses.items():
-        length = 1e3 * float(np.linalg.norm(at - p[PARTNER[name]]))
-        line = "the malleoli" if f"ankle_med_{name[-1]}" in p else "the pelvis"
-        notes.append(
-            f"{name}: no marker; assumed {length:.0f} mm from {PARTNER[name]}, level with it and straight across the "
-            f"line of {line}: the foot's own direction, and with it the zero of its ankle's angles, is a guess"
-        )
-    return tuple(notes)
+    return p[PARTNER[name]] + (step if name.startswith("toe") else -step)
 
 
 def _mean(track: Array) -> Array:
@@ -220,61 +190,53 @@ def _missing(name: str, labels: tuple[str, ...], recording: Recording, marker_se
 
 def check_plausible(posture: StaticPosture, height: float) -> None:
     """InputError where the landmarks cannot be those of a person of this height (m) standing upright."""
+
+    def fault(found: str, of: str) -> InputError:
+        return InputError(found, source=posture.source, field=of, code=Code.LANDMARKS)
+
+    def check_length(what: str, side: str, one: str, other: str) -> None:
+        found = float(np.linalg.norm(p[one] - p[other]))
+        low, high = (share * height for share in PLAUSIBLE[what])
+        if not low <= found <= high:
+            hint = "; is the file's unit of length right?" if found > 50 * height or found < height / 100 else ""
+            raise fault(
+                f"found {1e3 * found:.4g} mm; allowed: {1e3 * low:.0f} to {1e3 * high:.0f} mm "
+                f"for a height of {height:.2f} m{hint}",
+                what + {"": "", "r": ", right", "l": ", left"}[side],
+            )
+
     p = posture.landmarks
     asis = p["asis_r"] - p["asis_l"]
-    _check_length(posture, "distance between the ASIS", float(np.linalg.norm(asis)), height)
+    check_length("distance between the ASIS", "", "asis_r", "asis_l")
     right = asis / np.linalg.norm(asis)
     if right @ (p["knee_lat_r"] - p["knee_lat_l"]) < 0:
-        raise InputError(
+        raise fault(
             "the right knee lies to the left of the left one, seen along the pelvis: are the sides exchanged?",
-            source=posture.source,
-            field="landmarks asis_r, asis_l, knee_lat_r, knee_lat_l",
-            code=Code.LANDMARKS,
+            "landmarks asis_r, asis_l, knee_lat_r, knee_lat_l",
         )
     for s, side in zip((1.0, -1.0), SIDES, strict=True):
-        shank = float(np.linalg.norm(p[f"knee_lat_{side}"] - p[f"ankle_lat_{side}"]))
-        _check_length(posture, "knee to ankle", shank, height, f"_{side}")
-        foot = float(np.linalg.norm(p[f"toe_{side}"] - p[f"heel_{side}"]))
-        _check_length(posture, "heel to toe", foot, height, f"_{side}")
+        check_length("knee to ankle", side, f"knee_lat_{side}", f"ankle_lat_{side}")
+        check_length("heel to toe", side, f"toe_{side}", f"heel_{side}")
         for joint in ("knee", "ankle"):
             medial = p.get(f"{joint}_med_{side}")
             if medial is not None and s * right @ (p[f"{joint}_lat_{side}"] - medial) < 0:
-                raise InputError(
+                raise fault(
                     f"the lateral marker lies on the medial side of {joint}_med_{side}: are the two exchanged?",
-                    source=posture.source,
-                    field=f"landmark {joint}_lat_{side}",
-                    code=Code.LANDMARKS,
+                    f"landmark {joint}_lat_{side}",
                 )
     middle = 0.5 * (p["asis_r"] + p["asis_l"])
     up = np.cross(asis, middle - p["sacrum"])
     if up @ (middle - 0.5 * (p["ankle_lat_r"] + p["ankle_lat_l"])) < 0:
-        raise InputError(
+        raise fault(
             "the pelvis is upside down: are right and left, or front and back, exchanged?",
-            source=posture.source,
-            field="landmarks asis_r, asis_l, sacrum",
-            code=Code.LANDMARKS,
+            "landmarks asis_r, asis_l, sacrum",
         )
-
-
-def _check_length(posture: StaticPosture, what: str, found: float, height: float, side: str = "") -> None:
-    low, high = PLAUSIBLE[what]
-    if low * height <= found <= high * height:
-        return
-    hint = "; is the file's unit of length right?" if found > 50 * height or found < height / 100 else ""
-    raise InputError(
-        f"found {1e3 * found:.4g} mm; allowed: {1e3 * low * height:.0f} to {1e3 * high * height:.0f} mm "
-        f"for a height of {height:.2f} m{hint}",
-        source=posture.source,
-        field=what + {"": "", "_r": ", right", "_l": ", left"}[side],
-        code=Code.LANDMARKS,
-    )
 
 
 EQUAL = 0.15
 """Share by which the distances between the three markers may differ from their mean: real devices are within 0.01, a
 triangle of other markers is not equilateral."""
-SIZE_M = (0.05, 0.25)
-"""m, allowed distance between the three; the usual device has 0.134."""
+SIZE_M = (0.05, 0.25)  # m, allowed distance between the three; the usual device has 0.134
 
 
 def corner(
@@ -299,8 +261,7 @@ def corner(
         if towards is not None:
             along = np.sum(normal * towards, axis=1)
             if np.isfinite(along).any():
-                out: Array = mean + np.sign(np.nanmedian(along)) * normal * distance / np.sqrt(6.0)
-                return out
+                return mean + np.sign(np.nanmedian(along)) * normal * distance / np.sqrt(6.0)
     return None
 
 

@@ -10,9 +10,9 @@ A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a right-hand
     back        as hip; shoulder  Tr(trunk) A_trunk Rz(flexion) R(s x)(adduction) [Tr(arm) B_arm]^-1; elbow as knee
 
 The tables `_LEG`, `_BACK` and `_ARM` say this once for all, `_SEGMENTS` what the segments are: order of segments and
-coordinates, zero angles and the catalogue of joint parameters (`joint_parameters.py`) are read from them. A joint
-parameter enters in exactly one element of one joint, a coordinate in exactly one: that is the whole model, and whoever
-needs a derivative reads it from the sequence. What coordinates and joints are called stands in `coordinates.py`.
+coordinates, zero angles and the catalogue of joint parameters (`parameters.py`) are read from them. A joint parameter
+enters in exactly one element of one joint, a coordinate in exactly one. What coordinates and joints are called stands
+in `coordinates.py`.
 """
 
 from __future__ import annotations
@@ -23,24 +23,20 @@ from enum import Enum
 from typing import TypeAlias
 
 SIDES = ("r", "l")
+SIDE_WORDS = {"r": "right", "l": "left"}
+OTHER_SIDE = {"r": "l", "l": "r"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Segment:
     """What a segment is; both sides alike."""
 
-    name: str
-    """Without the side: `upper_arm`."""
-    short: str = ""
-    """As joint parameters name it, where that is another name: `upperarm`."""
-    words: str = ""
-    """As people say, where that is not the name: `head and trunk`."""
-    paired: bool = True
-    """There is one of each side."""
-    markers: bool = True
-    """Markers can sit on it, and so soft tissue between them and the bone."""
-    needed: bool = False
-    """A segment of a leg without whose markers there are no joint torques of that leg."""
+    name: str  # without the side: `upper_arm`
+    short: str = ""  # as joint parameters name it, where that is another name: `upperarm`
+    words: str = ""  # as people say, where that is not the name: `head and trunk`
+    paired: bool = True  # there is one of each side
+    markers: bool = True  # markers can sit on it, and so soft tissue between them and the bone
+    needed: bool = False  # a segment of a leg without whose markers there are no joint torques of that leg
     parts: tuple[str, ...] = ()
     """Segments of de Leva's table in it, from which it has its inertia; none: it is massless."""
     palpated: tuple[float, float, float] | None = None
@@ -71,8 +67,7 @@ _SEGMENTS = (
         palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
 )
 # fmt: on
-SEGMENT_TABLE: dict[str, Segment] = {row.name: row for row in _SEGMENTS}
-"""Name without its side -> what it is."""
+SEGMENT_TABLE: dict[str, Segment] = {row.name: row for row in _SEGMENTS}  # Name without its side -> what it is
 _OF_SHORT = {row.short or row.name: row for row in _SEGMENTS}
 
 
@@ -89,12 +84,10 @@ class Element:
     """One elementary motion: a translation along, or a rotation about, one axis by sign * value."""
 
     rotates: bool
-    axis: int
-    """0, 1, 2: x, y, z of the frame that the elements before have moved."""
+    axis: int  # 0, 1, 2: x, y, z of the frame that the elements before have moved
     sign: float
     source: Source
-    name: str
-    """Of the coordinate, joint parameter or zero angle."""
+    name: str  # Of the coordinate, joint parameter or zero angle
 
 
 @dataclass(frozen=True)
@@ -117,16 +110,8 @@ _LEG: tuple[_Row, ...] = (
     ("talocrural", "shank", "talus", "ant sup lat front trans", "z ankle_angle, z zero", ""),
     ("subtalar", "talus", "foot", "sup trans", "sx subtalar_angle, x zero", "sag trans ant sup lat"),
 )
-_BACK: tuple[_Row, ...] = (
-    (
-        "back",
-        "pelvis",
-        "trunk",
-        "ant sup lat",
-        "z lumbar_extension, x lumbar_bending, y lumbar_rotation",
-        "ant sup lat",
-    ),
-)
+_LUMBAR = "z lumbar_extension, x lumbar_bending, y lumbar_rotation"
+_BACK: tuple[_Row, ...] = (("back", "pelvis", "trunk", "ant sup lat", _LUMBAR, "ant sup lat"),)
 _ARM: tuple[_Row, ...] = (
     ("shoulder", "trunk", "upperarm", "ant sup lat front trans", "z arm_flex, sx arm_add", "sag trans ant sup lat"),
     ("elbow", "upperarm", "forearm", "ant sup front trans", "z elbow_flex", "trans front ant sup lat"),
@@ -146,9 +131,6 @@ def _joint(row: _Row, side: str) -> Joint:
 
     def sided(name: str) -> str:
         return f"{name}_{side}" if side else name
-
-    def segment(short: str) -> str:
-        return of_side(_OF_SHORT[short].name, side)
 
     def parameters(place: str, directions: str, sign: float) -> Iterator[Element]:
         for direction in directions.split():
@@ -173,20 +155,19 @@ def _joint(row: _Row, side: str) -> Joint:
         )
 
     before, after = parameters(parent, in_parent, 1.0), parameters(child, in_child, -1.0)
-    return Joint(sided(kind), segment(parent), segment(child), (*before, *map(motion, motions.split(", ")), *after))
+    elements = (*before, *map(motion, motions.split(", ")), *after)
+    return Joint(sided(kind), *(of_side(_OF_SHORT[short].name, side) for short in (parent, child)), elements)
 
 
 JOINTS: tuple[Joint, ...] = (
     *(_joint(row, side) for side in SIDES for row in _LEG),
     *(_joint(row, "") for row in _BACK),
     *(_joint(row, side) for side in SIDES for row in _ARM),
-)
-"""All joints, each after the joint of its parent."""
+)  # All joints, each after the joint of its parent
 
 JOINT_OF_CHILD: dict[str, Joint] = {joint.child: joint for joint in JOINTS}
 
-SEGMENTS: tuple[str, ...] = ("pelvis", *JOINT_OF_CHILD)
-"""All segments, each after its parent."""
+SEGMENTS: tuple[str, ...] = ("pelvis", *JOINT_OF_CHILD)  # All segments, each after its parent
 
 
 def segment_kind(segment: str) -> Segment:
@@ -194,12 +175,10 @@ def segment_kind(segment: str) -> Segment:
     return SEGMENT_TABLE[segment if segment in SEGMENT_TABLE else segment[:-2]]
 
 
-LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]
-"""Pelvis and legs."""
+LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # Pelvis and legs
 LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES}
 """Side -> segments of that leg, each after its parent."""
-LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)
-"""Joints of a leg from hip to foot, without the side."""
+LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)  # Joints of a leg from hip to foot, without the side
 LEG_SEGMENTS: tuple[str, ...] = tuple(f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed)
 """Without markers on these there are no joint torques of a leg."""
 
@@ -239,6 +218,11 @@ def coordinates_of(root: str, segments: tuple[str, ...]) -> tuple[str, ...]:
 COORDINATES: tuple[str, ...] = coordinates_of("pelvis", SEGMENTS)
 """The coordinates in the order of every (nf, nq) array; m for the three translations, rad otherwise."""
 
+PELVIS_ANGLES: tuple[str, ...] = COORDINATES[3:6]
+"""Tilt, list and rotation of the pelvis: about z, x and y, each moved by those before it."""
+LUMBAR: tuple[str, ...] = coordinates_before(["head_trunk"])
+"""Extension, bending and rotation of the lumbar joint, likewise."""
+
 COORDINATE_INDEX: dict[str, int] = {name: i for i, name in enumerate(COORDINATES)}
 
 FILE_COORDINATES: tuple[str, ...] = (*COORDINATES[3:6], *COORDINATES[:3], *COORDINATES[6:])
@@ -265,18 +249,16 @@ def joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Element, .
     return (*joint.elements[:after], reaction, *joint.elements[after:])
 
 
-def _secondary(side: str) -> tuple[Element, ...]:
-    """In the axes of the knee's flexion before it flexes: slides along x and y, then turns about them."""
-    kinds = (("ant", False, 0), ("sup", False, 1), ("front", True, 0), ("trans", True, 1))
-    return tuple(
+SECONDARY: dict[str, tuple[Element, ...]] = {
+    f"knee_angle_{side}": tuple(
         Element(rotates=r, axis=k, sign=1.0, source=Source.COORDINATE, name=f"knee_{side}.secondary.{name}")
-        for name, r, k in kinds
+        for name, r, k in (("ant", False, 0), ("sup", False, 1), ("front", True, 0), ("trans", True, 1))
     )
-
-
-SECONDARY: dict[str, tuple[Element, ...]] = {f"knee_angle_{side}": _secondary(side) for side in SIDES}
-"""Coordinate -> motions of its joint that go with it and that the linkage leaves out: a knee rolls, glides and turns as
-it flexes. Their amounts are given (`motion/secondary_motion.py`), in m and rad; no model has coordinates of them."""
+    for side in SIDES
+}
+"""Coordinate -> motions of its joint that go with it and that the linkage leaves out, in the axes of the knee's flexion
+before it flexes: slides along x and y, then turns about them, as a knee rolls, glides and turns when it flexes. Their
+amounts are given (`motion/soft_tissue.py`), in m and rad; no model has coordinates of them."""
 BENDS = ("^2", "^3")
 """Ends of the names of variables: what of a secondary motion goes with the square of the coordinate, and the cube."""
 

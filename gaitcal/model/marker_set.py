@@ -1,4 +1,4 @@
-"""Marker sets as data: which marker is which landmark, and which markers follow which segment.
+"""Marker sets as data: what each marker of a laboratory's protocol is for, a landmark, a segment, a weight.
 
 A set is a TOML file, one of the built-in ones in `models/markersets/` or a user's own:
 
@@ -15,8 +15,6 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
 
 `{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides. `marker_set_text` writes a
 set as such a file again, so that a result can keep the one it was made with.
-
-What each marker of a laboratory's protocol is for: a landmark, a segment that it follows, a weight.
 """
 
 from __future__ import annotations
@@ -31,12 +29,59 @@ from pydantic import BeforeValidator, Field
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.recording import Recording
-from gaitcal.io.toml import models_path, toml_table, toml_value
-from gaitcal.io.validation import Table, read_validated, require_known, shown
-from gaitcal.model.landmark_names import LANDMARKS, REQUIRED, instead_of, missing_landmarks
-from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_coverage import Coverage, coverage_of
+from gaitcal.io.toml import Table, models_path, read_validated, require_known, shown, toml_table, toml_value
+from gaitcal.model.linkage import LEG_SEGMENTS, SIDES, of_side
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
+
+_LANDMARKS_OF = (
+    ("pelvis", "asis"),
+    ("thigh", "knee_lat knee_med knee_axis"),
+    ("shank", "ankle_lat ankle_med"),
+    ("foot", "heel toe"),
+    ("head_trunk", "acromion"),
+    ("upper_arm", "elbow_lat elbow_med"),
+    ("forearm_hand", "wrist"),
+    ("pelvis", "hjc"),
+)
+_SIDED = [(segment, name) for segment, names in _LANDMARKS_OF for name in names.split()]
+SEGMENT_OF: dict[str, str] = {
+    "sacrum": "pelvis",
+    **dict.fromkeys(("c7", "t10", "jugular_notch", "xiphoid"), "head_trunk"),
+    **{f"{name}_{side}": of_side(segment, side) for side in SIDES for segment, name in _SIDED},
+}  # Landmark -> the segment that it lies in
+LANDMARKS: tuple[str, ...] = tuple(SEGMENT_OF)
+"""All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre; `knee_axis` is
+a point on the knee's flexion axis outwards of the lateral epicondyle, as a knee alignment device shows it; `hjc` the
+centre of a hip, for `hip_centre = "given"`. Those of the trunk's midline tell where it faces where acromia are missing,
+`c7` and `jugular_notch` also where the shoulders are; `t10` may be any spinous process from T6 to T12."""
+_INSTEAD = {
+    "asis": "a marker on the anterior superior iliac spine",
+    "sacrum": "a marker midway between the posterior superior iliac spines, or the list of the two on them",
+    "knee_lat": "a marker on the lateral femoral epicondyle",
+    "ankle_lat": "a marker on the lateral malleolus",
+    "heel": "a marker on the back of the heel",
+    "toe": "a marker on the tip of the foot or over the head of the second metatarsal",
+}
+REQUIRED: tuple[str, ...] = tuple(name for name in LANDMARKS if name == "sacrum" or name[:-2] in _INSTEAD)
+"""Landmarks without which there is no model; all others have a default or freeze their segment."""
+PARTNER: dict[str, str] = {
+    f"{one}_{side}": f"{other}_{side}" for side in SIDES for one, other in (("heel", "toe"), ("toe", "heel"))
+}  # Landmark of a foot -> the one from which it is guessed where no marker shows it
+PELVIS_NEEDS = 3  # markers of the pelvis, from which the pose of the body starts
+DEVICE_MARKERS = 3  # of a knee alignment device
+NO_REASON = "weight of the study"  # stands as the reason of weights that a study gave without one
+_FOLLOWING = ("tracking", "static_only", "optional")  # tables segment -> markers
+
+
+def missing_landmarks(given: Iterable[str]) -> tuple[str, ...]:
+    """Required landmarks that are not among those given; of a foot, heel or toe is enough."""
+    there = set(given)
+    return tuple(name for name in REQUIRED if name not in there and PARTNER.get(name) not in there)
+
+
+def instead_of(landmark: str) -> str:
+    """What serves as a required landmark, for an error message."""
+    return _INSTEAD.get(landmark) or _INSTEAD[landmark[:-2]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,27 +123,24 @@ class MarkerSet:
     @property
     def labels(self) -> tuple[str, ...]:
         """All markers of the set, each once."""
-        groups = (
-            *self.tracking.values(),
-            *self.static_only.values(),
-            *self.optional.values(),
-            *self.landmarks.values(),
-            *(option for options in self.alternatives.values() for option in options),
-            *self.knee_device.values(),
-        )
+        options = (option for options in self.alternatives.values() for option in options)
+        groups = (self.tracked, *self.landmarks.values(), *options, *self.knee_device.values())
         return tuple(dict.fromkeys(label for group in groups for label in group))
+
+    @property
+    def following(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Segments and the markers that follow them, also those that are not always worn."""
+        return (*self.tracking.items(), *self.static_only.items(), *self.optional.items())
 
     @property
     def tracked(self) -> tuple[str, ...]:
         """The markers that follow a segment, also those that are not always worn."""
-        groups = (*self.tracking.values(), *self.static_only.values(), *self.optional.values())
-        return tuple(label for group in groups for label in group)
+        return tuple(label for _, labels in self.following for label in labels)
 
     @property
     def segment_of(self) -> dict[str, str]:
         """Label -> the segment that it follows."""
-        groups = (*self.tracking.items(), *self.static_only.items(), *self.optional.items())
-        return {label: segment for segment, labels in groups for label in labels}
+        return {label: segment for segment, labels in self.following for label in labels}
 
     def options(self, landmark: str) -> tuple[tuple[str, ...], ...]:
         """All that serves as a landmark, in order of preference; each is the markers whose mean it is."""
@@ -111,10 +153,6 @@ class MarkerSet:
     def with_weights(self, weights: Mapping[str, float]) -> MarkerSet:
         """The same set with other weights for some markers."""
         return replace(self, weights={**self.weights, **weights}) if weights else self
-
-    def coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> Coverage:
-        """What a file with these marker labels, and these labels of computed points, gives of the set."""
-        return coverage_of(self, self._spelt(labels), computed)
 
     def renamed(self, recording: Recording) -> Recording:
         """The recording with the set's own spelling of every label; a note tells what was changed."""
@@ -143,6 +181,53 @@ class MarkerSet:
                 new_names[same_in_file[0]] = label
         return tuple(new_names.get(label, label) for label in given)
 
+    def coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> Coverage:
+        """What a file with these marker labels gives of the set; points that another program `computed` serve as
+        landmarks only. A device at the knee counts as the lateral knee marker that it stands in for.
+        """
+        given = self._spelt(labels)
+        known, seen, segment_of = set(self.labels), set(given), self.segment_of
+        virtual = {label for label, parts in self.knee_device.items() if seen.issuperset(parts)}
+        virtual |= set(computed) & {m for name in self.landmarks for group in self.options(name) for m in group}
+        options = {name: [o for o in self.options(name) if (seen | virtual).issuperset(o)] for name in self.landmarks}
+        landmarks = {name: there[0] for name, there in options.items() if there}
+        tracked: dict[str, tuple[str, ...]] = {}
+        for label in (*given, *sorted(virtual - seen)):
+            if label in segment_of:
+                tracked[segment_of[label]] = (*tracked.get(segment_of[label], ()), label)
+        bare = [segment for segment in LEG_SEGMENTS if segment not in tracked]
+        if len(tracked.get("pelvis", ())) < PELVIS_NEEDS:
+            bare.insert(0, "pelvis")
+        missing = missing_landmarks(landmarks)
+        share = sum(label in known for label in given) / len(given) if given else 0.0
+        return Coverage(
+            required_missing=missing,
+            landmarks=landmarks,
+            tracked=tracked,
+            bare=tuple(bare),
+            unknown=tuple(label for label in given if label not in known),
+            score=share * (1.0 - len(missing) / len(REQUIRED)) if missing or bare else 1.0 + share,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coverage:
+    """What the labels of a file give of a marker set."""
+
+    required_missing: tuple[str, ...]  # landmarks without which there is no model, and that no marker of the file gives
+    landmarks: Mapping[str, tuple[str, ...]]  # that the file gives -> the markers whose mean each is, by preference
+    tracked: Mapping[str, tuple[str, ...]]  # segment -> markers of the file that follow it, of segments that have some
+    bare: tuple[str, ...]  # segments of pelvis and legs that nothing follows (pelvis: fewer than three markers)
+    unknown: tuple[str, ...]  # markers of the file that the set does not know
+    score: float
+    """Share of the file's labels that the set knows, 0 to 1, and 1 more where the set is complete for the legs: so a
+    complete set comes before any other. An incomplete one has that share times the share of landmarks it gives."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether a static trial with these labels makes a model of pelvis and legs."""
+        return not self.required_missing and not self.bare
+
 
 def _by_letters(labels: Iterable[str]) -> dict[str, list[str]]:
     """Labels by what they are without regard to case."""
@@ -152,28 +237,9 @@ def _by_letters(labels: Iterable[str]) -> dict[str, list[str]]:
     return out
 
 
-__all__ = [
-    "LANDMARKS",
-    "NO_REASON",
-    "REQUIRED",
-    "MarkerSet",
-    "built_in_sets",
-    "instead_of",
-    "load_marker_set",
-    "marker_set_text",
+_Labels = Annotated[
+    list[str], BeforeValidator(lambda value: [value] if isinstance(value, str) else value), Field(min_length=1)
 ]
-
-DEVICE_MARKERS = 3
-"""Of a knee alignment device."""
-NO_REASON = "weight of the study"
-"""Stands as the reason of weights that a study gave without one."""
-
-
-def _as_list(value: object) -> object:
-    return [value] if isinstance(value, str) else value
-
-
-_Labels = Annotated[list[str], BeforeValidator(_as_list), Field(min_length=1)]
 
 
 class _FirstOf(Table):
@@ -186,9 +252,6 @@ def _as_options(value: object) -> object:
     return value if isinstance(value, dict) else {"first_of": [value]}
 
 
-_Options = Annotated[_FirstOf, BeforeValidator(_as_options)]
-
-
 class _Weight(Table):
     weight: float = Field(ge=0, description="how strongly the marker pulls, 0 or more; 0 only reports it")
     reason: str = Field(min_length=1, description="why the weight is not 1")
@@ -197,7 +260,9 @@ class _Weight(Table):
 class _File(Table):
     description: str = Field(description="one line that tells the set")
     extends: str | None = Field(default=None, description="the name of a built-in marker set")
-    landmarks: dict[str, _Options] = Field(default={}, description="a table, landmark = marker or list of markers")
+    landmarks: dict[str, Annotated[_FirstOf, BeforeValidator(_as_options)]] = Field(
+        default={}, description="a table, landmark = marker or list of markers"
+    )
     tracking: dict[str, _Labels] = Field(default={}, description="a table, segment = list of markers")
     static_only: dict[str, _Labels] = Field(default={}, description="a table, segment = list of markers")
     optional: dict[str, _Labels] = Field(default={}, description="a table, segment = list of markers")
@@ -219,8 +284,7 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
     InputError
         Names the file, the entry, what was found and what is allowed.
     """
-    text = str(name_or_path)
-    known = built_in_sets()
+    text, known = str(name_or_path), built_in_sets()
     if text in known:
         return _read(models_path() / "markersets" / f"{text}.toml", text)
     if not isinstance(name_or_path, Path) and not text.lower().endswith(".toml") and "/" not in text:
@@ -233,31 +297,53 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
 
 
 def _read(path: Path, name: str) -> MarkerSet:
+    def fault(text: str, where: str) -> InputError:
+        return InputError(text, source=path, field=where, code=Code.MARKER_SET)
+
     file = read_validated(_File, path)
-    base = _base(file, path)
-    options = _landmark_options(file.landmarks, path)
+    base = MarkerSet(name="", description="", landmarks={}, tracking={})
+    if file.extends is None:  # it must say all by itself
+        for where, table in (("landmarks", file.landmarks), ("tracking", file.tracking)):
+            if not table:
+                raise fault("missing: a table", where)
+    else:
+        require_known([file.extends], built_in_sets(), "built-in marker set", source=path, field="extends", listed=True)
+        if path == models_path() / "markersets" / f"{file.extends}.toml":
+            raise fault("found the set itself; allowed: another built-in set", "extends")
+        base = load_marker_set(file.extends)
+
+    def both_sides(where: str, table: Mapping[str, list[str]]) -> dict[str, tuple[str, ...]]:
+        """The table with both sides written out: a sided name takes the labels of its side, any other those of both."""
+        out: dict[str, tuple[str, ...]] = {}
+        for pattern, labels in table.items():
+            names = _sides(pattern)
+            for i, name in enumerate(names):
+                if name in out:
+                    raise fault(f"'{name}' is given twice", where)
+                # a label without a side stands once in `_sides`, and serves either side
+                each = [_sides(label) if len(names) == 1 else (_sides(label) * 2)[i : i + 1] for label in labels]
+                out[name] = tuple(dict.fromkeys(label for both in each for label in both))
+        return out
+
+    options: dict[str, list[tuple[str, ...]]] = {}  # landmark -> what serves as it, in order of preference
+    for pattern, entry in file.landmarks.items():
+        if twice := [name for name in _sides(pattern) if name in options]:
+            raise fault(f"'{twice[0]}' is given twice", "landmarks")
+        for labels in entry.first_of:
+            for landmark, group in both_sides("landmarks", {pattern: labels}).items():
+                options.setdefault(landmark, []).append(group)
     preferred = {name: given[0] for name, given in options.items()}
-    others = {name: given[1:] for name, given in options.items() if len(given) > 1}
-    groups = {
-        where: _both_sides(table, path, where)
-        for where, table in (
-            ("tracking", file.tracking),
-            ("static_only", file.static_only),
-            ("optional", file.optional),
-            ("knee_device", file.knee_device),
-            ("aliases", file.aliases),
-        )
-    }
+    others = {name: tuple(given[1:]) for name, given in options.items() if len(given) > 1}
+    groups = {where: both_sides(where, getattr(file, where)) for where in (*_FOLLOWING, "knee_device", "aliases")}
     require_known(preferred, LANDMARKS, "landmark", source=path, field="landmarks", listed=True)
-    for where in ("tracking", "static_only", "optional"):
+    for where in _FOLLOWING:
         require_known(groups[where], MASSIVE_SEGMENTS, "segment", source=path, field=where, listed=True)
-    _check_device(groups["knee_device"], path)
-    weights: dict[str, float] = {}
-    reasons: dict[str, str] = {}
-    for pattern, entry in file.weights.items():
-        for label in _sides(pattern):
-            weights[label], reasons[label] = entry.weight, entry.reason
-    own = MarkerSet(
+    for label, parts in groups["knee_device"].items():
+        if len(parts) != DEVICE_MARKERS:
+            found = f"found {len(parts)} markers for '{label}'; allowed: three, the one on the flexion axis first"
+            raise fault(found, "knee_device")
+    weighed = {label: entry for pattern, entry in file.weights.items() for label in _sides(pattern)}
+    made = MarkerSet(
         name=name,
         description=file.description,
         landmarks={**base.landmarks, **preferred},
@@ -266,66 +352,28 @@ def _read(path: Path, name: str) -> MarkerSet:
         static_only={**base.static_only, **groups["static_only"]},
         optional={**base.optional, **groups["optional"]},
         knee_device={**base.knee_device, **groups["knee_device"]},
-        weights=weights,
-        reasons=reasons,
+        weights={label: entry.weight for label, entry in weighed.items()},
+        reasons={label: entry.reason for label, entry in weighed.items()},
         aliases=groups["aliases"],
     )
-    _check_required(own.landmarks, path)
-    _check_once((*own.tracking.items(), *own.static_only.items(), *own.optional.items()), path)
-    require_known(weights, own.tracked, "tracked marker", source=path, field="weights")
-    require_known(own.aliases, own.labels, "marker", source=path, field="aliases")
-    known, tracked = set(own.labels), set(own.tracked)
+    for landmark in missing_landmarks(made.landmarks):
+        raise fault(f"'{landmark}' is missing: give {instead_of(landmark)}", "landmarks")
+    segment_of: dict[str, str] = {}
+    for segment, followers in made.following:
+        for label in followers:
+            if label in segment_of:
+                on = f"{segment_of[label]} and on {segment}; a marker is fixed in one segment"
+                raise fault(f"marker '{label}' is on {on}", "tracking")
+            segment_of[label] = segment
+    require_known(made.weights, made.tracked, "tracked marker", source=path, field="weights")
+    require_known(made.aliases, made.labels, "marker", source=path, field="aliases")
+    known, tracked = set(made.labels), set(made.tracked)
     return replace(
-        own,
-        weights={label: w for label, w in base.weights.items() if label in tracked} | weights,
-        reasons={label: why for label, why in base.reasons.items() if label in tracked} | reasons,
-        aliases={label: names for label, names in base.aliases.items() if label in known} | dict(own.aliases),
+        made,
+        weights={label: w for label, w in base.weights.items() if label in tracked} | dict(made.weights),
+        reasons={label: why for label, why in base.reasons.items() if label in tracked} | dict(made.reasons),
+        aliases={label: names for label, names in base.aliases.items() if label in known} | dict(made.aliases),
     )
-
-
-_NOTHING = MarkerSet(name="", description="", landmarks={}, tracking={})
-
-
-def _base(file: _File, path: Path) -> MarkerSet:
-    """The set that the file extends; an empty one where it extends none, and then it must say all by itself."""
-    if file.extends is None:
-        for where, table in (("landmarks", file.landmarks), ("tracking", file.tracking)):
-            if not table:
-                raise InputError("missing: a table", source=path, field=where, code=Code.MARKER_SET)
-        return _NOTHING
-    known = built_in_sets()
-    require_known([file.extends], known, "built-in marker set", source=path, field="extends", listed=True)
-    if path == models_path() / "markersets" / f"{file.extends}.toml":
-        raise InputError(
-            "found the set itself; allowed: another built-in set", source=path, field="extends", code=Code.MARKER_SET
-        )
-    return load_marker_set(file.extends)
-
-
-def _landmark_options(table: Mapping[str, _FirstOf], path: Path) -> dict[str, tuple[tuple[str, ...], ...]]:
-    """Landmark -> what serves as it, in order of preference, both sides written out."""
-    out: dict[str, list[tuple[str, ...]]] = {}
-    for pattern, entry in table.items():
-        names = _sides(pattern)
-        for name in names:
-            if name in out:
-                raise InputError(f"'{name}' is given twice", source=path, field="landmarks", code=Code.MARKER_SET)
-            out[name] = []
-        for labels in entry.first_of:
-            for name, group in _both_sides({pattern: labels}, path, "landmarks").items():
-                out[name].append(group)
-    return {name: tuple(groups) for name, groups in out.items()}
-
-
-def _check_device(devices: Mapping[str, tuple[str, ...]], path: Path) -> None:
-    for label, parts in devices.items():
-        if len(parts) != DEVICE_MARKERS:
-            raise InputError(
-                f"found {len(parts)} markers for '{label}'; allowed: three, the one on the flexion axis first",
-                source=path,
-                field="knee_device",
-                code=Code.MARKER_SET,
-            )
 
 
 def _sides(pattern: str) -> tuple[str, ...]:
@@ -334,70 +382,33 @@ def _sides(pattern: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(both))
 
 
-def _both_sides(table: Mapping[str, list[str]], path: Path, where: str) -> dict[str, tuple[str, ...]]:
-    """A table with both sides written out: a sided name takes the labels of its side, any other those of both."""
-    out: dict[str, tuple[str, ...]] = {}
-    for pattern, labels in table.items():
-        names = _sides(pattern)
-        for i, name in enumerate(names):
-            if name in out:
-                raise InputError(f"'{name}' is given twice", source=path, field=where, code=Code.MARKER_SET)
-            # a label without a side stands once in `_sides`, and serves either side
-            each = [_sides(label) if len(names) == 1 else (_sides(label) * 2)[i : i + 1] for label in labels]
-            out[name] = tuple(dict.fromkeys(label for both in each for label in both))
-    return out
-
-
-def _check_required(landmarks: Mapping[str, tuple[str, ...]], path: Path) -> None:
-    for name in missing_landmarks(landmarks):
-        raise InputError(
-            f"'{name}' is missing: give {instead_of(name)}", source=path, field="landmarks", code=Code.MARKER_SET
-        )
-
-
-def _check_once(groups: Iterable[tuple[str, tuple[str, ...]]], path: Path) -> None:
-    segment_of: dict[str, str] = {}
-    for segment, labels in groups:
-        for label in labels:
-            if label in segment_of:
-                raise InputError(
-                    f"marker '{label}' is on {segment_of[label]} and on {segment}; a marker is fixed in one segment",
-                    source=path,
-                    field="tracking",
-                    code=Code.MARKER_SET,
-                )
-            segment_of[label] = segment
-
-
 def marker_set_text(marker_set: MarkerSet) -> str:
     """TOML that `load_marker_set` reads back to the same set, both sides written out.
 
     Weights of markers that no segment follows are left out: they pull nothing.
     """
-    tables = [toml_table("", {"description": marker_set.description}).lstrip()]
-    groups = {
-        "tracking": marker_set.tracking,
-        "static_only": marker_set.static_only,
-        "optional": marker_set.optional,
-        "knee_device": marker_set.knee_device,
-        "aliases": marker_set.aliases,
-    }
-    tables.append(toml_table("[landmarks]", {toml_value(n): _landmark(marker_set, n) for n in marker_set.landmarks}))
-    always = ("tracking", "static_only", "aliases")
-    tables += [toml_table(f"[{name}]", _quoted(group)) for name, group in groups.items() if group or name in always]
+
+    def table(name: str, content: Mapping[str, object]) -> str:
+        return toml_table(
+            f"[{name}]", {toml_value(n): list(v) if isinstance(v, tuple) else v for n, v in content.items()}
+        )
+
+    landmarks: dict[str, object] = {}
+    for landmark in marker_set.landmarks:
+        options = [list(group) for group in marker_set.options(landmark)]
+        landmarks[landmark] = options[0] if len(options) == 1 else {"first_of": options}
     weights = {
         label: {"weight": float(weight), "reason": marker_set.reasons.get(label, NO_REASON)}
         for label, weight in marker_set.weights.items()
         if label in marker_set.tracked
     }
-    return "\n".join([*tables, toml_table("[weights]", _quoted(weights))])
-
-
-def _landmark(marker_set: MarkerSet, name: str) -> object:
-    """What serves as a landmark, as the file writes it."""
-    options = [list(group) for group in marker_set.options(name)]
-    return options[0] if len(options) == 1 else {"first_of": options}
-
-
-def _quoted(table: Mapping[str, object]) -> dict[str, object]:
-    return {toml_value(name): list(v) if isinstance(v, tuple) else v for name, v in table.items()}
+    tables = [
+        toml_table("", {"description": marker_set.description}).lstrip(),
+        table("landmarks", landmarks),
+        table("tracking", marker_set.tracking),
+        table("static_only", marker_set.static_only),
+        *(table(name, group) for name in ("optional", "knee_device") if (group := getattr(marker_set, name))),
+        table("aliases", marker_set.aliases),
+        table("weights", weights),
+    ]
+    return "\n".join(tables)

@@ -7,7 +7,6 @@ is told apart from its neighbours by 17). Reading keeps the text as a decimal, s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from decimal import Context, Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated
@@ -19,8 +18,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
-from gaitcal.io.toml import toml_value
-from gaitcal.io.validation import Table, read_validated, require_known, shown
+from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_value
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
@@ -28,8 +26,7 @@ from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 FORMAT = 1
 PRECISION = 60
 MOST_DIGITS = 21
-LARGEST = 300
-"""Of decimal exponents: within the range of doubles, whatever the unit."""
+LARGEST = 300  # of decimal exponents: within the range of doubles, whatever the unit
 _EXACT = Context(prec=PRECISION, Emin=-(10**6), Emax=10**6)
 _PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 _TO_SI = {
@@ -39,8 +36,17 @@ _TO_SI = {
     "kg*mm^2": Decimal("1e-6"),
     "m": Decimal(1),
 }
-_JP_UNITS = tuple(p.kind.unit for p in JOINT_PARAMETERS)
-_ZERO_UNITS = ("deg",) * len(ZERO_ANGLES)
+_ZERO_WORDS = "deg; constants that make zero ankle coordinates the foot at right angles to the shank"
+_TABLES = {
+    "joint_parameters": (JP_NAMES, tuple(p.kind.unit for p in JOINT_PARAMETERS), "mm, deg"),
+    "zero_angles": (ZERO_ANGLES, ("deg",) * len(ZERO_ANGLES), _ZERO_WORDS),
+    "inertial_parameters": (IP_NAMES, IP_UNITS, "kg, mm, kg*mm^2; moments about the mass centre"),
+}  # Table of the file -> names and units of its entries, and what the file says of them
+_ARRAYS = {"joint_parameters": "joint", "zero_angles": "zero_angles", "inertial_parameters": "inertial"}
+"""Table of the file -> field of `Parameters`."""
+_MEASURED = {"age": ("age_years", "kg"), "asis_distance": ("asis_distance_mm", "mm")}
+_MEASURED |= {"marker_diameter": ("marker_diameter_mm", "mm")}
+"""Field of a subject that may be unknown -> its name in the file, and its unit there (years: as they are)."""
 
 _HEADER = """\
 # A person's linkage model. Frames: x anterior, y superior, z to the right, on both sides; ant sup lat = x y z,
@@ -117,7 +123,8 @@ def save_model(model: SubjectModel, path: Path | str) -> None:
 
 def model_text(model: SubjectModel) -> str:
     """The text of a model file."""
-    s, now, nominal = model.subject, model.parameters, model.nominal
+    s = model.subject
+    measured = {name: (getattr(s, field), unit) for field, (name, unit) in _MEASURED.items()}
     lines = [
         _HEADER,
         f"format = {FORMAT}",
@@ -134,24 +141,20 @@ def model_text(model: SubjectModel) -> str:
         f"mass_kg = {_text(s.mass, 'kg')}",
         f"height_m = {_text(s.height, 'm')}",
         f"sex = {toml_value(s.sex)}",
-        *([] if s.age is None else [f"age_years = {_text(s.age, 'kg')}"]),
-        *([] if s.asis_distance is None else [f"asis_distance_mm = {_text(s.asis_distance, 'mm')}"]),
-        *([] if s.marker_diameter is None else [f"marker_diameter_mm = {_text(s.marker_diameter, 'mm')}"]),
-        *_widths("knee", s.knee_width),
-        *_widths("ankle", s.ankle_width),
-        *([f"session = {toml_value(s.session)}"] if s.session else []),
-        "",
-        "[joint_parameters] # mm, deg",
-        *_values(JP_NAMES, _JP_UNITS, now.joint, nominal.joint),
-        "",
-        "[zero_angles] # deg; constants that make zero ankle coordinates the foot at right angles to the shank",
-        *_values(ZERO_ANGLES, _ZERO_UNITS, now.zero_angles, nominal.zero_angles),
-        "",
-        "[inertial_parameters] # kg, mm, kg*mm^2; moments about the mass centre",
-        *_values(IP_NAMES, IP_UNITS, now.inertial, nominal.inertial),
-        "",
-        "[landmarks]",
+        *(f"{name} = {_text(value, unit)}" for name, (value, unit) in measured.items() if value is not None),
     ]
+    for joint, widths in (("knee", s.knee_width), ("ankle", s.ankle_width)):
+        inner = ", ".join(f"{side} = {_text(width, 'mm')}" for side, width in widths.items())
+        lines += [f"{joint}_width_mm = {{ {inner} }}"] if widths else []
+    lines += [f"session = {toml_value(s.session)}"] if s.session else []
+    for table, (names, units, words) in _TABLES.items():
+        lines += ["", f"[{table}] # {words}"]
+        width = max(map(len, names)) + 2
+        values, nominal = (getattr(p, _ARRAYS[table]) for p in (model.parameters, model.nominal))
+        for name, unit, v, n in zip(names, units, values, nominal, strict=True):
+            both = f"value = {_text(float(v), unit)}, nominal = {_text(float(n), unit)}"
+            lines.append(f"{toml_value(name):{width}} = {{ {both} }}")
+    lines += ["", "[landmarks]"]
     for name, (segment, position) in model.landmarks.items():
         place = f"segment = {toml_value(segment)}, position_mm = {_point(position)}"
         lines.append(f"{toml_value(name)} = {{ {place} }}")
@@ -168,14 +171,6 @@ def model_text(model: SubjectModel) -> str:
     if not m.labels:
         lines.insert(1, "marker = []")
     return "\n".join(lines) + "\n"
-
-
-def _values(names: tuple[str, ...], units: tuple[str, ...], value: Array, nominal: Array) -> list[str]:
-    width = max(map(len, names)) + 2
-    return [
-        f"{toml_value(name):{width}} = {{ value = {_text(float(v), unit)}, nominal = {_text(float(n), unit)} }}"
-        for name, unit, v, n in zip(names, units, value, nominal, strict=True)
-    ]
 
 
 def _point(position: Array) -> str:
@@ -197,13 +192,6 @@ def _text(x: float, unit: str) -> str:
     return text if "." in text or "e" in text else f"{text}.0"
 
 
-def _widths(joint: str, widths: Mapping[str, float]) -> list[str]:
-    if not widths:
-        return []
-    inner = ", ".join(f"{side} = {_text(width, 'mm')}" for side, width in widths.items())
-    return [f"{joint}_width_mm = {{ {inner} }}"]
-
-
 def _si(value: Decimal, unit: str) -> float:
     return float(_EXACT.multiply(value, _TO_SI[unit]))
 
@@ -217,51 +205,53 @@ def load_model(path: Path | str) -> SubjectModel:
         One line: file, entry, what was found, what is allowed.
     """
     source = Path(path)
+
+    def fault(text: str, field: str | None = None) -> InputError:
+        return InputError(text, source=source, field=field, code=Code.DAMAGED_RESULT)
+
     try:
         file = read_validated(_File, source, parse_float=Decimal)
     except InvalidOperation:
-        raise InputError("a number has more digits than can be read", source=source, code=Code.DAMAGED_RESULT) from None
+        raise fault("a number has more digits than can be read") from None
     if file.format != FORMAT:
-        raise InputError(
-            f"found {file.format}; allowed: {FORMAT}", source=source, field="format", code=Code.DAMAGED_RESULT
-        )
-    joint = _arrays(file.joint_parameters, JP_NAMES, _JP_UNITS, source, "joint_parameters")
-    inertial = _arrays(file.inertial_parameters, IP_NAMES, IP_UNITS, source, "inertial_parameters")
-    zero = _arrays(file.zero_angles, ZERO_ANGLES, _ZERO_UNITS, source, "zero_angles")
-    if file.subject.sex not in ("male", "female"):
-        found = shown(file.subject.sex)
-        raise InputError(
-            f"found {found}; allowed: 'male', 'female'", source=source, field="subject.sex", code=Code.DAMAGED_RESULT
-        )
-    for names, field in ((file.frozen, "frozen"), (file.posture_deg, "posture_deg")):
-        require_known(names, COORDINATES, "coordinate", source=source, field=field)
+        raise fault(f"found {file.format}; allowed: {FORMAT}", "format")
+    values: dict[str, Array] = {}
+    nominal: dict[str, Array] = {}
+    for table in ("joint_parameters", "inertial_parameters", "zero_angles"):
+        (names, units, _), found = _TABLES[table], getattr(file, table)
+        require_known(found, names, "parameter", source=source, field=table)
+        missing = [name for name in names if name not in found]
+        if missing:
+            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            raise fault(f"'{missing[0]}'{more} missing", table)
+        for out, column in ((values, "value"), (nominal, "nominal")):
+            numbers = [_si(getattr(found[name], column), unit) for name, unit in zip(names, units, strict=True)]
+            out[_ARRAYS[table]] = np.array(numbers)
+    s = file.subject
+    if s.sex not in ("male", "female"):
+        raise fault(f"found {shown(s.sex)}; allowed: 'male', 'female'", "subject.sex")
+    for coordinates, field in ((file.frozen, "frozen"), (file.posture_deg, "posture_deg")):
+        require_known(coordinates, COORDINATES, "coordinate", source=source, field=field)
     for places, field in ((file.marker, "marker"), (file.landmarks.values(), "landmarks")):
         require_known((place.segment for place in places), SEGMENTS, "segment", source=source, field=field)
     labels = tuple(m.label for m in file.marker)
     for label in labels:
         if labels.count(label) > 1:
-            raise InputError(
-                f"marker '{label}' is there {labels.count(label)} times",
-                source=source,
-                field="marker",
-                code=Code.DAMAGED_RESULT,
-            )
-    s = file.subject
+            raise fault(f"marker '{label}' is there {labels.count(label)} times", "marker")
+    measured = {f: (getattr(s, name), unit) for f, (name, unit) in _MEASURED.items()}
     return SubjectModel(
         subject=Subject(
             s.name,
             _si(s.mass_kg, "kg"),
             _si(s.height_m, "m"),
             s.sex,
-            age=None if s.age_years is None else _si(s.age_years, "kg"),
             knee_width={side: _si(width, "mm") for side, width in s.knee_width_mm.items()},
             ankle_width={side: _si(width, "mm") for side, width in s.ankle_width_mm.items()},
-            asis_distance=None if s.asis_distance_mm is None else _si(s.asis_distance_mm, "mm"),
-            marker_diameter=None if s.marker_diameter_mm is None else _si(s.marker_diameter_mm, "mm"),
             session=s.session,
+            **{f: None if value is None else _si(value, unit) for f, (value, unit) in measured.items()},
         ),
-        parameters=Parameters(joint[0], inertial[0], zero[0]),
-        nominal=Parameters(joint[1], inertial[1], zero[1]),
+        parameters=Parameters(**values),
+        nominal=Parameters(**nominal),
         markers=MarkerPlacement(
             labels,
             tuple(m.segment for m in file.marker),
@@ -279,17 +269,3 @@ def load_model(path: Path | str) -> SubjectModel:
 
 def _position(values: list[Decimal]) -> list[float]:
     return [_si(v, "mm") for v in values]
-
-
-def _arrays(
-    found: Mapping[str, _Value], names: tuple[str, ...], units: tuple[str, ...], source: Path, where: str
-) -> tuple[Array, Array]:
-    """Values in use and nominal ones (n,), SI, of a table that must hold all these names and no other."""
-    require_known(found, names, "parameter", source=source, field=where)
-    missing = [name for name in names if name not in found]
-    if missing:
-        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-        raise InputError(f"'{missing[0]}'{more} missing", source=source, field=where, code=Code.DAMAGED_RESULT)
-    value = [_si(found[name].value, unit) for name, unit in zip(names, units, strict=True)]
-    nominal = [_si(found[name].nominal, unit) for name, unit in zip(names, units, strict=True)]
-    return np.array(value), np.array(nominal)

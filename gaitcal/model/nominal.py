@@ -1,6 +1,19 @@
 """A person's nominal model from the static trial, and the published nominal subject.
 
 still window -> static posture -> segment frames -> joint parameters, marker positions, lengths -> inertial parameters
+
+Positions are the coordinates of the joint centre in the two segments that the joint connects, but for the subtalar one.
+A hinge (knee, elbow) lies along the proximal segment's z axis through the joint centre: A_proximal = 1, and with its
+direction a in the distal frame, A_distal = Rx(front) Ry(trans) has trans = asin(a_x), front = atan2(-a_y, a_z).
+
+Ankle. With A = Rx(front) the talocrural axis in the shank, B = Ry(trans) Rz(sag) the subtalar one in the foot and R
+the static orientation of the foot in the shank, the chain A Rz(alpha) Ry(t) Rx(beta) B^-1 = R gives
+
+    M = A^T R B:   t = -asin(M_zx) = talus.trans,   alpha = atan2(M_yx, M_xx),   beta = atan2(M_zy, M_zz).
+
+The zero angles are alpha - delta and beta, delta the dorsiflexion of the static posture (`ankle_zero.py`): zero ankle
+angle is the foot at right angles to the shank. The subtalar point of the foot closes the chain. So the static foot
+pose is met exactly, whatever the person's feet are.
 """
 
 from __future__ import annotations
@@ -19,38 +32,47 @@ from gaitcal.io.toml import models_path
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words
 from gaitcal.model.chain import axis_rotation, root_angles
-from gaitcal.model.joint_centres import HipCentre, JointWidths
-from gaitcal.model.landmark_names import SEGMENT_OF
+from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
 from gaitcal.model.linkage import (
     JOINTS,
     LEG_SEGMENTS,
     LEGS,
+    LUMBAR,
+    PELVIS_ANGLES,
     SEGMENT_TABLE,
     SEGMENTS,
     SIDES,
+    ZERO_ANGLES,
     coordinates_before,
     segment_kind,
 )
-from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.nominal_joints import CENTRE_OF, nominal_joint_parameters
+from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters, published_subject
 from gaitcal.model.present_markers import complete_static, worn
-from gaitcal.model.segment_frames import Frame, lower_body, sign
+from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, lower_body, sign
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-from gaitcal.model.trunk import upper_body
+from gaitcal.model.trunk import ArmJoints, upper_body
 from gaitcal.runtime import with_one_blas_thread
 
 __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]
 
 
-FULL_SUPPORT = 3
-"""Markers that the pelvis needs, which no joint holds."""
-
+TALOCRURAL_FRONT = np.deg2rad(7.3)  # 90 - 82.7 deg, Inman 1976
+SUBTALAR_TRANS, SUBTALAR_SAG = np.deg2rad(23.0), np.deg2rad(42.0)  # Inman 1976
+SUBTALAR_BELOW = 0.010  # m below the talocrural axis, along the talus's y
+_ROUNDING = 1e-13  # m or rad: below it a coordinate is zero by construction, and is told as zero
+FULL_SUPPORT = 3  # markers that the pelvis needs, which no joint holds
 RAISED = 0.1
 """Factor of the weights of shoulder and arm markers where the arm is raised sideways in the static trial: the acromion
 is then some 40 mm higher and nearer to the neck than in walking."""
 
+CENTRE_OF: dict[str, str] = {
+    joint.name: centre + (f"_{side}" if side else "")
+    for joint in JOINTS
+    for kind, side in (split_side(joint.name),)
+    if (centre := JOINT_TABLE[kind].centre)
+}  # Joint -> landmark that is its centre
 _OF_POINT = SEGMENT_OF | {CENTRE_OF[joint.name]: joint.parent for joint in JOINTS if joint.name in CENTRE_OF}
 """Landmark or joint centre -> the segment that keeps it."""
 
@@ -83,17 +105,15 @@ def nominal_model(
     InputError
         No still window; a landmark that is needed is missing; a leg segment has too few markers; no human proportions.
     """
-    given_weights = weights or {}
-    marker_set = marker_set.with_weights(given_weights)
+    marker_set = marker_set.with_weights(weights or {})
     static = complete_static(marker_set.renamed(static), marker_set)
     marker_set = worn(marker_set, static)
-    stray = ""
+    scatter = ""
     if window is None:
         found = still_window(static, marker_set.labels)
-        window, stray = found.frames, f", markers {1e3 * found.scatter:.1f} mm RMS from it"
-    still = window
-    frames_used = range(*still.indices(len(static.time)))
-    posture = static_posture(static, marker_set, still)
+        window, scatter = found.frames, f", markers {1e3 * found.scatter:.1f} mm RMS from it"
+    frames_used = range(*window.indices(len(static.time)))
+    posture = static_posture(static, marker_set, window)
     check_plausible(posture, subject.height)
     legs = lower_body(posture, subject.height, hip_centre, widths=JointWidths.of(subject))
     body = upper_body(posture, marker_set, legs, subject)
@@ -102,8 +122,11 @@ def nominal_model(
     joint, zero = nominal_joint_parameters(frames, centres, body.arms, standing.dorsiflexion)
     inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres))
     parameters = Parameters(joint, inertial, zero)
-    frozen = (*body.frozen_segments, *_bare(marker_set, posture))
-    carried = [label for label in _carried(marker_set, body.raised) if label not in given_weights]
+    # segments of the legs that may do without markers and of which none was seen
+    optional = [s for leg in LEGS.values() for s in leg if segment_kind(s).markers and s not in LEG_SEGMENTS]
+    bare = [s for s in optional if not set(marker_set.tracking.get(s, ())) & set(posture.markers)]
+    frozen = (*body.frozen_segments, *bare)
+    carried = [label for label in _carried(marker_set, body.raised) if label not in (weights or {})]
     raised = {label: marker_set.weight(label) * RAISED for label in carried}
     markers, notes = _placement(posture, marker_set.with_weights(raised), frames, frozen)
     if raised:
@@ -116,10 +139,14 @@ def nominal_model(
         markers=markers,
         frozen=coordinates_before(frozen),
         posture=_posture(frames, standing.dorsiflexion),
-        landmarks=_landmarks({**posture.landmarks, **centres}, frames, frozen),
+        landmarks={
+            name: (_OF_POINT[name], frames[_OF_POINT[name]].local(point))
+            for name, point in sorted({**posture.landmarks, **centres}.items())
+            if name in _OF_POINT and _OF_POINT[name] not in frozen
+        },
         notes=(
             *(f"static trial: {note}" for note in static.notes),
-            f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s{stray}",
+            f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s{scatter}",
             *marker_set.notes,
             *posture.notes,
             *legs.notes,
@@ -131,23 +158,13 @@ def nominal_model(
     )
 
 
-def _bare(marker_set: MarkerSet, posture: StaticPosture) -> tuple[str, ...]:
-    """Segments of the legs that may do without markers and of which none was seen."""
-    optional = [s for leg in LEGS.values() for s in leg if segment_kind(s).markers and s not in LEG_SEGMENTS]
-    return tuple(s for s in optional if not set(marker_set.tracking.get(s, ())) & set(posture.markers))
-
-
 def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float]) -> dict[str, float]:
     """Coordinates (rad) of pelvis, lumbar joint, hips and ankles in the static posture."""
     pelvis = frames["pelvis"].rotation
     ahead = axis_rotation(1, float(np.arctan2(pelvis[2, 0], pelvis[0, 0]))) @ pelvis
-    turns = {
-        ("pelvis_tilt", "pelvis_list", "pelvis_rotation"): (ahead, 1.0),
-        ("lumbar_extension", "lumbar_bending", "lumbar_rotation"): (pelvis.T @ frames["head_trunk"].rotation, 1.0),
-    }
+    turns = {PELVIS_ANGLES: (ahead, 1.0), LUMBAR: (pelvis.T @ frames["head_trunk"].rotation, 1.0)}
     for side in SIDES:
-        names = (f"hip_flexion_{side}", f"hip_adduction_{side}", f"hip_rotation_{side}")
-        turns[names] = (pelvis.T @ frames[f"thigh_{side}"].rotation, sign(side))
+        turns[coordinates_before([f"thigh_{side}"])] = (pelvis.T @ frames[f"thigh_{side}"].rotation, sign(side))
     out = {f"ankle_angle_{side}": float(dorsiflexion[side]) for side in SIDES}
     for names, (rotation, mirrored) in turns.items():
         (angles,) = root_angles(rotation[None]) * [1.0, mirrored, mirrored]
@@ -182,12 +199,8 @@ def _placement(
 ) -> tuple[MarkerPlacement, tuple[str, ...]]:
     """Local positions of all markers that were seen, in segments that move."""
     weight = marker_set.weight
-    labels: list[str] = []
-    segments: list[str] = []
-    dropped: list[str] = []
-    for segment in SEGMENTS:
-        if segment in frozen:
-            continue
+    labels, segments, dropped = list[str](), list[str](), list[str]()
+    for segment in (s for s in SEGMENTS if s not in frozen):
         tracking = marker_set.tracking.get(segment, ())
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
@@ -211,16 +224,53 @@ def _placement(
     return MarkerPlacement(tuple(labels), tuple(segments), local, np.array([weight(m) for m in labels])), notes
 
 
-def _landmarks(
-    points: Mapping[str, Array], frames: Mapping[str, Frame], frozen: tuple[str, ...]
-) -> dict[str, tuple[str, Array]]:
-    """Points of the laboratory (3,) m that the model keeps, each in its segment, but for segments that are frozen."""
-    out = {}
-    for name, point in points.items():
-        segment = _OF_POINT.get(name)
-        if segment is not None and segment not in frozen:
-            out[name] = (segment, frames[segment].local(point))
-    return dict(sorted(out.items()))
+def nominal_joint_parameters(
+    frames: dict[str, Frame], centres: dict[str, Array], arms: ArmJoints, dorsiflexion: Mapping[str, float]
+) -> tuple[Array, Array]:
+    """Joint parameters (np,) and zero angles (nz,), m and rad.
+
+    Parameters
+    ----------
+    frames : all segments but the tali.
+    centres : `lumbar`, and for each side `hjc kjc ajc sjc ejc`, (3,) m in the laboratory.
+    arms : turn of the shoulders, axes of the elbows.
+    dorsiflexion : side -> rad, ankle angle of the static posture.
+    """
+    values = {
+        p.name: float(frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis])
+        for p in JOINT_PARAMETERS
+        if p.kind is Kind.POSITION and p.joint in CENTRE_OF
+    }
+    zero: dict[str, float] = {}
+    for side in SIDES:
+        values[f"shoulder_{side}.upperarm.trans"] = arms.shoulder_turn[side]
+        knee_axis = frames[f"thigh_{side}"].rotation[:, 2]
+        for hinge, segment, axis in (
+            (f"knee_{side}.shank", f"shank_{side}", knee_axis),
+            (f"elbow_{side}.forearm", f"forearm_hand_{side}", arms.elbow_axis[side]),
+        ):
+            a = frames[segment].rotation.T @ axis
+            values[f"{hinge}.front"] = np.arctan2(-a[1], a[2])
+            values[f"{hinge}.trans"] = np.arcsin(np.clip(a[0], -1.0, 1.0))
+        s, shank, foot = sign(side), frames[f"shank_{side}"], frames[f"foot_{side}"]
+        first = axis_rotation(0, s * TALOCRURAL_FRONT)
+        second = axis_rotation(1, s * SUBTALAR_TRANS) @ axis_rotation(2, SUBTALAR_SAG)
+        m = first.T @ (shank.rotation.T @ foot.rotation) @ second
+        alpha, beta = np.arctan2(m[1, 0], m[0, 0]), np.arctan2(m[2, 1], m[2, 2])
+        talus = shank.rotation @ first @ axis_rotation(2, float(alpha))
+        subtalar = foot.local(centres[f"ajc_{side}"] - SUBTALAR_BELOW * talus[:, 1])
+        values |= {
+            f"talocrural_{side}.shank.front": s * TALOCRURAL_FRONT,
+            f"subtalar_{side}.talus.trans": -float(np.arcsin(np.clip(m[2, 0], -1.0, 1.0))),
+            f"subtalar_{side}.talus.sup": -SUBTALAR_BELOW,
+            f"subtalar_{side}.foot.trans": s * SUBTALAR_TRANS,
+            f"subtalar_{side}.foot.sag": SUBTALAR_SAG,
+            **{f"subtalar_{side}.foot.{d}": x for d, x in zip(("ant", "sup", "lat"), subtalar, strict=True)},
+        }
+        zero |= {f"talocrural_{side}.zero": alpha - dorsiflexion[side], f"subtalar_{side}.zero": beta}
+    joint = np.array([values.get(name, 0.0) for name in JP_INDEX])
+    joint[np.abs(joint) < _ROUNDING] = 0.0
+    return joint, np.array([zero[name] for name in ZERO_ANGLES])
 
 
 PUBLISHED = Subject("published nominal subject", 69.4, 1.70, "male")
@@ -246,18 +296,18 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
                 placed[f"L.{label}"] = (f"{segment}_l", local * [1.0, 1.0, -1.0])
     marker_set = load_marker_set("published")
     taken_off = {label for group in marker_set.static_only.values() for label in group}
-    kept = {label: place for label, place in placed.items() if static_only or label not in taken_off}
-    ordered = sorted(kept, key=lambda label: SEGMENTS.index(kept[label][0]))
+    kept = [label for label in placed if static_only or label not in taken_off]
+    labels = tuple(sorted(kept, key=lambda label: SEGMENTS.index(placed[label][0])))
     markers = MarkerPlacement(
-        tuple(ordered),
-        tuple(kept[label][0] for label in ordered),
-        np.array([kept[label][1] for label in ordered]),
-        np.array([marker_set.weight(label) for label in ordered]),
+        labels,
+        tuple(placed[label][0] for label in labels),
+        np.array([placed[label][1] for label in labels]),
+        np.array([marker_set.weight(label) for label in labels]),
     )
     parameters = published_subject()
     landmarks = {
-        name: (placed[labels[0]][0], np.mean([placed[label][1] for label in labels], axis=0))
-        for name, labels in marker_set.landmarks.items()
+        name: (placed[group[0]][0], np.mean([placed[label][1] for label in group], axis=0))
+        for name, group in marker_set.landmarks.items()
     }
     for joint in JOINTS:
         if joint.name in CENTRE_OF:

@@ -1,17 +1,15 @@
 """All numbers of one person's linkage: joint parameters, inertial parameters, and the ankles' zero angles.
 
-The inertial parameters (IPs): mass, mass centre and principal moments of the segments that have mass.
+Joint parameters (JPs) say where each joint axis lies in the two segments it connects. Which joint has which is told
+once, by the tables of `linkage.py`; here is their list in the order of files and arrays. Reinbolt et al., IEEE TBME
+2007, Table II lists the 27 of one leg; the lists for back, shoulder and elbow (6, 10, 9) are the natural split of the
+remaining 98 - 2 * 27 = 44. Positions are `ant sup lat` (x y z), orientations `front trans sag` (about x, y, z) of the
+segment's frame: x anterior, y superior, z to the right on both sides. A left value is the mirror image z -> -z of the
+right one.
 
-Moments are about the mass centre, principal axes parallel to the segment axes; `ant sup lat` = x y z. The talus is
-massless. The 36 symmetric IPs (left = right) are those of Reinbolt et al. 2007, Table IV, less `foot superior`.
-
-The catalogue of the joint parameters (JPs): where each joint axis lies in the two segments it connects.
-
-Which joint has which is told once, by the tables of `linkage.py`; this is their list in the order of files and arrays.
-Reinbolt et al., IEEE TBME 2007, Table II lists the 27 of one leg; the lists for back, shoulder and elbow
-(6, 10, 9) are the natural split of the remaining 98 - 2 * 27 = 44. Positions are `ant sup lat` (x y z),
-orientations `front trans sag` (about x, y, z) of the segment's frame: x anterior, y superior, z to the right
-on both sides. A left value is the mirror image z -> -z of the right one.
+Inertial parameters (IPs): mass, mass centre and principal moments of the segments that have mass. Moments are about the
+mass centre, principal axes parallel to the segment axes. The talus is massless. The 36 symmetric IPs (left = right) are
+those of Reinbolt et al. 2007, Table IV, less `foot superior`.
 """
 
 from __future__ import annotations
@@ -50,36 +48,29 @@ IP_NAMES: tuple[str, ...] = tuple(f"{s}.{q}" for s in MASSIVE_SEGMENTS for q in 
 
 IP_INDEX: dict[str, int] = {name: i for i, name in enumerate(IP_NAMES)}
 IP_UNITS: tuple[str, ...] = UNITS * len(MASSIVE_SEGMENTS)
-IP_TO_SI: Array = np.array(_TO_SI * len(MASSIVE_SEGMENTS))
-"""(ni,) factors from kg, mm, kg mm^2 to SI."""
+IP_TO_SI: Array = np.array(_TO_SI * len(MASSIVE_SEGMENTS))  # (ni,) factors from kg, mm, kg mm^2 to SI
 
 
 @dataclass(frozen=True)
 class InertialSet:
     """Free variables x of an IP calibration: IPs = selection @ x, and as they were where no variable enters."""
 
-    names: tuple[str, ...]
-    """Of the free variables: `pelvis.mass`, `thigh.com.sup`, ... (symmetric) or the IP names (all)."""
+    names: tuple[str, ...]  # of the free variables: `pelvis.mass`, `thigh.com.sup`, ... or the IP names (all)
     selection: Array
     """(ni, n): column k holds the factors (1, or -1 for a mirrored coordinate) with which variable k enters the IPs."""
 
 
 def symmetric_set() -> InertialSet:
     """The symmetric IPs: masses, those mass-centre coordinates that `free_centre` names, moments."""
-    names: list[str] = []
-    columns: list[Array] = []
     centres = {row.name: row.free_centre for row in SEGMENT_TABLE.values() if row.parts}
     masses, moments = dict.fromkeys(centres, ("mass",)), dict.fromkeys(centres, ("moi.ant", "moi.sup", "moi.lat"))
-    for group in (masses, centres, moments):
-        for body, quantities in group.items():
-            for quantity in quantities:
-                column = np.zeros(len(IP_NAMES))
-                for segment in MASSIVE_SEGMENTS:
-                    if segment == body or segment[:-2] == body:
-                        column[IP_INDEX[f"{segment}.{quantity}"]] = 1.0
-                names.append(f"{body}.{quantity}")
-                columns.append(column)
-    return InertialSet(tuple(names), np.stack(columns, axis=1))
+    free = [(body, q) for group in (masses, centres, moments) for body, quantities in group.items() for q in quantities]
+    selection = np.zeros((len(IP_NAMES), len(free)))
+    for k, (body, quantity) in enumerate(free):
+        for segment in MASSIVE_SEGMENTS:
+            if segment_kind(segment).name == body:
+                selection[IP_INDEX[f"{segment}.{quantity}"], k] = 1.0
+    return InertialSet(tuple(f"{body}.{quantity}" for body, quantity in free), selection)
 
 
 def full_set() -> InertialSet:
@@ -90,6 +81,10 @@ def full_set() -> InertialSet:
 def table(inertial: Array) -> Array:
     """(ns, 7) view of an (ni,) array."""
     return inertial.reshape(len(MASSIVE_SEGMENTS), len(QUANTITIES))
+
+
+_DIAGONAL, _BESIDE_DIAGONAL = ((0, 4), (1, 6), (2, 9)), ((0, 1, 5), (0, 2, 7), (1, 2, 8))
+"""Axes, and where the ten dynamic parameters hold their entry of the inertia."""
 
 
 def dynamic_parameters(inertial: Array) -> Array:
@@ -103,9 +98,9 @@ def dynamic_parameters(inertial: Array) -> Array:
     out[:, 0] = m
     out[:, 1:4] = m[:, None] * c
     square = np.sum(c * c, axis=1)
-    for axis, column in ((0, 4), (1, 6), (2, 9)):
+    for axis, column in _DIAGONAL:
         out[:, column] = moments[:, axis] + m * (square - c[:, axis] ** 2)
-    for (a, b), column in (((0, 1), 5), ((0, 2), 7), ((1, 2), 8)):
+    for a, b, column in _BESIDE_DIAGONAL:
         out[:, column] = -m * c[:, a] * c[:, b]
     return out
 
@@ -120,13 +115,13 @@ def dynamic_jacobian(inertial: Array) -> Array:
     for axis in range(3):
         jac[:, 1 + axis, 0] = c[:, axis]
         jac[:, 1 + axis, 1 + axis] = m
-    for axis, column in ((0, 4), (1, 6), (2, 9)):
+    for axis, column in _DIAGONAL:
         jac[:, column, 0] = square - c[:, axis] ** 2
         jac[:, column, 4 + axis] = 1.0
         for other in range(3):
             if other != axis:
                 jac[:, column, 1 + other] = 2.0 * m * c[:, other]
-    for (a, b), column in (((0, 1), 5), ((0, 2), 7), ((1, 2), 8)):
+    for a, b, column in _BESIDE_DIAGONAL:
         jac[:, column, 0] = -c[:, a] * c[:, b]
         jac[:, column, 1 + a] = -m * c[:, b]
         jac[:, column, 1 + b] = -m * c[:, a]
@@ -140,8 +135,7 @@ def placed_dynamic_parameters(rotation: Array, translation: Array) -> Array:
     """
     x = np.eye(4)
     x[:3, :3], x[:3, 3] = rotation, translation
-    out: Array = _FROM_PSEUDO @ np.kron(x, x) @ _TO_PSEUDO
-    return out
+    return _FROM_PSEUDO @ np.kron(x, x) @ _TO_PSEUDO
 
 
 _SYMMETRIC = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
@@ -149,28 +143,22 @@ _SYMMETRIC = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
 
 
 def _to_pseudo(p: Array) -> Array:
-    """(4, 4) pseudo-inertia of dynamic parameters (10,): sum x x^T = tr(I) / 2 - I."""
+    """(16,) pseudo-inertia of dynamic parameters (10,): sum x x^T = tr(I) / 2 - I."""
     inertia = p[_SYMMETRIC]
-    out = np.zeros((4, 4))
-    out[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    out[:3, 3] = out[3, :3] = p[1:4]
-    out[3, 3] = p[0]
-    return out
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return np.block([[second, p[1:4, None]], [p[1:4], p[0]]]).ravel()
 
 
 def _from_pseudo(j: Array) -> Array:
-    """(10,) dynamic parameters of a pseudo-inertia (4, 4): I = tr(S) - S, S the sum of x x^T."""
-    second = j[:3, :3]
-    inertia = np.trace(second) * np.eye(3) - second
-    out = np.empty(10)
-    out[0], out[1:4] = j[3, 3], j[:3, 3]
-    out[_SYMMETRIC] = inertia
+    """(10,) dynamic parameters of a pseudo-inertia (16,): I = tr(S) - S, S the sum of x x^T."""
+    second, out = j.reshape(4, 4)[:3, :3], np.empty(10)
+    out[0], out[1:4] = j[15], j[3:12:4]
+    out[_SYMMETRIC] = np.trace(second) * np.eye(3) - second
     return out
 
 
-_TO_PSEUDO = np.stack([_to_pseudo(unit).ravel() for unit in np.eye(10)], axis=1)
-_FROM_PSEUDO = np.stack([_from_pseudo(unit.reshape(4, 4)) for unit in np.eye(16)], axis=1)
-"""The same as matrices, of the 16 entries of a pseudo-inertia."""
+_TO_PSEUDO = np.stack([_to_pseudo(unit) for unit in np.eye(10)], axis=1)
+_FROM_PSEUDO = np.stack([_from_pseudo(unit) for unit in np.eye(16)], axis=1)
 
 
 def is_physical(inertial: Array) -> BoolArray:
@@ -206,15 +194,11 @@ class Kind(Enum):
 class JointParameter:
     """One entry of the catalogue."""
 
-    name: str
-    """For example `hip_r.pelvis.ant`."""
-    joint: str
-    """`hip_r`, `back`, ..."""
-    segment: str
-    """The segment in whose frame it is measured: `pelvis`, `thigh_r`, ..."""
+    name: str  # for example `hip_r.pelvis.ant`
+    joint: str  # `hip_r`, `back`, ...
+    segment: str  # in whose frame it is measured: `pelvis`, `thigh_r`, ...
     kind: Kind
-    axis: int
-    """0, 1, 2: the coordinate (position) or the axis turned about (orientation)."""
+    axis: int  # 0, 1, 2: the coordinate (position) or the axis turned about (orientation)
 
     @property
     def mirrored(self) -> bool:
@@ -239,8 +223,7 @@ JOINT_PARAMETERS: tuple[JointParameter, ...] = tuple(_catalogue())
 
 JP_NAMES: tuple[str, ...] = tuple(p.name for p in JOINT_PARAMETERS)
 JP_INDEX: dict[str, int] = {name: i for i, name in enumerate(JP_NAMES)}
-JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])
-"""(np,) factors from mm and deg to m and rad."""
+JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])  # (np,) factors from mm and deg to m and rad
 
 
 def isolated_parameters(isolated: str) -> tuple[str, ...]:
@@ -254,13 +237,11 @@ def gait_parameters(side: str) -> tuple[str, ...]:
 
     Hip: pelvis and thigh, anterior and superior; knee: all nine; talocrural: all but lateral.
     """
-    kept = []
-    for p in JOINT_PARAMETERS:
-        hip = p.joint == f"hip_{side}" and p.axis != 2
-        talocrural = p.joint == f"talocrural_{side}" and not (p.kind is Kind.POSITION and p.axis == 2)
-        if hip or talocrural or p.joint == f"knee_{side}":
-            kept.append(p.name)
-    return tuple(kept)
+    hip = [p for p in JOINT_PARAMETERS if p.joint == f"hip_{side}" and p.axis != 2]
+    knee = [p for p in JOINT_PARAMETERS if p.joint == f"knee_{side}"]
+    ankle = [p for p in JOINT_PARAMETERS if p.joint == f"talocrural_{side}"]
+    ankle = [p for p in ankle if p.kind is Kind.ORIENTATION or p.axis != 2]
+    return tuple(p.name for p in (*hip, *knee, *ankle))
 
 
 def leg_parameters(side: str) -> tuple[str, ...]:

@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,14 +18,12 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.model.landmark_names import PARTNER, REQUIRED
 from gaitcal.model.landmarks import corner, is_device
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.linkage import SIDE_WORDS, SIDES
+from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet
 
-ROD_M = (0.05, 0.15)
-"""m, allowed length of a rod of a knee alignment device; the usual one has 0.095."""
-JOINT_WIDTH_M = (0.03, 0.2)
-"""m, allowed distance between the lateral and the medial marker of a knee or an ankle."""
+ROD_M = (0.05, 0.15)  # m, allowed length of a rod of a knee alignment device; the usual one has 0.095
+JOINT_WIDTH_M = (0.03, 0.2)  # m, allowed distance between the lateral and the medial marker of a knee or an ankle
 
 
 def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
@@ -66,31 +64,29 @@ def _check_no_rod_is_a_knee(static: Recording, marker_set: MarkerSet) -> None:
     """The end of a rod under the name of the knee marker would put the knee 95 mm outwards of where it is."""
     seen = _seen(static)
     for label, (axis, second, third) in marker_set.knee_device.items():
-        if {label, second, third} <= seen and axis not in seen:
-            paths = [_path(static, part) for part in (label, second, third)]
-            if is_device(*paths):
-                raise InputError(
-                    "found the end of a rod of a knee alignment device, as far from "
-                    f"'{second}' and '{third}' as they are from each other; allowed: a marker on the knee. "
-                    f"Leave its label as '{axis}': the set knows the device",
-                    source=static.source,
-                    field=f"marker '{label}'",
-                    code=Code.MARKER_SET,
-                )
+        rods = {label, second, third} <= seen and axis not in seen
+        if rods and is_device(*(_path(static, part) for part in (label, second, third))):
+            raise InputError(
+                f"found the end of a rod of a knee alignment device, as far from '{second}' and '{third}' as they are "
+                "from each other; allowed: a marker on the knee. "
+                f"Leave its label as '{axis}': the set knows the device",
+                source=static.source,
+                field=f"marker '{label}'",
+                code=Code.MARKER_SET,
+            )
 
 
 def _modelled(static: Recording, marker_set: MarkerSet, seen: set[str]) -> dict[str, Array]:
     """Marker -> (nf, 3) m, points that another program computed, for landmarks that no marker `seen` gives."""
-    computed = static.computed
-    if computed is None:
-        return {}
-    at = {label: i for i, label in enumerate(computed.labels) if np.isfinite(computed.points[:, i]).any()}
+    labels = () if static.computed is None else static.computed.labels
+    paths = {label: path for label in labels if (path := _computed(static, label)) is not None}
+    at = {label: path for label, path in paths.items() if np.isfinite(path).any()}
     out: dict[str, Array] = {}
     for name in marker_set.landmarks:
         options = marker_set.options(name)
         if not any(seen.issuperset(group) for group in options):
             group = next((group for group in options if (seen | set(at)).issuperset(group)), ())
-            out |= {label: computed.points[:, at[label]] for label in group if label not in seen}
+            out |= {label: at[label] for label in group if label not in seen}
     return out
 
 
@@ -128,9 +124,10 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
             landmarks[f"knee_axis_{side}"] = (parts[0],)
             of = ", ".join(parts) if label in whole else f"{parts[0]} and the modelled {label}"
             notes.append(
-                f"knee, {'right' if side == 'r' else 'left'}: {of} taken as a knee alignment device, whose rod is the "
+                f"knee, {SIDE_WORDS[side]}: {of} taken as a knee alignment device, whose rod is the "
                 "direction of the knee's axis"
             )
+    tracking, static_only = _groups(marker_set, landmarks, seen)
     made = replace(
         marker_set,
         landmarks=landmarks,
@@ -138,7 +135,9 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         knee_device={},
         devices=tuple(m for parts in marker_set.knee_device.values() for m in parts),
         notes=(*([f"landmarks of the set that have alternatives: {'; '.join(told)}"] if told else []), *notes),
-        **_groups(marker_set, landmarks, seen),  # type: ignore[arg-type]
+        tracking=tracking,
+        static_only=static_only,
+        optional={},
     )
     known = set(made.labels)
     return replace(
@@ -160,8 +159,8 @@ def _guessed(name: str, marker_set: MarkerSet, static: Recording, seen: set[str]
 
 def _groups(
     marker_set: MarkerSet, landmarks: Mapping[str, tuple[str, ...]], seen: set[str]
-) -> dict[str, dict[str, tuple[str, ...]]]:
-    """`tracking`, `static_only` and `optional` without what nobody wears and nobody misses."""
+) -> Iterator[dict[str, tuple[str, ...]]]:
+    """`tracking` and `static_only`, those of `optional` among them, without what nobody wears and nobody misses."""
     in_use = {label for group in landmarks.values() for label in group}
     open_names = [name for name in marker_set.landmarks if name in marker_set.alternatives or name not in landmarks]
     rejected = {m for name in open_names for group in marker_set.options(name) for m in group} - in_use - seen
@@ -175,8 +174,7 @@ def _groups(
         static_only[segment] = (*static_only.get(segment, ()), *(m for m in there if m not in always))
     for segment in set(static_only) - {s for s, labels in tracking.items() if labels}:  # landmarks without a cluster
         tracking[segment] = static_only.pop(segment)
-    groups = {"tracking": tracking, "static_only": static_only, "optional": {}}
-    return {name: {s: labels for s, labels in table.items() if labels} for name, table in groups.items()}
+    return ({s: labels for s, labels in table.items() if labels} for table in (tracking, static_only))
 
 
 def _seen(recording: Recording) -> set[str]:
@@ -187,24 +185,20 @@ def _seen(recording: Recording) -> set[str]:
 
 def _path(recording: Recording, label: str) -> Array:
     """(nf, 3) m."""
-    out: Array = recording.markers[:, recording.labels.index(label)]
-    return out
+    return recording.markers[:, recording.labels.index(label)]
 
 
 def _mean(recording: Recording, labels: tuple[str, ...]) -> Array:
     """(nf, 3) m."""
-    out: Array = np.mean([_path(recording, label) for label in labels], axis=0)
-    return out
+    return np.mean([_path(recording, label) for label in labels], axis=0)
 
 
 def _devices(static: Recording, marker_set: MarkerSet) -> dict[str, Array]:
     """Lateral knee marker -> (nf, 3) m, corner of the device that the trial has in its place."""
-    seen = _seen(static)
-    out = {}
-    asis = {side: marker_set.landmarks.get(f"asis_{side}", ()) for side in "rl"}
-    across: Array | None = None
-    if all(group and seen.issuperset(group) for group in asis.values()):
-        across = _mean(static, asis["l"]) - _mean(static, asis["r"])
+    seen, out = _seen(static), dict[str, Array]()
+    right, left = (marker_set.landmarks.get(f"asis_{side}", ()) for side in SIDES)
+    known = right and left and seen.issuperset({*right, *left})
+    across = _mean(static, left) - _mean(static, right) if known else None
     for label, parts in marker_set.knee_device.items():
         if not seen.issuperset(parts):
             continue
@@ -221,8 +215,7 @@ def _computed(static: Recording, label: str) -> Array | None:
     """(nf, 3) m, where another program has a marker; None where it has none."""
     if static.computed is None or label not in static.computed.labels:
         return None
-    out: Array = static.computed.points[:, static.computed.labels.index(label)]
-    return out
+    return static.computed.points[:, static.computed.labels.index(label)]
 
 
 def _on_rod(static: Recording, label: str, end: str) -> bool:
@@ -230,16 +223,21 @@ def _on_rod(static: Recording, label: str, end: str) -> bool:
 
     Its other markers were then seen by the program that modelled the knee, if not by us.
     """
-    if static.computed is None or label not in static.computed.labels or not {label, end} <= _seen(static):
+    if _computed(static, label) is None or not {label, end} <= _seen(static):
         return False
-    apart = np.linalg.norm(_path(static, end) - _path(static, label), axis=1)
+    return ROD_M[0] <= _apart(_path(static, end), _path(static, label)) <= ROD_M[1]
+
+
+def _apart(one: Array, other: Array) -> float:
+    """m, median distance of two paths (nf, 3); NaN where they are never seen together."""
+    apart = np.linalg.norm(one - other, axis=1)
     apart = apart[np.isfinite(apart)]
-    return bool(len(apart)) and ROD_M[0] <= float(np.median(apart)) <= ROD_M[1]
+    return float(np.median(apart)) if len(apart) else np.nan
 
 
 def _side_of(marker_set: MarkerSet, label: str) -> str:
     """Side of the knee on which a lateral marker sits."""
-    return next((s for s in "rl" if label in marker_set.landmarks.get(f"knee_lat_{s}", ())), "r")
+    return next((s for s in SIDES if label in marker_set.landmarks.get(f"knee_lat_{s}", ())), "r")
 
 
 def _fits(
@@ -255,10 +253,9 @@ def _fits(
     lateral = landmarks.get(f"{joint}_lat_{side}", marker_set.landmarks.get(f"{joint}_lat_{side}", ()))
     if joint not in ("knee", "ankle") or not lateral or not _seen(static).issuperset(lateral):
         return True
-    apart = np.linalg.norm(_mean(static, group) - _mean(static, lateral), axis=1)
-    apart = apart[np.isfinite(apart)]
-    if len(apart) and JOINT_WIDTH_M[0] <= float(np.median(apart)) <= JOINT_WIDTH_M[1]:
+    apart = _apart(_mean(static, group), _mean(static, lateral))
+    if JOINT_WIDTH_M[0] <= apart <= JOINT_WIDTH_M[1]:
         return True
-    found = f"{1e3 * float(np.median(apart)):.0f} mm from" if len(apart) else "never seen with"
+    found = f"{1e3 * apart:.0f} mm from" if np.isfinite(apart) else "never seen with"
     notes.append(f"{', '.join(group)} not taken for {name}: {found} {', '.join(lateral)}, no width of a joint")
     return False

@@ -28,24 +28,17 @@ from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
-from gaitcal.model.ankle_zero import carried, left_share, lever, off_line, rigid_motions
-from gaitcal.model.joint_centres import HipCentre, hip_centre
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.segment_frames import HipCentre, hip_centre, off_line, pelvis_frame, rigid_motions
 
-FEWEST = 3
-"""Points that tell how a segment is turned."""
-FLAT_M = 0.012
-"""RMS distance from their line that companions must have at least, m: the turn about a line is not told by less."""
+FEWEST = 3  # points that tell how a segment is turned
+FLAT_M = 0.012  # RMS distance from their line that companions must have: the turn about a line is not told by less
 FEWEST_FRAMES = 3
-MOST_FRAMES = 200
-"""Frames of a trial that are looked at, evenly spaced."""
-LOOSE_M = 0.020
-"""A marker more uncertain than this is not rebuilt: regressions for joint centres err by as much at worst."""
-SKIN_M = 0.003
-"""How far a marker shifts with its skin from one trial to the next while nobody touches it, at least, m."""
-NEAR_M = 0.01
-"""A marker without a meaning so near to a rebuilt one, or within its uncertainty, may be the same."""
+MOST_FRAMES = 200  # of a trial that are looked at, evenly spaced
+LOOSE_M = 0.020  # a marker more uncertain is not rebuilt: regressions for joint centres err by as much at worst
+SKIN_M = 0.003  # how far a marker shifts with its skin from one trial to the next while nobody touches it, at least
+NEAR_M = 0.01  # a marker without a meaning so near to a rebuilt one, or within its uncertainty, may be the same
 BESIDE = {"shank": ("knee", "thigh"), "foot": ("ankle", "shank")}
 """Segment -> the joint above it, and the segment there that carries it."""
 
@@ -56,41 +49,29 @@ class RebuiltMarker:
 
     label: str
     segment: str
-    landmarks: tuple[str, ...]
-    """Landmarks of the set that it makes."""
-    place: Array
-    """(3,) m in the laboratory of the static trial, where its companions have their mean places."""
-    companions: tuple[str, ...]
-    """What it was placed by."""
-    trial: str
-    """Name of the trial that shows it beside them."""
-    frames: int
-    """Of that trial, which were used."""
-    uncertainty: float
-    """m, RMS: scatter and differing shape together."""
-    stranger: str = ""
-    """A marker of the static trial that the set does not know, where the rebuilt one is: it may be the same."""
+    landmarks: tuple[str, ...]  # of the set that it makes
+    place: Array  # (3,) m in the laboratory of the static trial, where its companions have their mean places
+    companions: tuple[str, ...]  # what it was placed by
+    trial: str  # name of the trial that shows it beside them
+    frames: int  # of that trial, which were used
+    uncertainty: float  # m, RMS: scatter and differing shape together
+    stranger: str = ""  # a marker of the static trial that the set does not know, there: it may be the same
 
     @property
     def words(self) -> str:
         """Which marker, from where, how well."""
-        by = ", ".join(self.companions)
-        return (
-            f"'{self.label}' rebuilt from {self.frames} frames of '{self.trial}' by {by}, "
-            f"to {1e3 * self.uncertainty:.1f} mm"
-            + (f" ('{self.stranger}' of the static trial lies there: is it the same?)" if self.stranger else "")
-        )
+        same = f" ('{self.stranger}' of the static trial lies there: is it the same?)" if self.stranger else ""
+        by, to = ", ".join(self.companions), 1e3 * self.uncertainty
+        return f"'{self.label}' rebuilt from {self.frames} frames of '{self.trial}' by {by}, to {to:.1f} mm{same}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rebuilding:
     """A static trial with what could be rebuilt."""
 
-    static: Recording
-    """With the rebuilt markers in every frame that shows their companions."""
+    static: Recording  # with the rebuilt markers in every frame that shows their companions
     markers: tuple[RebuiltMarker, ...] = ()
-    left: Mapping[str, str] = field(default_factory=dict)
-    """Lost marker that other trials show -> why it is not rebuilt."""
+    left: Mapping[str, str] = field(default_factory=dict)  # lost marker that others show -> why it is not rebuilt
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -119,9 +100,8 @@ def rebuild_lost(
     except InputError:
         return Rebuilding(static=static)  # told where the model is made
     sources = [(name, static), *others]
-    standing = _means(static, window)
-    found: list[RebuiltMarker] = []
-    left: dict[str, str] = {}
+    standing, known = _means(static, window), set(marker_set.labels)
+    found, left = list[RebuiltMarker](), dict[str, str]()
     for label in _wanted(marker_set):
         showing = [(trial, recording) for trial, recording in sources if _shows(recording, label)]
         if label in standing or not showing:
@@ -135,7 +115,10 @@ def rebuild_lost(
             by = ", ".join(best.companions)
             left[label] = f"its place beside {by} is uncertain by {1e3 * best.uncertainty:.0f} mm"
         else:
-            found.append(replace(best, stranger=_stranger(best, marker_set, standing)))
+            away = {m: float(np.linalg.norm(at - best.place)) for m, at in standing.items() if m not in known}
+            nearest = min(away, key=away.__getitem__, default="")
+            is_there = nearest and away[nearest] <= max(best.uncertainty, NEAR_M)
+            found.append(replace(best, stranger=nearest if is_there else ""))
             # what the pelvis has got back may carry a hip centre; no companion is ever a rebuilt marker but there
             if best.segment == "pelvis":
                 standing[label] = best.place
@@ -143,14 +126,6 @@ def rebuild_lost(
         static = _filled(static, marker, window, standing, marker_set)
     told = [f"markers that this trial lost: {'; '.join(marker.words for marker in found)}"] if found else []
     return Rebuilding(static=static.with_notes(*told), markers=tuple(found), left=left)
-
-
-def _stranger(marker: RebuiltMarker, marker_set: MarkerSet, standing: Mapping[str, Array]) -> str:
-    """The label unknown to the set that lies nearest to a rebuilt marker in the static trial; empty: none is near."""
-    known = set(marker_set.labels)
-    away = {m: float(np.linalg.norm(at - marker.place)) for m, at in standing.items() if m not in known}
-    nearest = min(away, key=away.__getitem__, default="")
-    return nearest if nearest and away[nearest] <= max(marker.uncertainty, NEAR_M) else ""
 
 
 def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:
@@ -167,8 +142,7 @@ def _shows(recording: Recording, label: str) -> bool:
 
 def _path(recording: Recording, label: str) -> Array:
     """(nf, 3) m."""
-    out: Array = recording.markers[:, recording.labels.index(label)]
-    return out
+    return recording.markers[:, recording.labels.index(label)]
 
 
 def _means(recording: Recording, window: slice) -> dict[str, Array]:
@@ -204,7 +178,7 @@ def _attempt(
     back = np.einsum("fji,fj->fi", rotation, path[frames] - origin)
     place = np.median(back, axis=0)
     shape = np.mean(np.einsum("fji,fnj->fni", rotation, ways[frames] - origin[:, None]), axis=0)
-    differs = np.mean(((shape - at) ** 2).sum(axis=1)) / left_share(len(at)) + SKIN_M**2
+    differs = np.mean(((shape - at) ** 2).sum(axis=1)) / ((3.0 * len(at) - 6.0) / (3.0 * len(at))) + SKIN_M**2
     scatter = np.mean(((back - place) ** 2).sum(axis=1)) + SKIN_M**2
     return RebuiltMarker(
         label=label,
@@ -214,7 +188,7 @@ def _attempt(
         companions=tuple(names),
         trial=trial,
         frames=len(frames),
-        uncertainty=float(np.sqrt(scatter + differs * lever(at, place))),
+        uncertainty=float(np.sqrt(scatter + differs * _lever(at, place))),
     )
 
 
@@ -225,22 +199,36 @@ def _companions(
 
     Points of the segment above only where the segment's own are short.
     """
+
+    def on(segment: str) -> dict[str, tuple[Array, Array]]:
+        labels = [m for m in marker_set.tracked if marker_set.segment_of[m] == segment and m != label]
+        return {m: (standing[m], _path(recording, m)) for m in labels if m in standing and _shows(recording, m)}
+
     segment = marker_set.segment_of[label]
-    part, _, side = segment.partition("_")
-    mine = [m for m in marker_set.tracked if marker_set.segment_of[m] == segment and m != label]
-    out = {m: (standing[m], _path(recording, m)) for m in mine if m in standing and _shows(recording, m)}
-    if len(out) >= FEWEST:
+    out = on(segment)
+    lent = _joint_above(*segment.partition("_")[::2], marker_set, standing) if len(out) < FEWEST else None
+    carriers = on(lent[2]) if lent else {}
+    if lent is None or len(carriers) < FEWEST or off_line(np.array([at for at, _ in carriers.values()])) < FLAT_M:
         return out
-    lent = _joint_above(part, side, marker_set, standing)
-    if lent is None:
-        return out
-    name, place, above = lent
-    worn = [m for m in marker_set.tracked if marker_set.segment_of[m] == above and m != label]
-    worn = [m for m in worn if m in standing and _shows(recording, m)]
-    at, ways = np.array([standing[m] for m in worn]), [_path(recording, m) for m in worn]
-    if len(worn) < FEWEST or off_line(at) < FLAT_M:
-        return out
-    return {**out, name: (place, carried(place, at, np.stack(ways, axis=1)))}
+    return {**out, lent[0]: (lent[1], _carried(lent[1], list(carriers.values())))}
+
+
+def _carried(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
+    """(nf, 3) path of a place (3,) fixed to points, each a place (3,) and a path (nf, 3); NaN where one is not seen."""
+    at, ways = np.array([point for point, _ in points]), np.stack([path for _, path in points], axis=1)
+    out = np.full((len(ways), 3), np.nan)
+    seen = np.isfinite(ways).all(axis=(1, 2))
+    rotation, origin = rigid_motions(at, ways[seen])
+    out[seen] = rotation @ place + origin
+    return out
+
+
+def _lever(points: Array, place: Array) -> float:
+    """1/n + trace([r] I^-1 [r]^T) / 3: variance of a place (3,) for one of every point (n, 3) that carries it."""
+    away, r = points - points.mean(axis=0), place - points.mean(axis=0)
+    inertia = np.eye(3) * (away**2).sum() - away.T @ away
+    cross = np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
+    return 1.0 / len(points) + float(np.trace(cross @ np.linalg.pinv(inertia) @ cross.T)) / 3.0
 
 
 def _joint_above(
@@ -263,13 +251,9 @@ def _joint_above(
     right, left, sacrum = (landmark(name) for name in ("asis_r", "asis_l", "sacrum"))
     if part != "thigh" or right is None or left is None or sacrum is None:
         return None
-    middle, width = 0.5 * (right + left), float(np.linalg.norm(right - left))
-    z = (right - left) / width
-    y = np.cross(z, middle - sacrum)
-    y = y / np.linalg.norm(y)
-    axes = np.column_stack([np.cross(y, z), y, z])
-    depth = float(np.linalg.norm(middle - sacrum))
-    return "hip centre", middle + axes @ hip_centre(HipCentre.BELL, width, depth, side), "pelvis"
+    pelvis, width = pelvis_frame(right, left, sacrum), float(np.linalg.norm(right - left))
+    depth = float(np.linalg.norm(pelvis.origin - sacrum))
+    return "hip centre", pelvis.point(hip_centre(HipCentre.BELL, width, depth, side)), "pelvis"
 
 
 def _filled(
@@ -279,9 +263,7 @@ def _filled(
     points = _companions(marker.label, marker_set, standing, static)
     path = np.full((len(static.time), 3), np.nan)
     if all(name in points for name in marker.companions):
-        at = np.array([points[name][0] for name in marker.companions])
-        ways = np.stack([points[name][1] for name in marker.companions], axis=1)
-        path = carried(marker.place, at, ways)
+        path = _carried(marker.place, [points[name] for name in marker.companions])
     if not np.isfinite(path[window]).any():
         path[window] = marker.place
     if marker.label not in static.labels:

@@ -7,50 +7,78 @@ Every frame is x anterior, y superior, z to the right. With unit(a) = a / |a| an
     shank    origin KJC; y = unit(KJC - AJC), AJC mid-malleoli; z the malleolar line across y
     foot     origin heel marker; x = unit(toe - heel); z = unit(x x y_shank); y = z x x      (OrthoTrak)
 
-Knee and ankle without a medial marker: `model/knee_and_ankle.py`.
+The lumbar joint is the nominal subject's, scaled by the distance between the two ASIS.
 
-Hip centres are those of `hip_centre.py`; the lumbar one is the nominal subject's, scaled by the distance between the
-two ASIS.
+Hip centres, by a regression or as the file has them. In the pelvis frame, right side; PW is the distance between the
+two ASIS, PD that from their middle to the middle of the two PSIS (or the one sacral marker between them):
+
+    Bell        x = -0.193 PW            y = -0.304 PW             z = 0.359 PW
+    OrthoTrak   x = -0.22 PW             y = -0.34 PW              z = 0.32 PW
+    Harrington  x = -0.24 PD - 9.9 mm    y = -0.30 PW - 10.9 mm    z = 0.33 PW + 7.3 mm
+
+Bell, Pedersen and Brand, J Biomech 23:617-621, 1990, as Reinbolt et al. 2007 quote them; OrthoTrak as deduced from the
+differences that the latter print in Table II; Harrington, Zavatsky, Lawson, Yuan and Theologis, J Biomech 40:595-602,
+2007, from magnetic resonance images of 8 adults, 14 children and 10 children with cerebral palsy: of the regressions
+held against images the nearest (Mantovani, Ng and Lamontagne, Gait Posture 44:48-54, 2016; Sangeux, Peters and Baker,
+Gait Posture 34:324-328, 2011 and 40:20-25, 2014; Peters, Baker, Morris and Sangeux, Gait Posture 36:282-286, 2012). PD
+is a distance of marker centres, and so is PW unless somebody measured it by hand, between the bones; OrthoTrak's
+factors are for markers. The radius and the skin beneath the markers are not taken off.
+
+Centres and axes of knee and ankle, in order of preference: the middle between the lateral and the medial marker; a knee
+alignment device, whose rod has the direction of the knee's axis; neither, and then the direction comes from the segment
+above: the pelvis's z for the knee, the knee's z turned outwards by the tibial torsion for the ankle. Without a medial
+marker the centre C lies h inwards of the lateral marker M along z, where z is the part of that direction across the
+line from C to the joint above:
+
+    C = M -+ h z(C),      h = width / 2 + radius of the marker,
+
+the width as measured by hand, else h in proportion to height. For the knee this is the `chord` of Davis et al. 1991.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
 from gaitcal.arrays import Array, cross
-from gaitcal.model.joint_centres import (
-    TIBIAL_TORSION,
-    HipCentre,
-    JointWidths,
-    PelvicWidth,
-    centre_notes,
-    given_hips,
-    given_note,
-    hip_centre,
-    joint_centre,
-    offer_note,
-    regression_note,
-)
+from gaitcal.codes import Code
+from gaitcal.errors import InputError
+from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import SIDE_WORDS, SIDES
+from gaitcal.model.subject_model import Subject
 
-_NOMINAL_ASIS = 0.245
-"""m, of the nominal subject."""
+_NOMINAL_ASIS = 0.245  # m, of the nominal subject
 _NOMINAL_LUMBAR = (-0.095, 0.077, 0.0)
 """m in its pelvis frame: about the third lumbar vertebra, as in Anderson and Pandy 1999."""
+NOMINAL_HEIGHT = 1.70  # m; joint widths below are the nominal subject's, between marker centres, and go with height
+WIDTH = {"knee": 0.1118, "ankle": 0.0852, "elbow": 0.080}
+MARKER_DIAMETER_M = 0.014  # of the markers of most clinics, where nothing tells
+PLAUSIBLE_WIDTH = (0.5, 1.8)
+"""Allowed measured width as a multiple of that in proportion to height; a width outside of it is a slip of the pen."""
+TIBIAL_TORSION = np.deg2rad(5.0)  # the malleolar line is turned outwards by this much against the epicondylar one
+SETTLED, ROUNDS = 1e-15, 200
+"""m or share of height by which a joint centre moves at most in the last round of a fixed-point iteration."""
+FARTHEST_GIVEN = 0.40
+"""Share of the distance between the ASIS by which a given hip centre may lie off Harrington's. The regression misses
+hips by some 5 %, of the people here by 12 % at worst; the other side's hip lies 75 % away."""
+DOUBTED_GIVEN, UNEVEN_GIVEN = 0.22, 0.15
+"""The same from which given hips are doubted, as Plug-in Gait's own lie up to 15 % off Harrington's; and how far the
+two may be from mirror images of each other."""
+PLAUSIBLE_SHARE = (0.6, 1.1)
+"""Allowed distance between the ASIS as measured by hand over that between their markers: 0.86 to 1.00 of seven people;
+less of stout ones, and hardly more, as bones lie inside of the skin."""
 
 
 @dataclass(frozen=True)
 class Frame:
     """A segment frame in the laboratory."""
 
-    rotation: Array
-    """(3, 3), columns the axes."""
-    origin: Array
-    """(3,) m."""
+    rotation: Array  # (3, 3), columns the axes
+    origin: Array  # (3,) m
 
     def local(self, point: Array) -> Array:
         """Coordinates (3,) of a point of the laboratory."""
@@ -77,19 +105,252 @@ def frame_yz(origin: Array, y: Array, towards_z: Array) -> Frame:
     return Frame(np.column_stack([cross(y, z), y, z]), origin)
 
 
+def pelvis_frame(right: Array, left: Array, sacrum: Array) -> Frame:
+    """The pelvis, by both ASIS and the sacrum (3,) m."""
+    middle, z = 0.5 * (right + left), unit(right - left)
+    y = unit(cross(z, middle - sacrum))
+    return Frame(np.column_stack([cross(y, z), y, z]), middle)
+
+
 def sign(side: str) -> float:
     """+1 right, -1 left."""
     return 1.0 if side == "r" else -1.0
+
+
+def rigid_motions(points: Array, paths: Array) -> tuple[Array, Array]:
+    """R (nf, 3, 3) and o (nf, 3) of the rigid motions of points (n, 3) nearest to paths (nf, n, 3), Kabsch 1976."""
+    middle, middles = points.mean(axis=0), paths.mean(axis=1)
+    spread = np.einsum("fni,nj->fij", paths - middles[:, None], points - middle)
+    u, _, vt = np.linalg.svd(spread)
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    rotation = u @ vt
+    return rotation, middles - rotation @ middle
+
+
+def off_line(points: Array) -> float:
+    """m, RMS distance of points (n, 3) from the line that is nearest to them."""
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return float(np.sqrt((sizes[1:] ** 2).sum() / len(points)))
+
+
+class HipCentre(Enum):
+    """Where the nominal hip centre comes from."""
+
+    BELL = "bell"
+    ORTHOTRAK = "orthotrak"
+    HARRINGTON = "harrington"
+    GIVEN = "given"
+    """Points of the static trial that are hip centres."""
+
+
+_FRACTIONS = {HipCentre.BELL: (-0.193, -0.304, 0.359), HipCentre.ORTHOTRAK: (-0.22, -0.34, 0.32)}
+_HARRINGTON = ((-0.24, -0.0099), (-0.30, -0.0109), (0.33, 0.0073))
+"""Factor and constant (m) of x (by PD), y and z (by PW)."""
+_PRINTED = {HipCentre.BELL: "Bell 1990", HipCentre.ORTHOTRAK: "OrthoTrak", HipCentre.HARRINGTON: "Harrington 2007"}
+
+
+@dataclass(frozen=True)
+class PelvicWidth:
+    """The distance between the two ASIS, m."""
+
+    markers: float  # between the centres of their markers
+    measured: float | None = None  # by hand; None where nobody told
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether there is a measured distance that can belong to these markers."""
+        return self.measured is not None and PLAUSIBLE_SHARE[0] <= self.measured / self.markers <= PLAUSIBLE_SHARE[1]
+
+    def of(self, rule: HipCentre) -> float:
+        """PW of a regression."""
+        if self.measured is None or not self.is_plausible or rule is HipCentre.ORTHOTRAK:
+            return self.markers
+        return self.measured
+
+    def words(self, rule: HipCentre) -> str:
+        """Which is taken, and what speaks against it."""
+        taken, markers = f"{1e3 * self.of(rule):.0f} mm between the ASIS", f"{1e3 * self.markers:.0f} mm"
+        if self.measured is None:
+            return taken
+        if not self.is_plausible:
+            low, high = PLAUSIBLE_SHARE
+            why = f"the measured {1e3 * self.measured:.0f} mm are not used: allowed: {low:g} to {high:g} times that"
+            return f"{taken} (between their markers; {why})"
+        if rule is HipCentre.ORTHOTRAK:
+            return f"{taken} (between their markers, which it is made for; measured {1e3 * self.measured:.0f} mm)"
+        return f"{taken} (as measured by hand; {markers} between their markers)"
+
+
+def hip_centre(rule: HipCentre, asis_distance: float, pelvic_depth: float, side: str) -> Array:
+    """(3,) m, hip centre in the pelvis frame by a regression from PW = `asis_distance` and PD = `pelvic_depth`, m."""
+    if rule is HipCentre.HARRINGTON:
+        sizes = (pelvic_depth, asis_distance, asis_distance)
+        ant, sup, lat = (factor * size + more for (factor, more), size in zip(_HARRINGTON, sizes, strict=True))
+    else:
+        ant, sup, lat = asis_distance * np.array(_FRACTIONS[rule])
+    return np.array([ant, sup, lat if side == "r" else -lat])
+
+
+def _hips(
+    posture: StaticPosture, pelvis: Frame, rule: HipCentre, width: PelvicWidth
+) -> tuple[Mapping[str, Array], list[str]]:
+    """Side -> hip centre (3,) m in the laboratory, and where it is from.
+
+    Raises
+    ------
+    InputError
+        Those of the file are asked for, and there are none; or one lies where no hip can be.
+    """
+    depth = float(np.linalg.norm(pelvis.origin - posture.landmarks["sacrum"]))
+    regression = HipCentre.HARRINGTON if rule is HipCentre.GIVEN else rule
+    hips = {s: pelvis.point(hip_centre(regression, width.of(regression), depth, s)) for s in SIDES}
+    gaps = {s: 1e3 * float(np.linalg.norm(posture.hips[s] - hips[s])) for s in SIDES if s in posture.hips}
+    if rule is not HipCentre.GIVEN:
+        back = (
+            f" and {1e3 * depth:.0f} mm from their middle to the sacral markers" if rule is HipCentre.HARRINGTON else ""
+        )
+        notes = [f"hip centres by the {_PRINTED[rule]} regression from {width.words(rule)}{back}"]
+        if len(gaps) == len(SIDES):
+            labels = ", ".join(posture.hip_labels[s] for s in SIDES)
+            away = ", ".join(f"{gaps[s]:.0f} mm ({s})" for s in SIDES)
+            notes.append(
+                f"the static trial has hip centres {labels}, {away} from these; hip_centre = 'given' takes them instead"
+            )
+        return hips, notes
+    missing = [f"hjc_{side}" for side in SIDES if side not in gaps]
+    if missing:
+        raise InputError(
+            f"the static trial has no hip centre {' and '.join(missing)}; allowed: markers or computed "
+            "points called RHJC, LHJC (R_HJC, RHJ, ...), landmarks hjc_r and hjc_l of the marker set, or another "
+            "hip_centre",
+            source=posture.source,
+            field="calibration.hip_centre = 'given'",
+            code=Code.GIVEN_BY_FILE,
+        )
+    most = 1e3 * FARTHEST_GIVEN * width.markers
+    for side in SIDES:
+        if gaps[side] > most:
+            raise InputError(
+                f"found it {gaps[side]:.0f} mm from where the pelvis's markers tell; allowed: at most {most:.0f} mm; "
+                "are the sides exchanged?",
+                source=posture.source,
+                field=f"hip centre {posture.hip_labels[side]}",
+                code=Code.GIVEN_BY_FILE,
+            )
+    away = ", ".join(f"{posture.hip_labels[s]} {gaps[s]:.0f} mm" for s in SIDES)
+    return posture.hips, [f"hip centres are points of the file, this far from where Harrington 2007 has them: {away}"]
+
+
+def half_width(joint: str, height: float) -> float:
+    """Distance (m) from a lateral marker's centre to the middle of the joint, for a person of this height (m)."""
+    return 0.5 * WIDTH[joint] * height / NOMINAL_HEIGHT
+
+
+@dataclass(frozen=True)
+class JointWidths:
+    """How far inwards of their lateral markers knees and ankles have their centres."""
+
+    height: float  # m
+    measured: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    """(`knee` or `ankle`, side) -> m across the joint."""
+    marker_diameter: float | None = None  # m; None where nobody told
+    asis_distance: float | None = None  # m between the ASIS, measured by hand, for the hips; None where nobody told
+
+    @classmethod
+    def of(cls, subject: Subject) -> JointWidths:
+        """Those of a person."""
+        widths = {"knee": subject.knee_width, "ankle": subject.ankle_width}
+        measured = {(joint, side): width for joint, by_side in widths.items() for side, width in by_side.items()}
+        return cls(subject.height, measured, subject.marker_diameter, subject.asis_distance)
+
+    @property
+    def marker_radius(self) -> float:
+        """M."""
+        return 0.5 * (MARKER_DIAMETER_M if self.marker_diameter is None else self.marker_diameter)
+
+    def is_measured(self, joint: str, side: str) -> bool:
+        """Whether there is a measured width that a person can have."""
+        width = self.measured.get((joint, side))
+        low, high = PLAUSIBLE_WIDTH
+        return width is not None and low <= width / (2.0 * half_width(joint, self.height)) <= high
+
+    def inwards(self, joint: str, side: str) -> float:
+        """m, from the lateral marker's centre to that of the joint."""
+        if self.is_measured(joint, side):
+            return 0.5 * self.measured[joint, side] + self.marker_radius
+        return half_width(joint, self.height)
+
+
+def joint_centre(
+    posture: StaticPosture, joint: str, side: str, above: Array, z_above: Array, turn: float, widths: JointWidths
+) -> tuple[Array, Array]:
+    """Joint centre (3,) m, and the direction (3,) its segment's z is taken from, to the right.
+
+    `above`: (3,) m, centre of the joint above; `z_above`: (3,) direction to fall back on, turned by `turn` rad.
+    """
+    lateral = posture.landmarks[f"{joint}_lat_{side}"]
+    s = sign(side)
+    if posture.has(f"{joint}_med_{side}"):
+        medial = posture.landmarks[f"{joint}_med_{side}"]
+        return 0.5 * (lateral + medial), s * (lateral - medial)
+    if posture.has(f"{joint}_axis_{side}"):
+        z_above, turn = s * (posture.landmarks[f"{joint}_axis_{side}"] - lateral), 0.0
+    inwards = s * widths.inwards(joint, side)
+    centre, z = lateral, z_above
+    for _ in range(ROUNDS):
+        before = centre
+        axes = frame_yz(centre, unit(above - centre), z_above).rotation
+        z = axes @ axis_rotation(1, turn)[:, 2]
+        centre = lateral - inwards * z
+        if np.abs(centre - before).max() <= SETTLED * widths.height:
+            break
+    return centre, z
+
+
+def centre_notes(posture: StaticPosture, widths: JointWidths) -> list[str]:
+    """How the centres and axes were found that no medial marker shows; a width that no person has."""
+
+    def place(joint: str, side: str) -> str:
+        inwards = f"{1e3 * widths.inwards(joint, side):.1f} mm inwards of the lateral marker's"
+        if not widths.is_measured(joint, side):
+            return f"{inwards}, in proportion to height"
+        assumed = "" if widths.marker_diameter is not None else " (assumed: nothing tells it)"
+        width, diameter = 1e3 * widths.measured[joint, side], 2e3 * widths.marker_radius
+        return f"{inwards}: half of the measured {width:.0f} mm and of the marker's {diameter:.0f} mm{assumed}"
+
+    def axis(joint: str, side: str) -> str:
+        if posture.has(f"{joint}_axis_{side}"):
+            return "its axis is that of the knee alignment device, across the thigh"
+        if joint == "knee":
+            return "its axis is the pelvis's lateral direction across the thigh in the static posture"
+        return f"a tibial torsion of {np.rad2deg(TIBIAL_TORSION):.0f} deg is assumed"
+
+    notes: list[str] = []
+    for joint in ("knee", "ankle"):
+        found: dict[tuple[str, str], list[str]] = {}
+        for side in SIDES:
+            if not posture.has(f"{joint}_med_{side}"):
+                found.setdefault((place(joint, side), axis(joint, side)), []).append(side)
+        for (at, along), sides in found.items():
+            where = "both sides" if len(sides) == len(SIDES) else SIDE_WORDS[sides[0]]
+            notes.append(f"{joint}, {where}: no medial marker; its centre is assumed {at}, and {along}")
+    for (joint, side), width in widths.measured.items():
+        if not widths.is_measured(joint, side):
+            usual = 2e3 * half_width(joint, widths.height)
+            notes.append(
+                f"{joint}, {SIDE_WORDS[side]}: a width of {1e3 * width:.0f} mm is not used: found, that is, "
+                f"{1e3 * width / usual:.1f} times the {usual:.0f} mm of a person of this height; allowed: "
+                f"{PLAUSIBLE_WIDTH[0]:g} to {PLAUSIBLE_WIDTH[1]:g} times"
+            )
+    return notes
 
 
 @dataclass(frozen=True)
 class LowerBody:
     """Frames and joint centres of pelvis and legs."""
 
-    frames: dict[str, Frame]
-    """Segment -> frame; no talus."""
-    centres: dict[str, Array]
-    """`hjc_r kjc_r ajc_r` (and `_l`), `lumbar`: (3,) m in the laboratory."""
+    frames: dict[str, Frame]  # segment -> frame; no talus
+    centres: dict[str, Array]  # `hjc_r kjc_r ajc_r` (and `_l`), `lumbar`: (3,) m in the laboratory
     notes: tuple[str, ...]
 
 
@@ -99,57 +360,22 @@ def lower_body(
     """Frames and centres of pelvis and legs; `height` in m; `widths` as measured, else in proportion to it."""
     widths = widths or JointWidths(height)
     p = posture.landmarks
-    pelvis = _pelvis(p["asis_r"], p["asis_l"], p["sacrum"])
+    pelvis = pelvis_frame(p["asis_r"], p["asis_l"], p["sacrum"])
     asis = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
     frames = {"pelvis": pelvis}
-    centres = {"lumbar": pelvis.point(lumbar_joint(asis))}
+    centres = {"lumbar": pelvis.point(np.array(_NOMINAL_LUMBAR) * (asis / _NOMINAL_ASIS))}
     hips, notes = _hips(posture, pelvis, rule, PelvicWidth(asis, widths.asis_distance))
     notes.append("lumbar joint as in the nominal subject, scaled by the distance between the ASIS")
     for side in SIDES:
-        hip = hips[side]
+        hip, heel = hips[side], p[f"heel_{side}"]
         knee, towards_z = joint_centre(posture, "knee", side, hip, pelvis.rotation[:, 2], 0.0, widths)
         thigh = frame_yz(hip, unit(hip - knee), towards_z)
         torsion = -sign(side) * TIBIAL_TORSION
         ankle, towards_z = joint_centre(posture, "ankle", side, knee, thigh.rotation[:, 2], torsion, widths)
         shank = frame_yz(knee, unit(knee - ankle), towards_z)
-        frames |= {
-            f"thigh_{side}": thigh,
-            f"shank_{side}": shank,
-            f"foot_{side}": _foot(p[f"heel_{side}"], p[f"toe_{side}"], shank),
-        }
+        x = unit(p[f"toe_{side}"] - heel)
+        z = unit(cross(x, shank.rotation[:, 1]))
+        foot = Frame(np.column_stack([x, cross(z, x), z]), heel)
+        frames |= {f"thigh_{side}": thigh, f"shank_{side}": shank, f"foot_{side}": foot}
         centres |= {f"hjc_{side}": hip, f"kjc_{side}": knee, f"ajc_{side}": ankle}
     return LowerBody(frames, centres, (*notes, *centre_notes(posture, widths)))
-
-
-def _hips(
-    posture: StaticPosture, pelvis: Frame, rule: HipCentre, width: PelvicWidth
-) -> tuple[Mapping[str, Array], list[str]]:
-    """Side -> hip centre (3,) m in the laboratory, and where it is from."""
-    depth = float(np.linalg.norm(pelvis.origin - posture.landmarks["sacrum"]))
-
-    def by(regression: HipCentre) -> dict[str, Array]:
-        return {side: pelvis.point(hip_centre(regression, width.of(regression), depth, side)) for side in SIDES}
-
-    if rule is HipCentre.GIVEN:
-        usual = by(HipCentre.HARRINGTON)
-        return given_hips(posture, usual, width.markers), [given_note(posture, usual)]
-    hips = by(rule)
-    return hips, [regression_note(rule, width, depth), *offer_note(posture, hips)]
-
-
-def lumbar_joint(asis_distance: float) -> Array:
-    """(3,) m, lumbar joint in the pelvis frame: the nominal subject's, scaled alike in all directions by the ASIS."""
-    return np.array(_NOMINAL_LUMBAR) * (asis_distance / _NOMINAL_ASIS)
-
-
-def _pelvis(right: Array, left: Array, sacrum: Array) -> Frame:
-    middle = 0.5 * (right + left)
-    z = unit(right - left)
-    y = unit(cross(z, middle - sacrum))
-    return Frame(np.column_stack([cross(y, z), y, z]), middle)
-
-
-def _foot(heel: Array, toe: Array, shank: Frame) -> Frame:
-    x = unit(toe - heel)
-    z = unit(cross(x, shank.rotation[:, 1]))
-    return Frame(np.column_stack([x, cross(z, x), z]), heel)

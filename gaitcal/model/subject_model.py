@@ -1,10 +1,8 @@
-"""One person's model: who, which parameters, which markers where.
+"""One person's model: who, which parameters, which markers where; and the linkage as a `pinocchio.Model`.
 
-The linkage as a `pinocchio.Model`.
-
-The same chain of elements as everywhere: elements with a fixed amount are folded into joint placements; coordinates,
-and those joint parameters that are left free, become one-DOF joints. A free joint parameter is a joint like any other,
-constant in time, so Pinocchio's own derivatives are derivatives with respect to it.
+It has the same chain of elements as everywhere: elements with a fixed amount are folded into joint placements;
+coordinates, and those joint parameters that are left free, become one-DOF joints. A free joint parameter is a joint
+like any other, constant in time, so Pinocchio's own derivatives are derivatives with respect to it.
 """
 
 from __future__ import annotations
@@ -21,8 +19,7 @@ from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
 from gaitcal.runtime import with_one_blas_thread
 
-GRAVITY = 9.81
-"""m/s^2, downwards along -y."""
+GRAVITY = 9.81  # m/s^2, downwards along -y
 
 _REVOLUTE = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 _PRISMATIC = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
@@ -35,12 +32,9 @@ class LinkageModel:
     """A Pinocchio model of the linkage and where its parts are."""
 
     model: pin.Model
-    coordinates: tuple[str, ...]
-    """Name of each entry of q and v: coordinates, free joint parameters, reactions, in the order of the chain."""
-    segment_joint: dict[str, int]
-    """Pinocchio joint that carries each segment."""
-    segment_placement: dict[str, pin.SE3]
-    """Constant placement of each segment frame in the frame of that joint."""
+    coordinates: tuple[str, ...]  # of q and v: coordinates, free joint parameters, reactions, in the order of the chain
+    segment_joint: dict[str, int]  # Pinocchio joint that carries each segment
+    segment_placement: dict[str, pin.SE3]  # of each segment frame in the frame of that joint
 
     def index(self, name: str) -> int:
         """Place of a coordinate, free joint parameter or reaction in q and v."""
@@ -59,48 +53,31 @@ def build_model(parameters: Parameters) -> pin.Model:
 
 def build_linkage(parameters: Parameters, free: tuple[str, ...] = (), *, reactions: bool = False) -> LinkageModel:
     """The linkage with the joint parameters `free` as joints, and the knees' locked reaction joints if wanted."""
-    builder = _Builder(parameters, free)
-    builder.add_chain(root_elements("pelvis"), None, "pelvis")
-    for joint in JOINTS:
-        builder.add_chain(joint_elements(joint, reactions=reactions), joint.parent, joint.child)
-    return builder.finish()
-
-
-class _Builder:
-    """A Pinocchio model that grows chain by chain, each from the place of its parent."""
-
-    def __init__(self, parameters: Parameters, free: tuple[str, ...]) -> None:
-        self.parameters = parameters
-        self.free = set(free)
-        self.model = pin.Model()
-        self.model.name = "gaitcal"
-        self.model.gravity.linear = np.array([0.0, -GRAVITY, 0.0])
-        self.names: list[str] = []
-        self.joint: dict[str, int] = {}
-        self.place: dict[str, pin.SE3] = {}
-
-    def add_chain(self, elements: tuple[Element, ...], parent: str | None, child: str) -> None:
-        joint = 0 if parent is None else self.joint[parent]
-        place = pin.SE3.Identity() if parent is None else self.place[parent].copy()
+    model, names = pin.Model(), list[str]()
+    model.name = "gaitcal"
+    model.gravity.linear = np.array([0.0, -GRAVITY, 0.0])
+    carrier: dict[str, int] = {}
+    placement: dict[str, pin.SE3] = {}
+    walks = [(root_elements("pelvis"), "", "pelvis")]
+    walks += [(joint_elements(joint, reactions=reactions), joint.parent, joint.child) for joint in JOINTS]
+    for elements, parent, child in walks:
+        place, on = (placement[parent], carrier[parent]) if parent else (pin.SE3.Identity(), 0)
         for e in elements:
-            if e.source is not Source.COORDINATE and e.name not in self.free:
-                place = place * constant_motion(e, self.parameters)
+            if e.source is not Source.COORDINATE and e.name not in free:
+                place = place * constant_motion(e, parameters)
                 continue
             turned = pin.SE3(np.eye(3) if e.sign > 0 else _HALF_TURN[e.axis], np.zeros(3))
             kind = (_REVOLUTE if e.rotates else _PRISMATIC)[e.axis]()
-            joint = self.model.addJoint(joint, kind, place * turned, e.name)
-            self.model.addJointFrame(joint)
-            self.names.append(e.name)
+            on = model.addJoint(on, kind, place * turned, e.name)
+            model.addJointFrame(on)
+            names.append(e.name)
             place = turned.inverse()
-        self.joint[child], self.place[child] = joint, place
-
-    def finish(self) -> LinkageModel:
-        for segment, joint in self.joint.items():
-            frame = pin.Frame(segment, joint, self.place[segment], pin.FrameType.BODY)
-            self.model.addFrame(frame)
-        linkage = LinkageModel(self.model, tuple(self.names), self.joint, self.place)
-        set_inertias(linkage, self.parameters.inertial)
-        return linkage
+        carrier[child], placement[child] = on, place
+    for segment, on in carrier.items():
+        model.addFrame(pin.Frame(segment, on, placement[segment], pin.FrameType.BODY))
+    linkage = LinkageModel(model, tuple(names), carrier, placement)
+    set_inertias(linkage, parameters.inertial)
+    return linkage
 
 
 def constant_motion(element: Element, parameters: Parameters) -> pin.SE3:
@@ -163,12 +140,9 @@ class MarkerPlacement:
     """Tracking markers, fixed in their segments."""
 
     labels: tuple[str, ...]
-    segments: tuple[str, ...]
-    """Name of the segment of each marker."""
-    local: Array
-    """(nm, 3) m, in the segment frame."""
-    weight: Array
-    """(nm,) >= 0; a marker with weight 0 is reported but does not pull."""
+    segments: tuple[str, ...]  # Name of the segment of each marker
+    local: Array  # (nm, 3) m, in the segment frame
+    weight: Array  # (nm,) >= 0; a marker with weight 0 is reported but does not pull
 
 
 @dataclass(frozen=True, kw_only=True)

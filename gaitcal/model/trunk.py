@@ -15,16 +15,14 @@ The shoulder centres lie, by what is known of the person,
    nominal subject's shoulder width from it, in proportion to height;
 4. straight above the lumbar joint as the person stands, at the nominal subject's height and width.
 
-Only 1 and 2 are measured. How the trunk then moves is what its markers say, however few (`motion/undetermined.py`).
-
-Trunk and arms in the static posture, or the assumption that stands in for a part that no marker shows.
+Only 1 and 2 are measured. How the trunk then moves is what its markers say, however few (`coordinate_prior.py`).
 
 A part without any marker is frozen: its place is assumed, its lengths are de Leva's, scaled by height. A frozen trunk
 is upright, its mass and shoulders straight above the lumbar joint. A frozen arm hangs along the trunk.
 
 Frames in the static posture as in `segment_frames.py`; one marker at the elbow and one at the wrist do for an arm:
 
-    trunk       as in `trunk.py`: y from the lumbar joint to the middle of the shoulders, z to the right
+    trunk       as above: y from the lumbar joint to the middle of the shoulders, z to the right
     upper arm   origin shoulder centre; y = unit(shoulder - elbow); z the elbow's axis across y
     forearm     origin elbow centre; y = unit(elbow - wrist); z the same axis across y
 
@@ -50,16 +48,25 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.anthropometry import default_length, default_limbs
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_centres import NOMINAL_HEIGHT, ROUNDS, SETTLED, SIDE_WORDS, half_width
 from gaitcal.model.landmarks import StaticPosture
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.nominal_joints import ArmJoints
-from gaitcal.model.segment_frames import Frame, LowerBody, across, frame_yz, sign, unit
+from gaitcal.model.segment_frames import (
+    NOMINAL_HEIGHT,
+    ROUNDS,
+    SETTLED,
+    Frame,
+    LowerBody,
+    across,
+    frame_yz,
+    half_width,
+    off_line,
+    sign,
+    unit,
+)
 from gaitcal.model.subject_model import Subject
 
-IN_A_PLANE = 3
-"""Landmarks that a plane goes through."""
+IN_A_PLANE = 3  # landmarks that a plane goes through
 OFF_LINE = 0.020
 """m, RMS distance of these markers from the straight line that is nearest to them. Skin that moves by 5 mm turns
 markers which are nearer to one line by more than 15 degrees about it."""
@@ -67,11 +74,9 @@ TWISTED = np.deg2rad(30.0)
 """More than this between the plane of the midline landmarks and the pelvis's sagittal plane, and one is mislabelled."""
 SHOULDER_BELOW_ACROMION = 0.17
 """Of the distance between the acromia, along the trunk: Rab, Petuskey and Bagley, Gait & Posture 15 (2002)."""
-SHOULDER_UP, SHOULDER_OUT = 0.3519, 0.165
-"""m from the lumbar joint in the nominal subject."""
+SHOULDER_UP, SHOULDER_OUT = 0.3519, 0.165  # m from the lumbar joint in the nominal subject
 _WORDS = {"c7": "C7", "t10": "T10", "jugular_notch": "jugular notch", "xiphoid": "xiphoid"}
-MIDLINE = tuple(_WORDS)
-"""Landmarks in the trunk's sagittal plane."""
+MIDLINE = tuple(_WORDS)  # Landmarks in the trunk's sagittal plane
 _UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -80,10 +85,8 @@ class Trunk:
     """Head and trunk in the static posture, laboratory."""
 
     frame: Frame
-    shoulders: dict[str, Array]
-    """`sjc_r`, `sjc_l`: (3,) m."""
-    seen: bool
-    """Whether any marker with weight shows it."""
+    shoulders: dict[str, Array]  # `sjc_r`, `sjc_l`: (3,) m
+    seen: bool  # whether any marker with weight shows it
     notes: tuple[str, ...]
 
 
@@ -103,12 +106,6 @@ def trunk_of(posture: StaticPosture, marker_set: MarkerSet, pelvis: Frame, lumba
     return Trunk(frame=frame_yz(lumbar, y, z), shoulders=shoulders, seen=seen, notes=notes)
 
 
-def spread_off_line(points: Array) -> float:
-    """RMS distance (m) of points (n, 3) from the straight line nearest to them."""
-    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return float(np.sqrt((values[1:] ** 2).sum() / len(points)))
-
-
 def _shoulders(
     posture: StaticPosture, pelvis: Frame, lumbar: Array, subject: Subject
 ) -> tuple[dict[str, Array], Array, tuple[str, ...]]:
@@ -121,7 +118,7 @@ def _shoulders(
         return _below(right, left, lumbar), right - left, notes
     z, told = _lateral(posture, pelvis)
     if known:
-        side, other = known[0], next(s for s in SIDES if s != known[0])
+        side, other = known[0], OTHER_SIDE[known[0]]
         middle = [p[name] for name in MIDLINE if posture.has(name)] or [lumbar]
         acromion = p[f"acromion_{side}"]
         mirrored = acromion - 2.0 * float((acromion - np.mean(middle, axis=0)) @ z) * z
@@ -145,7 +142,9 @@ def _shoulders(
         "neither acromia nor both C7 and jugular notch are known: shoulder centres straight above the lumbar joint in "
         f"the static trial, as in the nominal subject, in proportion to height; the trunk faces along the {told}"
     )
-    return _above(lumbar, _horizontal(z), subject.height), z, (note,)
+    scale, sideways = subject.height / NOMINAL_HEIGHT, _horizontal(z)
+    above = lumbar + scale * SHOULDER_UP * _UP
+    return {f"sjc_{side}": above + sign(side) * scale * SHOULDER_OUT * sideways for side in SIDES}, z, (note,)
 
 
 def neck_above_shoulders(subject: Subject) -> float:
@@ -159,7 +158,7 @@ def _lateral(posture: StaticPosture, pelvis: Frame) -> tuple[Array, str]:
     of_pelvis = _horizontal(pelvis.rotation[:, 2])
     there = [name for name in MIDLINE if posture.has(name)]
     points = np.array([posture.landmarks[name] for name in there])
-    if len(there) < IN_A_PLANE or spread_off_line(points) < OFF_LINE:
+    if len(there) < IN_A_PLANE or off_line(points) < OFF_LINE:
         return of_pelvis, "pelvis's sagittal plane"
     normal = np.linalg.svd(points - points.mean(axis=0))[2][2]
     normal = normal if normal @ of_pelvis > 0 else -normal
@@ -179,21 +178,21 @@ def _below(right: Array, left: Array, lumbar: Array) -> dict[str, Array]:
     return {"sjc_r": right + down, "sjc_l": left + down}
 
 
-def _above(lumbar: Array, sideways: Array, height: float) -> dict[str, Array]:
-    """The nominal subject's shoulder centres straight above the lumbar joint; `sideways` (3,) horizontal."""
-    scale = height / NOMINAL_HEIGHT
-    above = lumbar + scale * SHOULDER_UP * _UP
-    return {f"sjc_{side}": above + sign(side) * scale * SHOULDER_OUT * sideways for side in SIDES}
-
-
 def _horizontal(direction: Array) -> Array:
     return unit(direction - (direction @ _UP) * _UP)
 
 
 RAISED = np.deg2rad(45.0)
 """How far an arm may hang from the trunk's sagittal plane and still show its turn about its own length."""
-BENT = 1.5
-"""Distance of the elbow marker from the line shoulder-wrist, in half elbow widths, from which the plane is used."""
+BENT = 1.5  # distance of the elbow marker from the line shoulder-wrist, in half elbow widths, for the plane to be used
+
+
+@dataclass(frozen=True)
+class ArmJoints:
+    """What the arms' frames alone do not tell of their joints."""
+
+    shoulder_turn: dict[str, float]  # side -> `shoulder.upperarm.trans`, rad
+    elbow_axis: dict[str, Array]  # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,41 +200,45 @@ class UpperBody:
     """Frames and joint centres of trunk and arms, laboratory."""
 
     frames: dict[str, Frame]
-    centres: dict[str, Array]
-    """`sjc ejc wjc` of both sides, (3,) m."""
+    centres: dict[str, Array]  # `sjc ejc wjc` of both sides, (3,) m
     arms: ArmJoints
-    raised: tuple[str, ...]
-    """Sides whose arm is raised sideways in the static trial."""
+    raised: tuple[str, ...]  # sides whose arm is raised sideways in the static trial
     frozen_segments: tuple[str, ...]
     notes: tuple[str, ...]
 
 
 def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, subject: Subject) -> UpperBody:
     """Trunk and arms, measured as far as there are markers."""
-    frozen: list[str] = []
     body = trunk_of(posture, marker_set, legs.frames["pelvis"], legs.centres["lumbar"], subject)
-    trunk, centres, notes = body.frame, dict(body.shoulders), [*body.notes]
-    frames = {"head_trunk": trunk}
+    trunk, centres, notes, frozen = body.frame, dict(body.shoulders), [*body.notes], list[str]()
+    frames, down = {"head_trunk": trunk}, -trunk.rotation[:, 1]
     turn, axis, raised = dict.fromkeys(SIDES, 0.0), dict.fromkeys(SIDES, trunk.rotation[:, 2]), []
     limbs = default_limbs(subject)
+
+    def why_not(segment: str, landmark: str) -> str:
+        """Why a segment of an arm cannot be measured; nothing where it can."""
+        if not posture.has(landmark):
+            return posture.why_not(landmark)
+        seen = any(label in posture.markers for label in marker_set.tracking.get(segment, ()))
+        return "" if seen else "no tracking marker was seen"
+
     for side in SIDES:
         upper_arm, forearm = f"upper_arm_{side}", f"forearm_hand_{side}"
         shoulder = centres[f"sjc_{side}"]
-        no_arm = _why_no_segment(posture, marker_set, upper_arm, f"elbow_lat_{side}")
-        no_forearm = _why_no_segment(posture, marker_set, forearm, f"wrist_{side}")
-        if no_arm is not None:
+        if no_arm := why_not(upper_arm, f"elbow_lat_{side}"):
             frozen += [upper_arm, forearm]
             notes.append(f"{upper_arm} and {forearm} hang along the trunk, as {no_arm}")
-            elbow = shoulder - limbs[upper_arm] * trunk.rotation[:, 1]
+            elbow = shoulder + limbs[upper_arm] * down
             frames |= {upper_arm: Frame(trunk.rotation, shoulder), forearm: Frame(trunk.rotation, elbow)}
-            centres |= {f"ejc_{side}": elbow, f"wjc_{side}": elbow - limbs[forearm] * trunk.rotation[:, 1]}
+            centres |= {f"ejc_{side}": elbow, f"wjc_{side}": elbow + limbs[forearm] * down}
             continue
         arm = measured_arm(posture, side, trunk, shoulder, subject.height)
         notes += arm.notes
         frames[upper_arm], centres[f"ejc_{side}"] = arm.upper, arm.elbow
         turn[side], axis[side] = arm.turn, arm.axis
         raised += [side] if arm.raised else []
-        if no_forearm is None and arm.forearm is not None and arm.wrist is not None:
+        no_forearm = why_not(forearm, f"wrist_{side}")
+        if not no_forearm and arm.forearm is not None and arm.wrist is not None:
             frames[forearm], centres[f"wjc_{side}"] = arm.forearm, arm.wrist
         else:
             frozen.append(forearm)
@@ -254,32 +257,17 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
     )
 
 
-def _why_no_segment(posture: StaticPosture, marker_set: MarkerSet, segment: str, landmark: str) -> str | None:
-    """Why a segment of an arm cannot be measured; None where it can."""
-    if not posture.has(landmark):
-        return posture.why_not(landmark)
-    if not any(label in posture.markers for label in marker_set.tracking.get(segment, ())):
-        return "no tracking marker was seen"
-    return None
-
-
 @dataclass(frozen=True, kw_only=True)
 class Arm:
     """One arm in the static posture."""
 
     upper: Frame
-    elbow: Array
-    """(3,) m, elbow centre."""
-    forearm: Frame | None
-    """None where no wrist is known."""
-    wrist: Array | None
-    """(3,) m."""
-    turn: float
-    """rad, the joint parameter `shoulder.upperarm.trans`."""
-    axis: Array
-    """(3,) the elbow's axis as the forearm has it, pointing right."""
-    raised: bool
-    """Whether the arm is raised sideways."""
+    elbow: Array  # (3,) m, elbow centre
+    forearm: Frame | None  # None where no wrist is known
+    wrist: Array | None  # (3,) m
+    turn: float  # rad, the joint parameter `shoulder.upperarm.trans`
+    axis: Array  # (3,) the elbow's axis as the forearm has it, pointing right
+    raised: bool  # whether the arm is raised sideways
     notes: tuple[str, ...]
 
 
@@ -299,16 +287,23 @@ def measured_arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Arra
     else:
         inwards = sign(side) * half_width("elbow", height)
         normal = None if wrist is None else _plane_normal(shoulder, lateral, wrist, inwards)
-        elbow, axis = _from_lateral(shoulder, lateral, inwards, trunk, normal)
+        elbow = axis = lateral
+        for _ in range(1 if normal is not None else ROUNDS):  # without a bent arm, as of an arm not turned
+            before = elbow
+            axis = _unturned(unit(shoulder - elbow), trunk) if normal is None else normal
+            elbow = lateral - inwards * axis
+            if np.abs(elbow - before).max() <= SETTLED:
+                break
         how = "at right angles to the plane of the bent arm" if normal is not None else "as in an arm not turned"
         notes.append(
             f"{elbow_words}: one marker; its centre is assumed {1e3 * abs(inwards):.0f} mm inwards, its axis {how}"
         )
     upper = frame_yz(shoulder, unit(shoulder - elbow), axis)
     forearm = None if wrist is None else frame_yz(elbow, unit(elbow - wrist), upper.rotation[:, 2])
-    turn = _turn(trunk.rotation.T @ upper.rotation)
+    rotation = trunk.rotation.T @ upper.rotation  # Rz Rx Ry(-trans)
+    is_raised = abs(np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))) > RAISED
     axis = upper.rotation[:, 2]
-    if turn is None:
+    if is_raised:
         notes.append(
             f"{shoulder_words}: the arm is raised sideways in the static trial, so that its turn about its own "
             "length is assumed zero; the static posture of the arm is met less closely"
@@ -320,18 +315,11 @@ def measured_arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Arra
         elbow=elbow,
         forearm=forearm,
         wrist=wrist,
-        turn=turn or 0.0,
+        turn=0.0 if is_raised else float(np.arctan2(rotation[2, 0], rotation[2, 2])),
         axis=axis,
-        raised=turn is None,
+        raised=bool(is_raised),
         notes=tuple(notes),
     )
-
-
-def _turn(rotation: Array) -> float | None:
-    """`trans` from trunk to upper arm = Rz Rx Ry(-trans); None where the arm is raised sideways."""
-    if abs(np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))) > RAISED:
-        return None
-    return float(np.arctan2(rotation[2, 0], rotation[2, 2]))
 
 
 def _unturned(y: Array, trunk: Frame) -> Array:
@@ -340,8 +328,7 @@ def _unturned(y: Array, trunk: Frame) -> Array:
     lift = axis_rotation(0, float(np.arcsin(np.clip(a[2], -1.0, 1.0))))
     if abs(np.arcsin(np.clip(a[2], -1.0, 1.0))) > RAISED:
         return trunk.rotation @ across(lift[:, 2], a)
-    z: Array = trunk.rotation @ axis_rotation(2, float(np.arctan2(-a[0], a[1]))) @ lift[:, 2]
-    return z
+    return trunk.rotation @ axis_rotation(2, float(np.arctan2(-a[0], a[1]))) @ lift[:, 2]
 
 
 def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float) -> Array | None:
@@ -356,21 +343,4 @@ def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float)
     if distance < BENT * abs(inwards):
         return None
     m, cosine = off / distance, inwards / distance
-    normal: Array = cosine * m - np.sqrt(1.0 - cosine**2) * np.cross(w, m)
-    return normal
-
-
-def _from_lateral(
-    shoulder: Array, lateral: Array, inwards: float, trunk: Frame, normal: Array | None
-) -> tuple[Array, Array]:
-    """Elbow centre and axis from the lateral marker; without the normal of a bent arm, as of an arm not turned."""
-    if normal is not None:
-        return lateral - inwards * normal, normal
-    elbow = lateral
-    for _ in range(ROUNDS):
-        before = elbow
-        axis = _unturned(unit(shoulder - elbow), trunk)
-        elbow = lateral - inwards * axis
-        if np.abs(elbow - before).max() <= SETTLED:
-            break
-    return elbow, axis
+    return cosine * m - np.sqrt(1.0 - cosine**2) * np.cross(w, m)

@@ -1,6 +1,6 @@
 """The bandwidth of a trial, chosen by its markers.
 
-A trial's motion is smoothed by the penalty of `roughness.py`; one cut-off f serves all its coordinates. With
+A trial's motion is smoothed by the penalty of `spline.py`; one cut-off f serves all its coordinates. With
 H_t = J^T W J of frame t, every marker with its mean weight over the trial,
 
     W = (mean_t (H_t + LEAST mean H)^-1)^-1
@@ -14,9 +14,12 @@ of the noise, n the marker coordinates seen in a frame: each of the nq direction
 as much noise, at every frequency, as each of the n - nq directions that only the residuals hold. f is where the error
 to be expected, lost + 2 noise less a constant, is least (Mallows 1973, for noise of any colour).
 
-Skin movement is slow: it says nothing of the noise at 10 Hz. Generalised cross-validation, which takes noise for white,
-asks for 8 Hz where markers with 4 mm of it show a foot's impact at 14 Hz, and leg torques are then 8.0 N·m wrong; the
-rule above asks for 25 Hz, 3.8 N·m. Where the model is poor (18 mm), it asks for 4 Hz of a walk, the rule for 6.
+Skin movement is slow and says nothing of the noise at 10 Hz: generalised cross-validation, which takes noise for white,
+smooths a foot's impact away where markers carry 4 mm of it.
+
+Of one coordinate alone, whose samples y (nf,) all weigh 1, the penalty makes
+
+    y -> A y = B (G + rho R)^-1 B^T y,       G = B^T B,       rho = rate (2 pi f)^-6.
 """
 
 from __future__ import annotations
@@ -25,42 +28,44 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData
-from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, frame_rate, smoothing, spline_basis
+from gaitcal.motion.spline import (
+    MINIMUM_NODES,
+    ORDER,
+    SplineBasis,
+    frame_rate,
+    roughness,
+    smoothing,
+    spaced,
+    spline_basis,
+    stiffness,
+)
 from gaitcal.motion.start import starting_coordinates, starting_nodes
-from gaitcal.motion.track import Smoother, onto, track_nodes
+from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 
-SPANS_TIMES_CUTOFF = 4.0
-"""Knot spans a second in units of f: the nodes pass 1.9 f, so that the penalty limits the motion."""
+SPANS_TIMES_CUTOFF = 4.0  # knot spans a second in units of f: nodes pass 1.9 f, so that the penalty limits the motion
 FEWEST_SPANS, DENSE_SPANS, MOST_SPANS = 20.0, 50.0, 100.0
 """Knot spans a second: at least, whatever f; while f is sought, at least and at most."""
 FRAMES_PER_DENSE_SPAN = 2.0
 """Between 50 and 100 spans a second, one for so many frames; a slow camera gets one for each."""
-LOWEST_HZ = 2.0
-"""f is not sought below: whatever moves, moves as fast."""
-CANDIDATES = 25
-"""Cut-offs that are compared, 10 to 12 % apart; a parabola finds the minimum between them."""
-UNTOLD_HZ = 10.0
-"""Where markers have nothing to spare that could tell noise: what 20 knot spans a second pass."""
-LEAST_SPARE = 1.0
-"""Marker coordinates a frame beyond those that the motion can follow."""
-LONGEST_S = 20.0
-"""f is sought in a stretch of so much of a trial: the one in which most happens."""
-POSES = 50
-"""Frames that W is taken from."""
-LEAST = 0.01
-"""Of mean H: a pose in which a coordinate is hardly seen (an elbow stretched) does not set its weight for all."""
-NEVER_SEEN = 1e-6
-"""Of the diagonal: for directions that no pose shows."""
+LOWEST_HZ = 2.0  # f is not sought below: whatever moves, moves as fast
+CANDIDATES = 25  # cut-offs that are compared, 10 to 12 % apart; a parabola finds the minimum between them
+UNTOLD_HZ = 10.0  # where markers have nothing to spare that could tell noise: what 20 knot spans a second pass
+LEAST_SPARE = 1.0  # marker coordinates a frame beyond those that the motion can follow
+LONGEST_S = 20.0  # f is sought in a stretch of so much of a trial: the one in which most happens
+POSES = 50  # frames that W is taken from
+LEAST = 0.01  # of mean H: a pose that hardly shows a coordinate (an elbow stretched) does not set its weight for all
+NEVER_SEEN = 1e-6  # of the diagonal: for directions that no pose shows
+GRAM_FLOOR = 1e-14  # of the largest diagonal entry of G: two nodes between the same frames
 TINY = 1e-300
-LOOSE = DescentSettings(gain=1e-4)
-"""While f is sought: what is left to gain is far below what tells one f from another."""
+LOOSE = DescentSettings(gain=1e-4)  # while f is sought: what is left to gain is far below what tells one f from another
 
 
 def with_bandwidth(problem: TrialProblem, parameters: Parameters, cutoff_hz: float) -> TrialProblem:
@@ -90,8 +95,7 @@ def _basis(basis: SplineBasis, spans_per_second: float) -> SplineBasis:
 
 def frame_information(problem: TrialProblem, constants: ChainConstants) -> Array:
     """(nq, nq) W, in the poses that the segments' rigid fits give; zero for coordinates that move no marker."""
-    data, nf = problem.data, len(problem.basis.time)
-    frames = np.unique(np.round(np.linspace(0, nf - 1, POSES)).astype(np.intp))
+    data, frames = problem.data, spaced(len(problem.basis.time), POSES)
     some = data.frames(frames)
     q = starting_coordinates(problem.chain, constants, some)
     mean = np.repeat(data.weight.mean(axis=1)[:, None], len(frames), axis=1)
@@ -105,6 +109,28 @@ def frame_information(problem: TrialProblem, constants: ChainConstants) -> Array
     out = np.zeros((q.shape[1], q.shape[1]))
     out[np.ix_(on, on)] = 0.5 * (information + information.T)
     return out
+
+
+class Smoother:
+    """A of one basis. Splines are told by their nodes, series y (nf, k) by B^T y."""
+
+    def __init__(self, basis: SplineBasis) -> None:
+        self.basis, self.rough = basis, roughness(basis.knots)
+        gram = (basis.matrices[0].T @ basis.matrices[0]).tocsr()
+        self.gram = np.zeros((ORDER, basis.nodes))  # lower band of G
+        for d in range(min(ORDER, basis.nodes)):
+            self.gram[d, : basis.nodes - d] = gram.diagonal(-d)
+
+    def nodes(self, right: Array, cutoff_hz: float) -> Array:
+        """(nn, k) nodes of A y, from B^T y (nn, k)."""
+        band = self.gram + stiffness(self.basis, cutoff_hz) * self.rough.band.T
+        band[0] += GRAM_FLOOR * band[0].max()
+        return cho_solve_banded((cholesky_banded(band, lower=True), True), right)
+
+    def lost(self, nodes: Array, cutoff_hz: float) -> Array:
+        """(nn, k) nodes of y - A y, for splines y with nodes (nn, k)."""
+        _, rough = self.rough.both(nodes, np.eye(nodes.shape[1]))
+        return self.nodes(stiffness(self.basis, cutoff_hz) * rough, cutoff_hz)
 
 
 class DenseMotion:
@@ -128,22 +154,20 @@ class DenseMotion:
         residual = self.problem.positions(self.nodes, constants) - cut.data.measured
         self.residual = (np.sqrt(cut.data.weight)[:, None] * residual).reshape(-1, len(frames)).T
         """(nf, 3 nm) m."""
-
-        self._right = onto(basis, self.residual)
-        """(nn, 3 nm) B^T r."""
-        self._smoother = Smoother(basis, self.highest)
+        self._right = basis.matrices[0].T @ self.residual  # (nn, 3 nm) B^T r
+        self._smoother = Smoother(basis)
         self._moving = float(self.problem.active.sum())
         self.spare = 3.0 * float((cut.data.weight > 0).mean(axis=1).sum()) - self._moving
         """n - nq."""
 
     def at(self, cutoff_hz: float) -> Smoothed:
         """What a cut-off makes of the motion."""
-        basis, smoother = self.problem.basis, self._smoother.with_cutoff(cutoff_hz)
-        change = smoother.lost(self.nodes)
+        basis, smoother = self.problem.basis, self._smoother
+        change = smoother.lost(self.nodes, cutoff_hz)
         taken = basis.evaluate(change)
         lost = float(np.vdot(taken @ self.information, taken))
         share = self._moving / max(self.spare, LEAST_SPARE)
-        noise = share * float(np.vdot(self._right, smoother.nodes(self._right)))
+        noise = share * float(np.vdot(self._right, smoother.nodes(self._right, cutoff_hz)))
         cost = float((self.residual**2).sum()) + lost
         rms = np.sqrt(cost / max(float(self.problem.data.weight.sum()), TINY))
         return Smoothed(cutoff_hz=cutoff_hz, nodes=self.nodes - change, lost=lost, noise=noise, rms=float(rms))
@@ -167,14 +191,10 @@ class Smoothed:
     """A dense motion smoothed with some cut-off, the coordinates taken to be uncoupled."""
 
     cutoff_hz: float
-    nodes: Array
-    """(nn, nq) m, rad, of the dense basis."""
-    lost: float
-    """m^2."""
-    noise: float
-    """m^2."""
-    rms: float
-    """m, of the markers' distances, weighted."""
+    nodes: Array  # (nn, nq) m, rad, of the dense basis
+    lost: float  # m^2
+    noise: float  # m^2
+    rms: float  # m, of the markers' distances, weighted
 
 
 def busiest(problem: TrialProblem, activity: Array | None = None) -> IntArray:

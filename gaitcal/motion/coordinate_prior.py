@@ -9,8 +9,8 @@ lies in the hull of its coefficients, so that the range bounds the motion, half 
 Gauss-Newton matrix has w on its diagonal where d is not zero. The range is one of two things:
 
     wall      a joint does not turn further: l < u. Nothing inside, to the last digit.
-    centre    a normal prior: l = u = c, s its standard deviation, for coordinates that no marker determines
-              (`undetermined.py`), whose errors it makes.
+    centre    a normal prior: l = u = c, s its standard deviation, for coordinates that no marker determines,
+              whose errors it makes.
 
 The error of a centre is not white: it repeats itself with the stride. For coordinate k it is taken as s_k e_k(t),
 
@@ -20,16 +20,14 @@ all z independent with variance 1: a posture that is another one (80 % of the va
 a stride, about 1 s; half of it where the trunk tilts, which it does with every step. The variance is s_k^2 in every
 frame.
 
-Coordinates that the markers of a trial do not determine, and what is known of them besides.
-
 A segment is determined by itself where three of its markers pull in half of the frames and do not lie on one line. Of
 every other segment, and of all that have no marker, the coordinates of the joint before it are asked: with H_f the
 Gauss-Newton matrix of frame f, every marker that pulls counting as much, errors of 5 mm leave them uncertain by
 
     s_f^2 = diag( (H_f / MARKER_M^2 + 1 / WIDEST^2)^-1 ),
 
-and a coordinate whose median s_f is above its standard deviation here gets that as a normal prior
-(`coordinate_prior.py`): there one frame's markers know less than is known without them. All others get none, as a
+and a coordinate whose median s_f is above its standard deviation here gets that as a normal prior:
+there one frame's markers know less than is known without them. All others get none, as a
 prior on angles that markers determine only biases them. Markers of the arms pull on the trunk as on all before them,
 but do not count for it: shoulders move against it by centimetres, as the model's do not.
 
@@ -49,57 +47,54 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.chain import root_angles
 from gaitcal.model.coordinates import COORDINATE_TABLE, with_side
-from gaitcal.model.linkage import JOINT_OF_CHILD, JOINTS, SIDES, Source, segment_kind
-from gaitcal.model.trunk import OFF_LINE, spread_off_line
+from gaitcal.model.linkage import JOINTS, LUMBAR, PELVIS_ANGLES, SIDES, coordinates_before, segment_kind
+from gaitcal.model.segment_frames import off_line
+from gaitcal.model.trunk import OFF_LINE
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.spline import SplineBasis
 
-MARKER_M = 0.005
-"""m, e: the noise of a marker on skin."""
-BEYOND = np.deg2rad(5.0)
-"""rad beyond a wall that cost e."""
+MARKER_M = 0.005  # m, e: the noise of a marker on skin
+BEYOND = np.deg2rad(5.0)  # rad beyond a wall that cost e
 WALLS: Mapping[str, tuple[float, float]] = {
     with_side(row.name, side): row.wall for side in SIDES for row in COORDINATE_TABLE.values() if row.wall
-}
-"""Coordinate -> deg from the static posture."""
-STEADY = 0.8
-"""Part of the variance of e_k."""
-STRIDE_S = 1.0
-"""s, T_k."""
-WITH_EVERY_STEP = ("lumbar_extension",)
-"""Coordinates whose T_k is half of that."""
+}  # Coordinate -> deg from the static posture
+DEVIATION: Mapping[str, float] = {
+    with_side(row.name, side): row.spread for side in SIDES for row in COORDINATE_TABLE.values() if row.spread
+}  # Coordinate -> deg, standard deviation of a normal prior
+STEADY = 0.8  # part of the variance of e_k
+STRIDE_S = 1.0  # s, T_k
+WITH_EVERY_STEP = ("lumbar_extension",)  # coordinates whose T_k is half of that
+POSES = 20  # frames that are asked
+WIDEST = 1.0  # rad, m: how far a coordinate that nothing tells may be off
+PULLS = 0.5  # share of the frames in which a marker must pull to count
+HEADING_S = 0.35  # s, standard deviation of the weights that smooth the heading
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoordinatePrior:
     """Ranges of some coordinates, at some times or at all."""
 
-    names: tuple[str, ...]
-    """(k,) coordinates."""
-    time: Array
-    """(nt,) s."""
-    low: Array
-    """(nt, k) rad."""
-    high: Array
-    """(nt, k) rad."""
-    scale: Array
-    """(k,) rad, s."""
-    share: float = 1.0
-    """Factor of the cost."""
+    names: tuple[str, ...]  # (k,) coordinates
+    time: Array  # (nt,) s
+    low: Array  # (nt, k) rad
+    high: Array  # (nt, k) rad
+    scale: Array  # (k,) rad, s
+    share: float = 1.0  # factor of the cost
 
     def scores(self, basis: SplineBasis, coordinates: tuple[str, ...]) -> Array:
         """(nn * nq, 3 k) half gradients that the errors of the centres make, z = 1 one after the other."""
-        own = self.on(basis, coordinates)
+        prior = self.on(basis, coordinates)
         out = np.zeros((basis.nodes, len(coordinates), len(self.names), 3))
         for k, name in enumerate(self.names):
             turn = 2.0 * np.pi / STRIDE_S * (2.0 if name in WITH_EVERY_STEP else 1.0) * basis.time
             swing = np.sqrt(1.0 - STEADY) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
             courses = basis.fit(np.column_stack([np.full(len(turn), np.sqrt(STEADY)), swing]))
-            out[:, own.columns[k], k] = own.weight[:, [k]] * self.scale[k] * courses
+            out[:, prior.columns[k], k] = prior.weight[:, [k]] * self.scale[k] * courses
         return out.reshape(basis.nodes * len(coordinates), -1)
 
     @property
@@ -138,14 +133,10 @@ class CoordinatePrior:
 class CoefficientPrior:
     """A prior on the coefficients of one trial."""
 
-    columns: IntArray
-    """(k,) coordinates."""
-    low: Array
-    """(nn, k) rad."""
-    high: Array
-    """(nn, k) rad."""
-    weight: Array
-    """(nn, k) m^2/rad^2, w."""
+    columns: IntArray  # (k,) coordinates
+    low: Array  # (nn, k) rad
+    high: Array  # (nn, k) rad
+    weight: Array  # (nn, k) m^2/rad^2, w
 
     def both(self, nodes: Array) -> tuple[float, Array]:
         """Cost (m^2), and (nn, nq) half its gradient, at nodes (nn, nq)."""
@@ -155,10 +146,6 @@ class CoefficientPrior:
         out[:, self.columns] = pull
         return float(np.vdot(pull, beyond)), out
 
-    def cost(self, nodes: Array) -> float:
-        """m^2."""
-        return float(np.vdot(self.weight, self._beyond(nodes) ** 2))
-
     def add_to(self, band: Array, nodes: Array) -> None:
         """Add half the Gauss-Newton matrix at `nodes` to `band` (nn * nq, 6 nq), in place."""
         outside = (self.low == self.high) | (self._beyond(nodes) != 0.0)
@@ -166,9 +153,8 @@ class CoefficientPrior:
 
     def _beyond(self, nodes: Array) -> Array:
         """(nn, k) rad, d."""
-        own = nodes[:, self.columns]
-        out: Array = own - np.clip(own, self.low, self.high)
-        return out
+        coefficients = nodes[:, self.columns]
+        return coefficients - np.clip(coefficients, self.low, self.high)
 
 
 def walls(coordinates: tuple[str, ...], posture: Mapping[str, float]) -> CoordinatePrior:
@@ -182,11 +168,11 @@ def walls(coordinates: tuple[str, ...], posture: Mapping[str, float]) -> Coordin
     )
 
 
-def within_walls(coordinates: Sequence[str], angles: Array, known: BoolArray, *, told: bool | np.bool_) -> Array:
+def within_walls(coordinates: Sequence[str], angles: Array, known: BoolArray, *, determined: bool) -> Array:
     """(nf, k) rad, starting angles of a joint less whole turns, and no further from zero than the walls about it.
 
-    `told`: whether a rigid fit tells them in the frames `known` (nf,); else a joint that has walls in all coordinates
-    starts from zero if it is beyond them in any of these.
+    `determined`: whether a rigid fit tells them in the frames `known` (nf,); else a joint that has walls in all its
+    coordinates starts from zero if it is beyond them in any of these.
     """
     walled = [k for k, name in enumerate(coordinates) if name in WALLS]
     if not walled:
@@ -195,24 +181,9 @@ def within_walls(coordinates: Sequence[str], angles: Array, known: BoolArray, *,
     turned = np.angle(np.exp(1j * angles[:, walled]))
     out, kept = angles.copy(), np.clip(turned, low, high)
     out[:, walled] = kept
-    if not told and len(walled) == len(coordinates) and (kept != turned)[known].any():
+    if not determined and len(walled) == len(coordinates) and (kept != turned)[known].any():
         out[:] = 0.0
     return out
-
-
-DEVIATION: Mapping[str, float] = {
-    with_side(row.name, side): row.spread for side in SIDES for row in COORDINATE_TABLE.values() if row.spread
-}
-"""Coordinate -> deg."""
-POSES = 20
-"""Frames that are asked."""
-WIDEST = 1.0
-"""rad, m: how far a coordinate that nothing tells may be off."""
-PULLS = 0.5
-"""Share of the frames in which a marker must pull to count."""
-LUMBAR = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
-HEADING_S = 0.35
-"""s, standard deviation of the weights that smooth the heading."""
 
 
 def coordinates_asked(
@@ -225,14 +196,13 @@ def coordinates_asked(
     """
     counts = pulls.mean(axis=1) >= PULLS
     names = np.array(of_marker, dtype=object)
-    asked: list[str] = []
-    turns: list[str] = []
+    asked, turns = list[str](), list[str]()
     for segment in segments[1:]:
-        turns += [e.name for e in JOINT_OF_CHILD[segment].elements if e.source is Source.COORDINATE]
+        turns += coordinates_before([segment])
         if not segment_kind(segment).markers:
             continue  # no marker sits on it: its joint is the foot's
-        own = local[counts & (names == segment)]
-        if len(own) < FEWEST_MARKERS or spread_off_line(own) < OFF_LINE:
+        places = local[counts & (names == segment)]
+        if len(places) < FEWEST_MARKERS or off_line(places) < OFF_LINE:
             asked += [name for name in turns if name in DEVIATION]
         turns = []
     return tuple(asked)
@@ -263,31 +233,18 @@ def upright_trunk(time: Array, pelvis: Array, posture: Mapping[str, float]) -> A
     `pelvis`: (nf, 3) rad, tilt, list and rotation.
     """
     standing, lumbar = (
-        _rotation(np.array([[posture.get(name, 0.0) for name in names]]))[0]
-        for names in (("pelvis_tilt", "pelvis_list", "pelvis_rotation"), LUMBAR)
+        Rotation.from_euler("ZXY", [posture.get(name, 0.0) for name in names]).as_matrix()
+        for names in (PELVIS_ANGLES, LUMBAR)
     )
-    turned = _rotation(pelvis)
+    turned = Rotation.from_euler("ZXY", pelvis).as_matrix()
     away = _smooth(time, np.unwrap(_heading(turned))) - _heading(standing[None])
-    zero = np.zeros_like(away)
-    kept = _rotation(np.stack([zero, zero, away], axis=1)) @ (standing @ lumbar)
+    kept = Rotation.from_euler("Y", away[:, None]).as_matrix() @ (standing @ lumbar)
     return np.unwrap(root_angles(turned.transpose(0, 2, 1) @ kept), axis=0)
-
-
-def _rotation(angles: Array) -> Array:
-    """(nf, 3, 3) Rz(a) Rx(b) Ry(c) of angles (nf, 3)."""
-    (ca, cb, cc), (sa, sb, sc) = np.cos(angles).T, np.sin(angles).T
-    rows = [
-        [ca * cc - sa * sb * sc, -sa * cb, ca * sc + sa * sb * cc],
-        [sa * cc + ca * sb * sc, ca * cb, sa * sc - ca * sb * cc],
-        [-cb * sc, sb, cb * cc],
-    ]
-    return np.array(rows).transpose(2, 0, 1)
 
 
 def _heading(rotation: Array) -> Array:
     """(nf,) rad, turn about the vertical of where x points."""
-    out: Array = np.arctan2(-rotation[:, 2, 0], rotation[:, 0, 0])
-    return out
+    return np.arctan2(-rotation[:, 2, 0], rotation[:, 0, 0])
 
 
 def _smooth(time: Array, angle: Array) -> Array:

@@ -25,9 +25,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.arrays import Array, IntArray
+from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain, chain_of, forward, root_angles, segment_poses
-from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source
+from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source, coordinates_before
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.motion.descent import DescentSettings, Evaluation, descend
 from gaitcal.motion.marker_residual import (
@@ -39,33 +39,28 @@ from gaitcal.motion.marker_residual import (
     marker_positions,
 )
 from gaitcal.motion.motion import MarkerErrors, rigid_floor
+from gaitcal.motion.spline import spaced
 from gaitcal.motion.start import ROOT_COORDINATES
 from gaitcal.motion.trial_problem import TrialProblem
 
-MOST_FRAMES = 300
-"""Frames looked at, evenly spaced: the floor of a longer trial is that of these."""
+MOST_FRAMES = 300  # looked at, evenly spaced: the floor of a longer trial is that of these
 SETTINGS = DescentSettings(gain=1e-3, most_steps=30, first_damping=1e-3, lowered_by=2.0)
 """The last step gains less than 1e-3 of the cost, 5e-4 of the RMS. Some damping is kept throughout: no step is then
 taken on its promise alone, which leads far along what two markers of a segment do not tell."""
-RIDGE = 1e-10
-"""Of the largest diagonal entry: holds what no marker tells, like the turn of two markers about their line."""
+RIDGE = 1e-10  # of the largest diagonal entry: holds what no marker tells, like the turn of two about their line
 
 
 @dataclass(frozen=True)
 class JointFloor:
     """What the joints of a trial can reach, each by itself."""
 
-    errors: MarkerErrors
-    """Root mean square over the joints of each marker; NaN also in frames that were not looked at."""
-    joints: Mapping[str, float]
-    """Joint -> m, RMS distance over the markers of its segments."""
-    segments: tuple[str, ...]
-    """Those that have markers in one of the joints; the others follow their markers as rigid segments."""
+    errors: MarkerErrors  # root mean square over the joints of each marker; NaN also in frames that were not looked at
+    joints: Mapping[str, float]  # joint -> m, RMS distance over the markers of its segments
+    segments: tuple[str, ...]  # that have markers in a joint; the others follow their markers as rigid segments
 
     def rms(self, *segments: str) -> float | None:
         """RMS distance (m) over markers with weight, of some segments or all; None where no joint says anything."""
-        told = not segments or any(s in self.segments for s in segments)
-        return self.errors.rms(*segments) if told else None
+        return self.errors.rms(*segments) if not segments or set(segments) & set(self.segments) else None
 
 
 def joint_floor(problem: TrialProblem, parameters: Parameters, q: Array) -> JointFloor | None:
@@ -80,15 +75,23 @@ def joint_floor(problem: TrialProblem, parameters: Parameters, q: Array) -> Join
     joints = {name: parts for name, parts in _joints_of(chain).items() if shown.issuperset(_ends(parts))}
     if not joints:
         return None
-    frames = _frames(len(q))
-    data, start = problem.data.frames(frames), _Start(parameters, chain, q[frames])
+    frames = spaced(len(q), MOST_FRAMES)
+    data, constants = problem.data.frames(frames), problem.constants(parameters)
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, q[frames]))
     carriers = [segment for parts in joints.values() for segment in _ends(parts)]
     shares = np.array([carriers.count(segment) for segment in rigid.segments], dtype=float)
     squares = np.where(shares[:, None] > 0, 0.0, rigid.distance[frames].T ** 2)
     found = {}
     for name, parts in joints.items():
-        markers = np.flatnonzero(np.isin(rigid.segments, _ends(parts)))
-        distance = _JointAlone(parts, data, markers, shares, start).distances()
+        markers, s = np.flatnonzero(np.isin(rigid.segments, _ends(parts))), chain.segments.index(parts[0].parent)
+        part = MarkerData(
+            PlacedMarkers(data.segment[markers], data.local[markers]),
+            data.measured[markers],
+            data.weight[markers] / shares[markers, None],
+        )
+        root = np.hstack([origins[s].T, root_angles(axes[s].transpose(2, 1, 0))])
+        turns = [chain.coordinates.index(name) for name in coordinates_before(p.child for p in parts)]
+        distance = _JointAlone(parts, part, chain, parameters, np.hstack([root, q[frames][:, turns]])).distances()
         squares[markers] += distance**2 / shares[markers, None]
         found[name] = float(np.sqrt(np.mean(distance[data.weight[markers] > 0] ** 2)))
     floor = np.full_like(rigid.distance, np.nan)
@@ -111,27 +114,6 @@ def _ends(parts: tuple[Joint, ...]) -> tuple[str, str]:
     return parts[0].parent, parts[-1].child
 
 
-def _frames(count: int) -> IntArray:
-    """Evenly spaced, at most `MOST_FRAMES`."""
-    return np.unique(np.round(np.linspace(0, count - 1, min(count, MOST_FRAMES))).astype(np.intp))
-
-
-class _Start:
-    """The linkage's own motion, from which each joint's is read."""
-
-    def __init__(self, parameters: Parameters, chain: Chain, q: Array) -> None:
-        self.parameters, self.chain, self.q = parameters, chain, q
-        constants = chain.constants(parameters.joint, parameters.zero_angles)
-        self._axes, self._origins = segment_poses(chain, constants, forward(chain, constants, q))
-
-    def coordinates(self, part: Chain) -> Array:
-        """(nf, nq) of a part of the chain."""
-        s = self.chain.segments.index(part.root)
-        rotation, origin = self._axes[s].transpose(2, 1, 0), self._origins[s].T
-        angles = [self.chain.coordinates.index(name) for name in part.coordinates[ROOT_COORDINATES:]]
-        return np.hstack([origin, root_angles(rotation), self.q[:, angles]])
-
-
 class _JointAlone:
     """The marker cost of one joint by the coordinates of all frames, followed by its joint parameters."""
 
@@ -139,30 +121,23 @@ class _JointAlone:
     has_curvature = False
 
     def __init__(
-        self, parts: tuple[Joint, ...], data: MarkerData, markers: IntArray, shares: Array, start: _Start
+        self, parts: tuple[Joint, ...], data: MarkerData, whole: Chain, parameters: Parameters, q: Array
     ) -> None:
-        """`markers`: the places of its markers in `data`; `shares`: (nm,) joints that each marker of `data` is in."""
+        """`data`: its markers in the segments of the `whole` chain; `q` (nf, nq): where its coordinates start."""
         names = tuple(e.name for p in parts for e in p.elements if e.source is Source.JOINT_PARAMETER)
         self.chain = chain = chain_of(parts[0].parent, (parts[0].parent, *(p.child for p in parts)), names)
-        self.parameters = start.parameters
-        segment = np.array([chain.segments.index(start.chain.segments[s]) for s in data.segment[markers]], np.intp)
-        self.data = MarkerData(
-            PlacedMarkers(segment, data.local[markers]),
-            data.measured[markers],
-            data.weight[markers] / shares[markers, None],
-        )
+        self.parameters, self.shape = parameters, q.shape
+        segment = np.array([chain.segments.index(whole.segments[s]) for s in data.segment], np.intp)
+        self.data = replace(data, placed=PlacedMarkers(segment, data.local))
         self.pairs = VariablePairs(chain, np.isin(np.arange(len(chain.segments)), segment))
-        q = start.coordinates(chain)
-        self.shape = q.shape
-        self.first = np.append(q.ravel(), self.parameters.joint[[JP_INDEX[name] for name in chain.free]])
+        self.first = np.append(q.ravel(), parameters.joint[[JP_INDEX[name] for name in chain.free]])
 
     def distances(self) -> Array:
         """(markers, nf) m, at the minimum."""
         parameters, q = self.split(descend(self, self.first, SETTINGS).x)
         constants = self.chain.constants(parameters.joint, parameters.zero_angles)
         model = marker_positions(self.chain, constants, self.data.placed, q)
-        out: Array = np.linalg.norm(model - self.data.measured, axis=1)
-        return out
+        return np.linalg.norm(model - self.data.measured, axis=1)
 
     def split(self, x: Array) -> tuple[Parameters, Array]:
         """Parameters and coordinates (nf, nq)."""
@@ -195,8 +170,8 @@ class _JointMatrix:
 
     def __init__(self, joint: _JointAlone, equations: FrameEquations) -> None:
         self.shape, self.evaluation = joint.shape, joint.gradient(equations)
+        # (nf, n, n) right wherever the second variable moves nothing that the first leaves: beside the root all do
         whole = equations.products()
-        """(nf, n, n) right wherever the second variable moves nothing that the first leaves: beside the root all do."""
         root, rest = slice(0, ROOT_COORDINATES), slice(ROOT_COORDINATES, None)
         whole[:, rest, root] = whole[:, root, rest].transpose(0, 2, 1)
         nq = self.shape[1]
@@ -210,8 +185,7 @@ class _JointMatrix:
 def _damped(matrix: Array, damping: float) -> Array:
     """The matrices (..., n, n) with a heavier diagonal."""
     diagonal = np.einsum("...ii->...i", matrix)
-    out: Array = matrix + np.eye(matrix.shape[-1]) * (damping * diagonal + RIDGE * diagonal.max())[..., None]
-    return out
+    return matrix + np.eye(matrix.shape[-1]) * (damping * diagonal + RIDGE * diagonal.max())[..., None]
 
 
 class _JointFactor:

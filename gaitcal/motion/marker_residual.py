@@ -15,10 +15,7 @@ every frame. The sums over a segment's markers are turned with the segment, not 
     sum w x x r = sum_j T_sj x (sum w [l; 1]_j r),
 
 P_s as long constant as the weights are. They are summed from the tips to the root, once per distinct set of segments.
-What Gauss-Newton leaves out (the markers' curvature, below) is added to Y_l J_l where it is asked for.
-
-The part of the Hessian that Gauss-Newton leaves out: how the markers curve, weighted by the residuals.
-
+What Gauss-Newton leaves out, how the markers curve, weighted by the residuals, is added to Y_l J_l if asked for.
 With r_m already multiplied by its weight, the second derivative of marker m by variables k before l (k = l too) is
 w_k x (v_l + w_l x x_m), so that the half Hessian of the cost gains
 
@@ -27,8 +24,6 @@ w_k x (v_l + w_l x x_m), so that the half Hessian of the cost gains
 
 Far from the measured markers this term is large: with joint parameters 10 mm and 10 degrees off, Gauss-Newton alone
 converges by a factor of about two a step, with it by factors of hundreds; 300 mm off, not at all without damping.
-
-Markers in their segments.
 """
 
 from __future__ import annotations
@@ -42,15 +37,16 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.chain import Chain, ChainConstants, SecondaryMotion, forward, jacobian, segment_transforms
 
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_ALL = slice(None)
+
 
 @dataclass(frozen=True)
 class PlacedMarkers:
     """Where markers sit in their segments, sorted by segment."""
 
-    segment: IntArray
-    """(nm,) index into the chain's segments, not decreasing."""
-    local: Array
-    """(nm, 3) m, position in the segment frame."""
+    segment: IntArray  # (nm,) index into the chain's segments, not decreasing
+    local: Array  # (nm, 3) m, position in the segment frame
 
     @cached_property
     def groups(self) -> list[tuple[int, slice]]:
@@ -65,23 +61,15 @@ class PlacedMarkers:
         return np.concatenate([self.local, np.ones((len(self.local), 1))], axis=1)
 
 
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-ALL = slice(None)
-
-
 @dataclass(frozen=True)
 class MarkerData:
     """Markers of one trial: where they sit, and where they were measured; axes (marker, xyz, frame)."""
 
     placed: PlacedMarkers
-    measured: Array
-    """(nm, 3, nf) m; any finite number where the weight is zero."""
-    weight: Array
-    """(nm, nf) >= 0."""
-    shift: Array | None = None
-    """(nm, 3, nf) m, how far each marker is from its place, in its segment's axes; None: not at all."""
-    secondary: SecondaryMotion | None = None
-    """What joints do besides moving along their coordinates; None: nothing."""
+    measured: Array  # (nm, 3, nf) m; any finite number where the weight is zero
+    weight: Array  # (nm, nf) >= 0
+    shift: Array | None = None  # (nm, 3, nf) m, how far each marker is from its place, in its segment's axes
+    secondary: SecondaryMotion | None = None  # what joints do besides moving along their coordinates
 
     @property
     def segment(self) -> IntArray:
@@ -122,35 +110,20 @@ class MarkerData:
 class FrameEquations:
     """Cost and normal equations of every frame of a stretch."""
 
-    pairs: VariablePairs
-    cost: float
-    """m^2, sum over markers and frames."""
-    gradient: Array
-    """(nq + np, nf) half gradient."""
-    columns: Array
-    """(nq + np, 6, nf) J_k."""
-    carried: Array
-    """(nq + np, 6, nf) Y_k J_k, with the markers' curvature if asked for; none where no matrix was."""
+    cost: float  # m^2, sum over markers and frames
+    gradient: Array  # (nq + np, nf) half gradient
+    columns: Array  # (nq + np, 6, nf) J_k
+    carried: Array  # (nq + np, 6, nf) Y_k J_k, with the markers' curvature if asked for; none where no matrix was
 
-    def products(self, first: slice = ALL, second: slice = ALL) -> Array:
+    def products(self, first: slice = _ALL, second: slice = _ALL) -> Array:
         """(nf, n, n') J_k . Y_l J_l for k of `first` and l of `second`: H_kl wherever l comes after k."""
         left = np.ascontiguousarray(self.columns[first].transpose(2, 0, 1))
-        right = np.ascontiguousarray(self.carried[second].transpose(2, 1, 0))
-        out: Array = np.matmul(left, right)
-        return out
+        return left @ np.ascontiguousarray(self.carried[second].transpose(2, 1, 0))
 
     def total(self, part: slice) -> Array:
         """(n, n) the same with both of `part`, summed over the frames."""
         left, right = self.columns[part], self.carried[part]
-        out: Array = left.reshape(len(left), -1) @ right.reshape(len(right), -1).T
-        return out
-
-    @property
-    def hessian(self) -> Array:
-        """(nf, npairs) entries of the Gauss-Newton matrix at `VariablePairs`."""
-        flat = self.products().reshape(self.columns.shape[-1], -1)
-        out: Array = flat[:, self.pairs.shallow * len(self.columns) + self.pairs.deep]
-        return out
+        return left.reshape(len(left), -1) @ right.reshape(len(right), -1).T
 
 
 class VariablePairs:
@@ -224,16 +197,14 @@ def frame_equations(
     forces = _sums(chain, _segment_forces(segments, arms))[chain.moved_set]
     gradient = np.einsum("kif,kif->kf", columns, forces)
     if not hessian:
-        return FrameEquations(
-            pairs=pairs, cost=cost, gradient=gradient, columns=columns, carried=np.empty((0, 6, len(q)))
-        )
+        return FrameEquations(cost=cost, gradient=gradient, columns=columns, carried=np.empty((0, 6, len(q))))
     carried = _apply_inertia(_sums(chain, _segment_inertias(data, segments)), chain.moved_set, columns)
     if curved:
         # C_l = sum x r^T of each segment: T_s [l; 1] against the same arms that give its force
         first = np.einsum("sjaf,sjbf->sabf", segments, arms)
         summed = _sums(chain, first.reshape(len(first), 9, -1))[chain.moved_set]
         carried[:, 3:] += curvature_pulls(columns, forces[:, :3], summed.reshape(len(summed), 3, 3, -1))
-    return FrameEquations(pairs=pairs, cost=cost, gradient=gradient, columns=columns, carried=carried)
+    return FrameEquations(cost=cost, gradient=gradient, columns=columns, carried=carried)
 
 
 def _segment_arms(data: MarkerData, segments: Array) -> tuple[Array, float]:
@@ -285,8 +256,7 @@ def _segment_inertias(data: MarkerData, segments: Array) -> Array:
 def _sums(chain: Chain, of_segments: Array) -> Array:
     """(n, rows, nf) sums over each distinct set of segments that variables move."""
     ns, rows, nf = of_segments.shape
-    out: Array = np.matmul(chain.moved_sets, of_segments.reshape(ns, rows * nf)).reshape(-1, rows, nf)
-    return out
+    return np.matmul(chain.moved_sets, of_segments.reshape(ns, rows * nf)).reshape(-1, rows, nf)
 
 
 def _apply_inertia(inertia: Array, of_variable: IntArray, columns: Array) -> Array:

@@ -26,10 +26,8 @@ class MarkerErrors:
 
     labels: tuple[str, ...]
     segments: tuple[str, ...]
-    weight: Array
-    """(nm,) weight of each marker in the fit (its largest over the frames)."""
-    distance: Array
-    """(nf, nm) m; NaN where a marker was not seen."""
+    weight: Array  # (nm,) of each marker in the fit (its largest over the frames)
+    distance: Array  # (nf, nm) m; NaN where a marker was not seen
 
     def rms(self, *segments: str) -> float | None:
         """RMS distance (m) over markers with weight, of some segments or all; None where there are none."""
@@ -42,8 +40,7 @@ class MarkerErrors:
         """(nm,) markers with weight that were seen at all, of some segments or all."""
         seen = np.isfinite(self.distance).any(axis=0)
         here = np.array([not segments or s in segments for s in self.segments], dtype=bool)
-        kept: BoolArray = (self.weight > 0) & seen & here
-        return kept
+        return (self.weight > 0) & seen & here
 
     def largest(self) -> tuple[float, str] | None:
         """Largest distance (m) over markers with weight, and which marker."""

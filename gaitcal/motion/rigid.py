@@ -22,20 +22,16 @@ from gaitcal.motion.marker_residual import MarkerData
 COLLINEAR = 1e-3
 """Ratio of the second to the first singular value of B below which the turn about the markers' line is unknown."""
 MOST_STEPS = 60
-FEWEST_MARKERS = 3
-"""That tell where a segment is and how it is turned."""
+FEWEST_MARKERS = 3  # that tell where a segment is and how it is turned
 
 
 @dataclass(frozen=True)
 class RigidFit:
     """Rigid motion of one segment."""
 
-    rotation: Array
-    """(nf, 3, 3) segment to laboratory."""
-    origin: Array
-    """(nf, 3) m, of the segment frame."""
-    determined: BoolArray
-    """(nf,) whether at least three markers that are not on one line were seen."""
+    rotation: Array  # (nf, 3, 3) segment to laboratory
+    origin: Array  # (nf, 3) m, of the segment frame
+    determined: BoolArray  # (nf,) whether at least three markers that are not on one line were seen
 
 
 def rigid_fit(local: Array, measured: Array, weight: Array) -> RigidFit:
@@ -57,8 +53,7 @@ class SegmentMoments:
         self._place = {s: k for k, (s, _) in enumerate(groups)}
         self._seen = np.array([(data.weight[markers] > 0).sum(axis=0) for _, markers in groups])
         self._local = data.moments
-        self._mixed = np.empty((len(groups), 4, 3, nf))
-        """sum of w [l; 1]_j x."""
+        self._mixed = np.empty((len(groups), 4, 3, nf))  # sum of w [l; 1]_j x
         for k, (_, markers) in enumerate(groups):
             flat = pull[markers].reshape(-1, 3 * nf)
             np.matmul(data.placed.extended[markers].T, flat, out=self._mixed[k].reshape(4, 3 * nf))
@@ -83,8 +78,7 @@ class SegmentMoments:
         """
         k = self._place[segment]
         mixed, local = self._mixed[k], self._local[k]
-        arm = local[:3, 3] - local_centre[:, None] * local[3, 3]
-        """(3, nf) sum of w (l - l_c)."""
+        arm = local[:3, 3] - local_centre[:, None] * local[3, 3]  # (3, nf) sum of w (l - l_c)
         spread = mixed[:3] - local_centre[:, None, None] * mixed[3] - arm[:, None] * centre.T
         scale, minors = (spread * spread).sum(axis=(0, 1)), _row_products(spread)
         two_dimensional = np.sqrt((minors * minors).sum(axis=(0, 1))) > COLLINEAR * scale
@@ -126,15 +120,25 @@ def best_rotation(b: Array) -> tuple[Array, BoolArray]:
     determinant = (b[0] * adjugate[0]).sum(axis=0)
     square = (adjugate * adjugate).sum(axis=(0, 1))
     determined = (scale > 0) & (np.sqrt(square) > COLLINEAR)
-    s = _largest_root(determinant, square, determined)
+    # the largest root s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2, for |B| = 1 at most sqrt(3): Newton falls onto it. Only
+    # where a rotation is determined, as others have a double root, which takes Newton long
+    s = np.full_like(determinant, np.sqrt(3.0))
+    for _ in range(MOST_STEPS):
+        gap = s * s - 1.0
+        slope = 4.0 * s * gap - 8.0 * determinant
+        step = (gap * gap - 8.0 * s * determinant - 4.0 * square) / np.where(np.abs(slope) > 1e-14, slope, 1.0)
+        s = s - step
+        if np.abs(step[determined]).max(initial=0.0) < 1e-15:
+            break
     k = 0.5 * (s * s - 1.0)
     bbb = np.einsum("ikf,klf->ilf", np.einsum("ijf,kjf->ikf", b, b), b)
     numerator = (k + 1.0) * b + s * adjugate - bbb
     denominator = k * s - determinant
     determined &= denominator > 1e-12
-    rotation = numerator / np.where(determined, denominator, 1.0)
-    rotation = _orthonormal(rotation, determined)
-    return rotation, determined
+    rotation = np.where(determined, numerator / np.where(determined, denominator, 1.0), np.eye(3)[:, :, None])
+    # one step towards the nearest rotation, R (3 - R^T R) / 2, squares the rounding error
+    gram = np.einsum("kif,kjf->ijf", rotation, rotation)
+    return 1.5 * rotation - 0.5 * np.einsum("ikf,kjf->ijf", rotation, gram), determined
 
 
 def _row_products(b: Array) -> Array:
@@ -146,28 +150,4 @@ def _row_products(b: Array) -> Array:
             k, m = (j + 1) % 3, (j + 2) % 3
             np.multiply(first[k], second[m], out=out[i, j])
             out[i, j] -= first[m] * second[k]
-    return out
-
-
-def _largest_root(determinant: Array, square: Array, wanted: BoolArray) -> Array:
-    """Largest s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2 = 0, for |B| = 1: at most sqrt(3), Newton falls onto it.
-
-    Only where `wanted`: an undetermined rotation has a double root, which takes Newton long.
-    """
-    s = np.full_like(determinant, np.sqrt(3.0))
-    for _ in range(MOST_STEPS):
-        gap = s * s - 1.0
-        slope = 4.0 * s * gap - 8.0 * determinant
-        step = (gap * gap - 8.0 * s * determinant - 4.0 * square) / np.where(np.abs(slope) > 1e-14, slope, 1.0)
-        s = s - step
-        if np.abs(step[wanted]).max(initial=0.0) < 1e-15:
-            break
-    return s
-
-
-def _orthonormal(rotation: Array, determined: BoolArray) -> Array:
-    """One step towards the nearest rotation, R (3 - R^T R) / 2, squares the rounding error; identity elsewhere."""
-    rotation = np.where(determined, rotation, np.eye(3)[:, :, None])
-    gram = np.einsum("kif,kjf->ijf", rotation, rotation)
-    out: Array = 1.5 * rotation - 0.5 * np.einsum("ikf,kjf->ijf", rotation, gram)
     return out

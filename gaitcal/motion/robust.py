@@ -27,13 +27,10 @@ from gaitcal.motion.trial_problem import TrialProblem
 HUBER = 1.7
 CAUCHY = 2.8
 MAD = 1.4826
-LEAST_SCALE = 0.0005
-"""m: residuals of half a millimetre are measurement noise, however well the rest fits."""
-SETTLED = 0.02
-"""Largest change of a factor at which the iteration ends."""
+LEAST_SCALE = 0.0005  # m: residuals of half a millimetre are measurement noise, however well the rest fits
+SETTLED = 0.02  # largest change of a factor at which the iteration ends
 MOST_ROUNDS = 30
-FIRST_ROUNDS = 4
-"""Rounds of Huber's loss before Cauchy's."""
+FIRST_ROUNDS = 4  # of Huber's loss before Cauchy's
 OUTLIER = 0.25
 """A sample whose factor is below this was all but left out: sqrt(3) c scales away for Cauchy, 4 k for Huber."""
 
@@ -48,20 +45,16 @@ class Loss(Enum):
         """f(u) in (0, 1]: what a sample `u` scales away keeps of its weight."""
         if self is Loss.HUBER:
             return np.minimum(1.0, HUBER / np.maximum(u, 1e-300))
-        out: Array = 1.0 / (1.0 + (u / CAUCHY) ** 2)
-        return out
+        return 1.0 / (1.0 + (u / CAUCHY) ** 2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RobustTracking:
     """Where the iteration ended."""
 
-    problem: TrialProblem
-    """With the weights w f(u)."""
-    factor: Array
-    """(nm, nf) f(u); 1 where a marker was not seen or has no weight."""
-    scale: float
-    """m, s."""
+    problem: TrialProblem  # with the weights w f(u)
+    factor: Array  # (nm, nf) f(u); 1 where a marker was not seen or has no weight
+    scale: float  # m, s
     tracked: Tracked
     rounds: int
     settled: bool
@@ -69,8 +62,7 @@ class RobustTracking:
     @property
     def outliers(self) -> BoolArray:
         """(nm, nf) samples all but left out."""
-        out: BoolArray = np.less(self.factor, OUTLIER)
-        return out
+        return np.less(self.factor, OUTLIER)
 
 
 def residual_scale(standardised: Array) -> float:
@@ -87,24 +79,22 @@ def robust_tracking(
 
     `factor` (nm, nf): where the weights start, if something like them is known already.
     """
-    constants = problem.constants(parameters)
-    own = problem.data.weight
-    used = own > 0
-    weighted = problem if factor is None else problem.with_weight(own * factor)
+    constants, weight = problem.constants(parameters), problem.data.weight
+    used, begun = weight > 0, 0 if factor is None else FIRST_ROUNDS
+    present = np.ones_like(weight) if factor is None else factor
+    weighted = problem.with_weight(weight * present)
     nodes = starting_nodes(problem.chain, constants, weighted.data, problem.basis)
     tracked = track_nodes(weighted, constants, nodes)
-    begun = 0 if factor is None else FIRST_ROUNDS
-    present = np.ones_like(own) if factor is None else factor
     scale, settled, count = LEAST_SCALE, False, 0
     while count < MOST_ROUNDS and not settled:
         shape = Loss.HUBER if begun + count < FIRST_ROUNDS else loss
         residual = problem.positions(tracked.nodes, constants) - problem.data.measured
-        standardised = np.sqrt(own)[:, None] * residual
+        standardised = np.sqrt(weight)[:, None] * residual
         scale = residual_scale(standardised.transpose(0, 2, 1)[used])
         changed = np.where(used, shape.factor(np.linalg.norm(standardised, axis=1) / scale), 1.0)
         settled = shape is loss and float(np.abs(changed - present).max(initial=0.0)) < SETTLED
         present = changed
-        weighted = problem.with_weight(own * present)
+        weighted = problem.with_weight(weight * present)
         tracked = track_nodes(weighted, constants, tracked.nodes)
         count += 1
     return RobustTracking(problem=weighted, factor=present, scale=scale, tracked=tracked, rounds=count, settled=settled)

@@ -11,9 +11,8 @@ the Gauss-Newton matrix are
     g_r = sum_t psi_r sum_m w B_m^T R^T r_m,                H_kr = sum_t psi_r sum_m w B_m^T R^T v_k,
     H_rs = sum_t psi_r psi_s sum_m w B_m^T B_m.
 
-Motions of a joint that go with its angle, as unknowns of a trial: a knee is no hinge, it rolls, glides and turns.
-
-Before the knee flexes, the shank slides along x and y and turns about x and y of the axes that flexion turns about, by
+A knee is no hinge, it rolls, glides and turns: what it does besides, as unknowns of a trial too. Before it flexes, the
+shank slides along x and y and turns about x and y of the axes that flexion turns about, by
 
     amount_c(t) = z_c2 b_2(phi(t)) + z_c3 b_3(phi(t)),      c: ant, sup (m), front, trans (rad),
 
@@ -39,20 +38,19 @@ from gaitcal.model.chain import Chain, ChainConstants, SecondaryMotion, forward,
 from gaitcal.model.linkage import BENDS, SECONDARY
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
-from gaitcal.motion.spline import SplineBasis, basis_matrix
+from gaitcal.motion.spline import SplineBasis
 
-LEAST_SPREAD = np.deg2rad(2.0)
-"""rad: an angle that moves less in a task moves no more with it than one that moves so much."""
+LEAST_SPREAD = np.deg2rad(2.0)  # rad: an angle that moves less in a task moves no more with it than one that does
+COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")  # of z_r: shifts along and turns about the segment's axes
+WIDTH = len(COMPONENTS)
 
 
 @dataclass(frozen=True)
 class SecondaryColumns:
     """The secondary motions of a trial."""
 
-    kind: str
-    """Of task: trials of one kind share the unknowns."""
-    regressors: dict[str, tuple[Array, Array]]
-    """Coordinate -> (nf,) b_2 and b_3."""
+    kind: str  # of task: trials of one kind share the unknowns
+    regressors: dict[str, tuple[Array, Array]]  # coordinate -> (nf,) b_2 and b_3
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -100,31 +98,19 @@ def _bends(angle: Array) -> Array:
     psi = (angle - angle.mean()) / max(float(angle.std()), LEAST_SPREAD)
     q, r = np.linalg.qr(np.vander(psi, columns, increasing=True))
     size = psi.std() ** np.arange(2, columns)
-    out: Array = np.sqrt(len(psi)) * (q[:, 2:] * np.sign(np.diag(r)[2:]) * size).T
-    return out
-
-
-COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
-"""Of z_r: shifts along and turns about the segment's axes."""
-WIDTH = len(COMPONENTS)
+    return np.sqrt(len(psi)) * (q[:, 2:] * np.sign(np.diag(r)[2:]) * size).T
 
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentTissue:
     """What moves the markers of one segment against it."""
 
-    segment: int
-    """Index into the chain's segments."""
-    carrier: str
-    """Name of the segment."""
+    segment: int  # index into the chain's segments
+    carrier: str  # name of the segment
     markers: slice
-    """Its markers."""
-    pattern: Array
-    """(nm, 3, 6) B of its markers."""
-    names: tuple[str, ...]
-    """(nr,) `gait/hip_flexion_r`: the same name on the same segment of two trials is the same unknown."""
-    regressors: Array
-    """(nr, nf) psi."""
+    pattern: Array  # (nm, 3, 6) B of its markers
+    names: tuple[str, ...]  # (nr,) `gait/hip_flexion_r`: the same name on a segment of two trials is the same unknown
+    regressors: Array  # (nr, nf) psi
 
 
 @dataclass(frozen=True)
@@ -135,8 +121,7 @@ class SoftTissue:
     """
 
     groups: tuple[SegmentTissue, ...]
-    secondary: SecondaryColumns | None = None
-    """Variables of the chain, before the columns of segments."""
+    secondary: SecondaryColumns | None = None  # Variables of the chain, before the columns of segments
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
@@ -147,9 +132,9 @@ class SoftTissue:
         """(markers, 3, nf) m, displacement of every marker of the trial in its segment."""
         out, at = np.zeros((markers, 3, self.groups[0].regressors.shape[1])), 0
         for group in self.groups:
-            own = z[at : at + WIDTH * len(group.names)].reshape(-1, WIDTH)
-            out[group.markers] = group.pattern @ (own.T @ group.regressors)
-            at += own.size
+            part = z[at : at + WIDTH * len(group.names)].reshape(-1, WIDTH)
+            out[group.markers] = group.pattern @ (part.T @ group.regressors)
+            at += part.size
         return out
 
 
@@ -181,7 +166,7 @@ def with_tissue_columns(
     position = marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
     mixed = np.zeros((basis.nodes, nq, nz))
     by_parameter, own, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
-    spread, at = basis_matrix(basis).T.tocsr(), 0
+    spread, at = basis.matrices[0].T.tocsr(), 0
     for group in tissue.groups:
         axes, psi = segments[group.segment, :3], group.regressors  # (3 axes, 3, nf), (nr, nf)
         moved = np.flatnonzero(chain.support[:, group.segment])

@@ -5,9 +5,7 @@
 n_a the nodes (control values), (nn, nq). With nn nodes there are nn - 5 spans. Velocities and accelerations are the
 exact derivatives. Method: Reinbolt et al. 2007 (20 nodes a coordinate); knots after de Boor, clamped and uniform.
 
-How many spline nodes a trial gets where no penalty smooths it, and what passes such a spline.
-
-How rough a motion is: the penalty that limits its bandwidth, whatever the number of its nodes.
+The penalty that limits the bandwidth of a motion, whatever the number of its nodes,
 
     tr(N^T R N K),      R_ab = int b_a''' b_b''' + (2 pi f_0)^4 b_a' b_b' dt,      K = rate (2 pi f)^-6 W
 
@@ -40,28 +38,30 @@ if TYPE_CHECKING:
 DEGREE = 5
 ORDER = DEGREE + 1
 MINIMUM_NODES = ORDER
-FRAMES_AT_ONCE = 256
-"""Frames worked on together: bounds memory, and keeps the working set in the processor's cache."""
+FRAMES_AT_ONCE = 256  # worked on together: bounds memory, and keeps the working set in the processor's cache
 _LOW, _APART = np.array([(low, high - low) for low in range(ORDER) for high in range(low, ORDER)]).T
 """(21,) each: the earlier of two of the six nodes at a frame, and how far the other comes after it."""
+NODES_PER_SECOND = 20.0
+"""Knot spans per second of a trial that no penalty smooths: a quintic spline with spans h passes frequencies up to
+about 0.48 / h (see `cutoff`)."""
+FRAMES_PER_SPAN = 3.0  # at least; slow cameras get longer spans
+PENALISED = 3  # the derivative that is penalised: the jerk, which leaves accelerations free at the ends
+HALF_POWER = float((np.sqrt(2.0) - 1.0) ** (1.0 / (2 * PENALISED)))  # where the gain is -3 dB, in units of f
+TENSION_HZ = 0.5  # f_0: in a gap longer than about a third of a second coordinates come to rest
+NODES_AT_ONCE = 256  # rows of the band worked on together, to bound memory
+KEPT_BYTES = 16 << 20  # of half a Hessian that is kept: smaller ones are added again and again
 
 
 @dataclass(frozen=True, kw_only=True)
 class SplineBasis:
     """The basis at the frames of one trial."""
 
-    time: Array
-    """(nf,) s."""
-    knots: Array
-    """(nn + 6,) s."""
-    first: IntArray
-    """(nf,) index of the first of the six nodes that matter at a frame."""
-    value: Array
-    """(nf, 6) their weights."""
-    rate: Array
-    """(nf, 6) 1/s, weights for the first derivative."""
-    acceleration: Array
-    """(nf, 6) 1/s^2, weights for the second derivative."""
+    time: Array  # (nf,) s
+    knots: Array  # (nn + 6,) s
+    first: IntArray  # (nf,) index of the first of the six nodes that matter at a frame
+    value: Array  # (nf, 6) their weights
+    rate: Array  # (nf, 6) 1/s, weights for the first derivative
+    acceleration: Array  # (nf, 6) 1/s^2, weights for the second derivative
 
     @property
     def nodes(self) -> int:
@@ -77,9 +77,9 @@ class SplineBasis:
 
     def at(self, frames: IntArray) -> SplineBasis:
         """The same splines at some of the frames (increasing)."""
-        return SplineBasis(
+        return replace(
+            self,
             time=self.time[frames],
-            knots=self.knots,
             first=self.first[frames],
             value=self.value[frames],
             rate=self.rate[frames],
@@ -95,36 +95,31 @@ class SplineBasis:
 
     def evaluate(self, nodes: Array, derivative: int = 0) -> Array:
         """(nf, nq) coordinates, or their first or second time derivative, for nodes (nn, nq)."""
-        out: Array = self.matrices[derivative] @ nodes
-        return out
+        return self.matrices[derivative] @ nodes
 
     @cached_property
-    def matrices(self) -> tuple[csr_array, csr_array, csr_array]:
+    def matrices(self) -> tuple[csr_array, ...]:
         """(nf, nn) each: values, first and second derivatives from nodes."""
         nf = len(self.time)
         columns = (self.first[:, None] + np.arange(ORDER)).ravel()
         ends = np.arange(0, ORDER * nf + 1, ORDER)
-        values, rates, accelerations = (
-            csr_array((weights.ravel(), columns, ends), shape=(nf, self.nodes))
-            for weights in (self.value, self.rate, self.acceleration)
-        )
-        return values, rates, accelerations
+        parts = (self.value, self.rate, self.acceleration)
+        return tuple(csr_array((weights.ravel(), columns, ends), shape=(nf, self.nodes)) for weights in parts)
 
     def fit(self, samples: Array) -> Array:
         """(nn, nq) nodes that fit samples (nf, nq) in the least-squares sense. Samples must be finite."""
         nn = self.nodes
         band, right = np.zeros((ORDER, nn)), np.zeros((nn, samples.shape[1]))
-        spans = self.spans
-        edges = [frames.start for _, frames in spans]
-        grams = np.add.reduceat(self.value[:, :, None] * self.value[:, None, :], edges, axis=0)
-        firsts = np.array([first for first, _ in spans])
+        grams = np.add.reduceat(
+            self.value[:, :, None] * self.value[:, None, :], [frames.start for _, frames in self.spans], axis=0
+        )
+        firsts = np.array([first for first, _ in self.spans])
         for d in range(ORDER):
             np.add.at(band[d], firsts[:, None] + np.arange(ORDER - d), np.diagonal(grams, -d, axis1=1, axis2=2))
-        for first, frames in spans:
+        for first, frames in self.spans:
             right[first : first + ORDER] += self.value[frames].T @ samples[frames]
         band[0] += 1e-12 * band[0].max()
-        solution: Array = cho_solve_banded((cholesky_banded(band, lower=True), True), right)
-        return solution
+        return cho_solve_banded((cholesky_banded(band, lower=True), True), right)
 
 
 class Stretch:
@@ -133,8 +128,7 @@ class Stretch:
     def __init__(self, basis: SplineBasis, frames: slice) -> None:
         self.frames = frames
         first, value = basis.first[frames], basis.value[frames]
-        self.nodes = slice(int(first[0]), int(first[-1]) + ORDER)
-        """Those that matter at its frames."""
+        self.nodes = slice(int(first[0]), int(first[-1]) + ORDER)  # those that matter at its frames
         count, nf = self.nodes.stop - self.nodes.start, len(first)
         local = (first - self.nodes.start)[:, None]
         self.weights = _by_row(value, local + np.arange(ORDER), count, nf)
@@ -151,8 +145,7 @@ class Stretch:
 def _by_row(values: Array, rows: IntArray, count: int, frames: int) -> csr_array:
     """(count, frames) of `values` (frames, k) that stand in `rows` (frames, k), each in the column of its frame."""
     columns = np.arange(0, rows.size + 1, rows.shape[1])
-    by_column = csc_array((values.ravel(), rows.ravel(), columns), shape=(count, frames))
-    return by_column.tocsr()
+    return csc_array((values.ravel(), rows.ravel(), columns), shape=(count, frames)).tocsr()
 
 
 def spline_basis(time: Array, nodes: int) -> SplineBasis:
@@ -176,26 +169,17 @@ def _local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -
     d are  (t - t_{i-d+j}) u_{j-1} + (t_{i+j+1} - t) u_j  and their derivatives  d (u_{j-1} - u_j)  (de Boor); the last
     `derivative` of the five degrees are raised by the second rule.
     """
-    around = knots[span[:, None] + np.arange(-DEGREE + 1, DEGREE + 1)]
-    """(nf, 10) knots t_{i-4} ... t_{i+5}."""
+    around = knots[span[:, None] + np.arange(-DEGREE + 1, DEGREE + 1)]  # (nf, 10) knots t_{i-4} ... t_{i+5}
     now, middle = time[:, None], DEGREE - 1
     functions = np.ones((len(time), 1))
     for d in range(1, ORDER):
         right, left = around[:, middle + 1 : middle + d + 1], around[:, middle - d + 1 : middle + 1]
         u = functions / (right - left)
+        raising, falling = (now - left, right - now) if d <= DEGREE - derivative else (d, -d)
         functions = np.zeros((len(time), d + 1))
-        if d <= DEGREE - derivative:
-            functions[:, 1:] = (now - left) * u
-            functions[:, :-1] += (right - now) * u
-        else:
-            functions[:, 1:] = d * u
-            functions[:, :-1] -= d * u
+        functions[:, 1:] = raising * u
+        functions[:, :-1] += falling * u
     return functions
-
-
-def basis_matrix(basis: SplineBasis, derivative: int = 0) -> csr_array:
-    """(nf, nn) the basis, or a derivative of it, as a sparse matrix."""
-    return basis.matrices[derivative]
 
 
 def to_bspline(basis: SplineBasis, nodes: Array) -> BSpline:
@@ -205,21 +189,12 @@ def to_bspline(basis: SplineBasis, nodes: Array) -> BSpline:
     return BSpline(basis.knots, nodes, DEGREE)
 
 
-NODES_PER_SECOND = 20.0
-"""Knot spans per second of a trial that no penalty smooths: a quintic spline with spans h passes frequencies up to
-about 0.48 / h (see `cutoff`).
-"""
-FRAMES_PER_SPAN = 3.0
-"""Least number of frames for one span; slow cameras get longer spans."""
-
-
 @dataclass(frozen=True)
 class NodeRule:
     """How many spline nodes a trial gets."""
 
     per_second: float = NODES_PER_SECOND
-    fixed: int | None = None
-    """A fixed number of nodes a coordinate (20 in the published protocol), whatever the length."""
+    fixed: int | None = None  # A fixed number of nodes a coordinate (20 in the published protocol), whatever the length
 
     def nodes(self, time: Array) -> int:
         """Number of nodes for frames at `time` (s)."""
@@ -238,29 +213,27 @@ def cutoff(time: Array, nodes: int) -> float:
     return 0.4816 * (nodes - MINIMUM_NODES + 1) / float(time[-1] - time[0])
 
 
-PENALISED = 3
-"""The derivative that is penalised: the jerk, which leaves accelerations free at the ends."""
-HALF_POWER = float((np.sqrt(2.0) - 1.0) ** (1.0 / (2 * PENALISED)))
-"""Where the gain is -3 dB, in units of f."""
-TENSION_HZ = 0.5
-"""f_0: in a gap longer than about a third of a second coordinates come to rest."""
-NODES_AT_ONCE = 256
-"""Rows of the band worked on together, to bound memory."""
-KEPT_BYTES = 16 << 20
-"""Of half a Hessian that is kept: smaller ones are added again and again."""
+def frame_rate(basis: SplineBasis) -> float:
+    """Hz, of the frames of a trial on average."""
+    return (len(basis.time) - 1) / float(basis.time[-1] - basis.time[0])
+
+
+def spaced(count: int, most: int) -> IntArray:
+    """At most `most` of `count` frames, evenly spaced."""
+    return np.unique(np.round(np.linspace(0, count - 1, most)).astype(np.intp))
 
 
 @dataclass(frozen=True)
 class Roughness:
     """R on some knots, as a sum of D^T Q D."""
 
-    terms: tuple[tuple[csr_array, csr_array], ...]
-    """D (nn - k, nn) and Q (nn - k, nn - k), k being the derivative."""
+    terms: tuple[tuple[csr_array, csr_array, csr_array], ...]
+    """D^T (nn, nn - k), Q (nn - k, nn - k) and D, k being the derivative."""
 
     @cached_property
     def matrix(self) -> csr_array:
         """(nn, nn) R."""
-        return csr_array(sum(by_node.T @ products @ by_node for by_node, products in self.terms))
+        return csr_array(sum(back @ products @ by_node for back, products, by_node in self.terms))
 
     @cached_property
     def band(self) -> Array:
@@ -271,42 +244,70 @@ class Roughness:
             out[: len(diagonal), d] = diagonal
         return out
 
-    def cost(self, nodes: Array, coupling: Array) -> float:
-        """tr(N^T R N K) for N (nn, k) and K (k, k)."""
-        derivatives = ((by_node @ nodes, products) for by_node, products in self.terms)
-        return sum(float(np.vdot(values, products @ values @ coupling)) for values, products in derivatives)
-
     def both(self, nodes: Array, coupling: Array) -> tuple[float, Array]:
-        """tr(N^T R N K), and (nn, k) R N K."""
+        """tr(N^T R N K), and (nn, k) R N K, for N (nn, k) and K (k, k)."""
         cost, out = 0.0, np.zeros_like(nodes)
-        for (by_node, products), back in zip(self.terms, self._back, strict=True):
+        for back, products, by_node in self.terms:
             values = by_node @ nodes
             pull = products @ values @ coupling
             cost += float(np.vdot(values, pull))
             out += back @ pull
         return cost, out
 
-    def times(self, nodes: Array) -> Array:
-        """(nn, k) R N."""
-        _, out = self.both(nodes, np.eye(nodes.shape[1]))
-        return out
 
-    @cached_property
-    def _back(self) -> tuple[csr_array, ...]:
-        """(nn, nn - k) D^T of each term."""
-        return tuple(by_node.T.tocsr() for by_node, _ in self.terms)
+@lru_cache(maxsize=16)
+def _roughness(stored: bytes) -> Roughness:
+    """Trials of the same length, and the parts of one, have the same knots."""
+    knots = np.frombuffer(stored)
+    terms = []
+    for order, factor in ((PENALISED, 1.0), (1, float(2 * np.pi * TENSION_HZ) ** (2 * PENALISED - 2))):
+        by_node = derivative(knots, order)
+        terms.append((by_node.T.tocsr(), csr_array(factor * products_of(knots, order)), by_node))
+    return Roughness(tuple(terms))
+
+
+def roughness(knots: Array) -> Roughness:
+    """R of quintic splines on `knots` (nn + 6,)."""
+    return _roughness(knots.tobytes())
+
+
+def derivative(knots: Array, order: int) -> csr_array:
+    """(nn - k, nn) D: coefficients of the k-th derivative, by differences of coefficients (de Boor)."""
+    out = eye_array(len(knots) - ORDER, format="csr")
+    for k in range(order):
+        degree, inner = DEGREE - k, knots[k : len(knots) - k]
+        count = out.shape[0] - 1
+        scale = degree / (inner[1 + degree : 1 + degree + count] - inner[1 : 1 + count])
+        out = diags_array(scale) @ (out[1:] - out[:-1])
+    return csr_array(out)
+
+
+def products_of(knots: Array, order: int) -> csr_array:
+    """(nn - k, nn - k) Q of the B-splines of the k-th derivative, exact by Gauss points in every span."""
+    from scipy.interpolate import BSpline  # only fits ask for it
+
+    degree, inner = DEGREE - order, knots[order : len(knots) - order]
+    edges = inner[degree : len(inner) - degree]
+    x, w = np.polynomial.legendre.leggauss(degree + 1)
+    half = 0.5 * np.diff(edges)
+    points = (edges[:-1, None] + half[:, None] * (1.0 + x)).ravel()
+    values = BSpline.design_matrix(points, inner, degree)
+    return csr_array(values.T @ diags_array((half[:, None] * w).ravel()) @ values)
+
+
+def stiffness(basis: SplineBasis, cutoff_hz: float) -> float:
+    """s^5, rate (2 pi f)^-6."""
+    omega = 2 * np.pi * cutoff_hz
+    return frame_rate(basis) / omega ** (2 * PENALISED)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Smoothing:
     """The penalty of one trial, m^2."""
 
-    roughness: Roughness
-    """Of its knots, 1/s^5."""
-    coupling: Array
-    """(nq, nq) K."""
-    cutoff_hz: float
-    """f: half of an oscillation at it passes."""
+    roughness: Roughness  # of its knots, 1/s^5
+    coupling: Array  # (nq, nq) K
+    cutoff_hz: float  # f: half of an oscillation at it passes
 
     def of_active(self, active: BoolArray) -> Smoothing:
         """The same without the coordinates that are not `active` (nq,): nothing draws them from where they are."""
@@ -318,21 +319,12 @@ class Smoothing:
         """`share` times the penalty."""
         return replace(self, coupling=share * self.coupling)
 
-    def cost(self, nodes: Array) -> float:
-        """m^2, for nodes (nn, nq)."""
-        return self.roughness.cost(nodes, self.coupling)
-
     def both(self, nodes: Array) -> tuple[float, Array]:
-        """Cost, and (nn, nq) half its gradient."""
+        """Cost (m^2), and (nn, nq) half its gradient, for nodes (nn, nq)."""
         return self.roughness.both(nodes, self.coupling)
 
-    def gradient(self, nodes: Array) -> Array:
-        """(nn, nq) half gradient of the cost."""
-        _, out = self.both(nodes)
-        return out
-
-    def add_to(self, band: Array) -> None:
-        """Add half the Hessian to `band` (nn * nq, 6 nq), in the layout of `NormalEquations`, in place."""
+    def add_to(self, band: Array, nodes: Array) -> None:
+        """Add half the Hessian, the same at all nodes, to `band` (nn * nq, 6 nq) of `NormalEquations`, in place."""
         if band.nbytes <= KEPT_BYTES:
             band += self._whole
         else:
@@ -340,7 +332,7 @@ class Smoothing:
 
     @cached_property
     def _whole(self) -> Array:
-        """(nn * nq, 6 nq) half the Hessian: it is the same at all nodes."""
+        """(nn * nq, 6 nq) half the Hessian."""
         nq = len(self.coupling)
         out = np.zeros((len(self.roughness.band) * nq, ORDER * nq))
         self._add_blocks(out)
@@ -365,53 +357,3 @@ def smoothing(basis: SplineBasis, information: Array, cutoff_hz: float) -> Smoot
     """The penalty that passes half of an oscillation at `cutoff_hz`, for W = `information` (nq, nq)."""
     coupling = stiffness(basis, cutoff_hz) * information
     return Smoothing(roughness=roughness(basis.knots), coupling=coupling, cutoff_hz=cutoff_hz)
-
-
-def frame_rate(basis: SplineBasis) -> float:
-    """Hz, of the frames of a trial on average."""
-    return (len(basis.time) - 1) / float(basis.time[-1] - basis.time[0])
-
-
-def stiffness(basis: SplineBasis, cutoff_hz: float) -> float:
-    """s^5, rate (2 pi f)^-6."""
-    omega = 2 * np.pi * cutoff_hz
-    return frame_rate(basis) / omega ** (2 * PENALISED)
-
-
-def roughness(knots: Array) -> Roughness:
-    """R of quintic splines on `knots` (nn + 6,)."""
-    return _roughness(knots.tobytes())
-
-
-@lru_cache(maxsize=16)
-def _roughness(stored: bytes) -> Roughness:
-    """Trials of the same length, and the parts of one, have the same knots."""
-    knots = np.frombuffer(stored)
-    tension = float(2 * np.pi * TENSION_HZ) ** (2 * PENALISED - 2)
-    jerk = derivative(knots, PENALISED), csr_array(products_of(knots, PENALISED))
-    rate = derivative(knots, 1), csr_array(tension * products_of(knots, 1))
-    return Roughness((jerk, rate))
-
-
-def derivative(knots: Array, order: int) -> csr_array:
-    """(nn - k, nn) D: coefficients of the k-th derivative, by differences of coefficients (de Boor)."""
-    out = eye_array(len(knots) - ORDER, format="csr")
-    for k in range(order):
-        degree, own = DEGREE - k, knots[k : len(knots) - k]
-        count = out.shape[0] - 1
-        scale = degree / (own[1 + degree : 1 + degree + count] - own[1 : 1 + count])
-        out = diags_array(scale) @ (out[1:] - out[:-1])
-    return csr_array(out)
-
-
-def products_of(knots: Array, order: int) -> csr_array:
-    """(nn - k, nn - k) Q of the B-splines of the k-th derivative, exact by Gauss points in every span."""
-    from scipy.interpolate import BSpline  # only fits ask for it
-
-    degree, own = DEGREE - order, knots[order : len(knots) - order]
-    edges = own[degree : len(own) - degree]
-    x, w = np.polynomial.legendre.leggauss(degree + 1)
-    half = 0.5 * np.diff(edges)
-    points = (edges[:-1, None] + half[:, None] * (1.0 + x)).ravel()
-    values = BSpline.design_matrix(points, own, degree)
-    return csr_array(values.T @ diags_array((half[:, None] * w).ravel()) @ values)

@@ -5,9 +5,9 @@ rigid fit. For one turn q about axis e between rotations P and Q, the q that max
 atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T B Q^T, (b, c) the axes after e; several turns of one joint are visited one
 after the other until they settle, and three orthogonal ones are read off. None starts beyond a wall
 (`coordinate_prior.py`); a foot whose markers lie nearly on one line with the ankle may come out upside down, and
-starts from zero then. B is the rigid fit. A segment of too few
-markers for one has  B = sum w (x - c) (l - l_c)^T  instead, c its joint's centre as the segments before it place it:
-the turns then bring its markers nearest to where they were seen. Frames that determine neither are interpolated.
+starts from zero then. B is the rigid fit. A segment of too few markers for one has  B = sum w (x - c) (l - l_c)^T
+instead, c its joint's centre as the segments before it place it: the turns then bring its markers nearest to where they
+were seen. Frames that determine neither are interpolated.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ from gaitcal.model.chain import Chain, ChainConstants, forward, root_angles, seg
 from gaitcal.motion.coordinate_prior import within_walls
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.rigid import RigidFit, SegmentMoments
-from gaitcal.motion.spline import SplineBasis
+from gaitcal.motion.spline import SplineBasis, spaced
 
-SWEEPS = 2
-"""Visits to the turns of a joint of several, until they settle; tracking does the rest."""
+SWEEPS = 2  # visits to the turns of a joint of several, until they settle; tracking does the rest
 STRAIGHT = 0.02
 """Weight of the straight joint against the markers of a segment that are too few for a rigid fit: it outweighs one that
 lies within 40 mm of a line of 300 mm from the joint through another."""
@@ -32,17 +31,15 @@ BELIEVED = np.deg2rad(60.0)
 """Two markers are believed where they turn the joint by at most so much from where they and a straight joint have it: a
 thigh marker 30 mm off the line from hip to knee turned a child's leg about itself by 150 degrees."""
 ROOT_COORDINATES = 6
-SAMPLES_PER_NODE = 3
-"""Frames looked at per spline node: a start needs no more."""
+SAMPLES_PER_NODE = 3  # frames looked at per spline node: a start needs no more
 
 
 def starting_nodes(chain: Chain, constants: ChainConstants, data: MarkerData, basis: SplineBasis) -> Array:
     """(nn, nq) nodes to start from."""
-    nf = len(basis.time)
-    wanted = SAMPLES_PER_NODE * basis.nodes
+    nf, wanted = len(basis.time), SAMPLES_PER_NODE * basis.nodes
     if nf <= wanted:
         return basis.fit(starting_coordinates(chain, constants, data))
-    chosen = np.unique(np.round(np.linspace(0, nf - 1, wanted)).astype(int))
+    chosen = spaced(nf, wanted)
     return basis.at(chosen).fit(starting_coordinates(chain, constants, data.frames(chosen)))
 
 
@@ -58,40 +55,46 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
         root, path = _carried_root(chain, constants, fits)
         done.update(path)
     if root is not None:
-        q[:, :ROOT_COORDINATES] = _root_coordinates(root)
+        known = root.determined
+        angles = _fill(_unwrap(root_angles(root.rotation), known), known)
+        q[:, :ROOT_COORDINATES] = np.hstack([_fill(root.origin, known), angles])
     so_far = _SoFar(chain, constants, q)
-    wrapped: list[int] = []
-    """Coordinates known in every frame, whose whole turns are taken out in the end, all at once."""
+    wrapped: list[int] = []  # coordinates known in every frame, whose whole turns are taken out in the end, all at once
     for s in range(1, len(chain.segments)):
-        path = _path(chain, s)
-        own = [k for k in path if k not in done]
-        fit = fits.get(s)
-        if own and fit is not None:
-            before = so_far.rotation(chain.parents[own[0]])
+        turns, fit = [k for k in _path(chain, s) if k not in done], fits.get(s)
+        if turns and fit is not None:
+            before = so_far.rotation(chain.parents[turns[0]])
             to_joint = constants.segment_rotation[s]
             straight: Array | None = None
             if fit.determined.any():
                 spread, known = fit.rotation, fit.determined
             else:
-                centre, local_centre = so_far.centre(own), _local_centre(constants, s)
-                spread, known = moments.about(s, centre, local_centre)
+                local_centre = -to_joint.T @ constants.segment_translation[s]
+                spread, known = moments.about(s, so_far.centre(turns[0]), local_centre)
                 scale = np.sqrt((spread**2).sum(axis=(1, 2)))
-                straight = spread + STRAIGHT * scale[:, None, None] * (before @ _straight(constants, own) @ to_joint)
+                unturned = np.eye(3)
+                for k in turns:
+                    unturned = unturned @ constants.offset_rotation[k]
+                straight = spread + STRAIGHT * scale[:, None, None] * (before @ unturned @ to_joint)
                 if not known.any():  # one marker: the joint's line towards it, turned about it as little as can be
                     spread, known, straight = straight, scale > 0, None
             if known.any():
                 inverse = before.transpose(0, 2, 1)
-                angles = _turns(chain, constants, own, inverse @ spread @ to_joint.T)
+                angles = _turns(chain, constants, turns, inverse @ spread @ to_joint.T)
                 if straight is not None:
-                    angles = _or_straight(angles, _turns(chain, constants, own, inverse @ straight @ to_joint.T), known)
-                angles = within_walls([chain.coordinates[k] for k in own], angles, known, told=fit.determined.any())
+                    held = _turns(chain, constants, turns, inverse @ straight @ to_joint.T)
+                    apart = np.abs(np.angle(np.exp(1j * (angles - held)[known])))
+                    angles = held if (apart > BELIEVED).any() else angles  # for the whole trial
+                determined = bool(fit.determined.any())
+                angles = within_walls([chain.coordinates[k] for k in turns], angles, known, determined=determined)
                 if known.all():
-                    q[:, own] = angles
-                    wrapped += own
+                    q[:, turns] = angles
+                    wrapped += turns
                 else:
-                    q[:, own] = _fill(_unwrap(angles, known), known)
-        if own and (fit is not None or not _carries_more(chain, s)):
-            done.update(own)
+                    q[:, turns] = _fill(_unwrap(angles, known), known)
+        # a segment without markers on which others hang leaves its turns to them
+        if turns and (fit is not None or (chain.support[chain.segment_frame[s]] > 0).sum() <= 1):
+            done.update(turns)
     q[:, wrapped] = _unwrap(q[:, wrapped], np.ones(nf, dtype=bool))
     return q
 
@@ -102,33 +105,11 @@ def _carried_root(
     """The root as the first segment with a rigid fit carries it, and the coordinates between them, which are zero."""
     for s, fit in sorted(fits.items()):
         if fit.determined.any():
-            axes, origins = segment_poses(
-                chain, constants, forward(chain, constants, np.zeros((1, len(chain.coordinates))))
-            )
-            turned, shift = axes[s, :, :, 0].T, origins[s, :, 0]
-            rotation = fit.rotation @ turned.T
-            return RigidFit(rotation, fit.origin - rotation @ shift, fit.determined), _path(chain, s)
+            poses = forward(chain, constants, np.zeros((1, len(chain.coordinates))))
+            axes, origins = segment_poses(chain, constants, poses)
+            rotation = fit.rotation @ axes[s, :, :, 0]
+            return RigidFit(rotation, fit.origin - rotation @ origins[s, :, 0], fit.determined), _path(chain, s)
     return None, []
-
-
-def _or_straight(angles: Array, straight: Array, known: BoolArray) -> Array:
-    """(nf, n) the angles, or those with the straight joint for the whole trial if in any known frame they are apart."""
-    apart = np.abs(np.angle(np.exp(1j * (angles - straight)[known])))
-    return straight if (apart > BELIEVED).any() else angles
-
-
-def _straight(constants: ChainConstants, own: list[int]) -> Array:
-    """(3, 3) turn of a joint whose coordinates are zero."""
-    out = np.eye(3)
-    for k in own:
-        out = out @ constants.offset_rotation[k]
-    return out
-
-
-def _local_centre(constants: ChainConstants, segment: int) -> Array:
-    """(3,) m, where the frame before a segment has its origin, in the segment."""
-    out: Array = -constants.segment_rotation[segment].T @ constants.segment_translation[segment]
-    return out
 
 
 class _SoFar:
@@ -149,40 +130,27 @@ class _SoFar:
             self._rotations[k] = _turned(rotation, e.axis, e.sign * self.q[:, k]) if e.rotates else rotation
         return self._rotations[k]
 
-    def centre(self, own: list[int]) -> Array:
-        """(nf, 3) m, where the first turn of a joint takes place."""
-        parent, k = self.chain.parents[own[0]], own[0]
-        out: Array = self._origin(parent) + self.rotation(parent) @ self.constants.offset_translation[k]
-        return out
+    def centre(self, k: int) -> Array:
+        """(nf, 3) m, where the turn of coordinate k takes place."""
+        parent = self.chain.parents[k]
+        return self._origin(parent) + self.rotation(parent) @ self.constants.offset_translation[k]
 
     def _origin(self, k: int) -> Array:
         if k not in self._origins:
-            parent, e = self.chain.parents[k], self.chain.elements[k]
-            origin = self._origin(parent) + self.rotation(parent) @ self.constants.offset_translation[k]
+            origin, e = self.centre(k), self.chain.elements[k]
             if not e.rotates:
                 origin = origin + self.rotation(k)[:, :, e.axis] * (e.sign * self.q[:, k, None])
             self._origins[k] = origin
         return self._origins[k]
 
 
-def _carries_more(chain: Chain, segment: int) -> bool:
-    """Whether other segments hang on this one: then a segment without markers leaves its turns to them."""
-    frame = chain.segment_frame[segment]
-    return bool((chain.support[frame] > 0).sum() > 1)
-
-
 def _path(chain: Chain, segment: int) -> list[int]:
+    """The coordinates from the root to a segment."""
     path, k = [], int(chain.segment_frame[segment])
     while k >= 0:
         path.append(k)
         k = chain.parents[k]
     return path[::-1]
-
-
-def _root_coordinates(fit: RigidFit) -> Array:
-    """(nf, 6) from R = Rz(tilt) Rx(list) Ry(rotation)."""
-    angles = root_angles(fit.rotation)
-    return np.hstack([_fill(fit.origin, fit.determined), _fill(_unwrap(angles, fit.determined), fit.determined)])
 
 
 def _unwrap(angles: Array, known: BoolArray) -> Array:
@@ -210,36 +178,27 @@ def _turned(rotation: Array, axis: int, angle: Array) -> Array:
     return out
 
 
-def _turns(chain: Chain, constants: ChainConstants, own: list[int], target: Array) -> Array:
+def _turns(chain: Chain, constants: ChainConstants, turns: list[int], target: Array) -> Array:
     """(nf, n) coordinates whose turns, one after the other, come nearest to the matrices `target` (nf, 3, 3)."""
-    axes = [chain.elements[k].axis for k in own]
-    plain = [constants.plain_offsets[0][k] for k in own]
+    axes, plain = [chain.elements[k].axis for k in turns], [constants.plain_offsets[0][k] for k in turns]
+    signs = np.array([chain.elements[k].sign for k in turns])
     if axes == [2, 0, 1] and all(plain[1:]):
-        first = target if plain[0] else constants.offset_rotation[own[0]].T @ target
-        angles = root_angles(first)
-    else:
-        angles = _swept(constants, own, axes, target)
-    signs = np.array([chain.elements[k].sign for k in own])
-    out: Array = angles * signs
-    return out
-
-
-def _swept(constants: ChainConstants, own: list[int], axes: list[int], target: Array) -> Array:
-    angles = np.zeros((len(target), len(own)))
-    for _ in range(SWEEPS if len(own) > 1 else 1):
+        return signs * root_angles(target if plain[0] else constants.offset_rotation[turns[0]].T @ target)
+    angles = np.zeros((len(target), len(turns)))
+    for _ in range(SWEEPS if len(turns) > 1 else 1):
         # left-hand sides are peeled off as they are settled, right-hand sides kept from the last sweep
         after: list[Array] = []
-        for i in range(len(own) - 1, 0, -1):
-            inner = _turned(np.broadcast_to(constants.offset_rotation[own[i]], target.shape), axes[i], angles[:, i])
+        for i in range(len(turns) - 1, 0, -1):
+            inner = _turned(np.broadcast_to(constants.offset_rotation[turns[i]], target.shape), axes[i], angles[:, i])
             after.append(inner @ after[-1] if after else inner)
         remaining = target
-        for i, k in enumerate(own):
-            if not constants.plain_offsets[0][k]:
+        for i, k in enumerate(turns):
+            if not plain[i]:
                 remaining = constants.offset_rotation[k].T @ remaining
-            last = i + 1 == len(own)
-            g = remaining if last else remaining @ after[len(own) - 2 - i].transpose(0, 2, 1)
+            last = i + 1 == len(turns)
+            g = remaining if last else remaining @ after[len(turns) - 2 - i].transpose(0, 2, 1)
             b, c = (axes[i] + 1) % 3, (axes[i] + 2) % 3
             angles[:, i] = np.arctan2(g[:, c, b] - g[:, b, c], g[:, b, b] + g[:, c, c])
             if not last:
                 remaining = _turned(remaining.transpose(0, 2, 1), axes[i], angles[:, i]).transpose(0, 2, 1)
-    return angles
+    return signs * angles

@@ -1,53 +1,38 @@
-"""Marker tracking: the nodes that bring the model's markers nearest to the measured ones, over a whole trial.
+"""Marker tracking: the nodes that bring the model's markers nearest to the measured ones, over whole trials.
 
-A trial with fixed joint parameters as a problem for `descend`: x are the nodes, the matrix is the band of
-`banded.py`. From rigid fits undamped Gauss-Newton steps nearly always do; markers that stay far from where the model
-has them ask for Newton's.
-
-The penalty at work on one coordinate alone, whose samples y (nf,) all weigh 1.
-
-    y -> A y = B (G + rho R)^-1 B^T y,       G = B^T B,       rho = rate (2 pi f)^-6,
-
-keeps  tr A = sum_j 1 / (1 + (nu_j / f)^6)  degrees of freedom: the gains at the Demmler-Reinsch frequencies nu_j,
-
-    R u_j = mu_j G u_j,       nu_j = (rate mu_j)^(1/6) / 2 pi        (Demmler and Reinsch 1975).
-
-Splines are told by their nodes, series by B^T y.
+As problems for `descend`: one trial with fixed joint parameters, whose x are the nodes and whose matrix is a band, and
+several trials that share joint parameters, whose matrix is an arrow (`banded.py`). From rigid fits undamped
+Gauss-Newton steps nearly always do; markers that stay far from where the model has them ask for Newton's.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from gaitcal.arrays import Array
 from gaitcal.model.chain import ChainConstants
-from gaitcal.motion.banded import BandFactor
+from gaitcal.model.parameters import Parameters
+from gaitcal.motion.banded import ArrowEquations, BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
-from gaitcal.motion.spline import ORDER, Roughness, SplineBasis, roughness, stiffness
 from gaitcal.motion.trial_problem import TrialProblem
 
-LARGE_BYTES = 2**27
-"""Size of a normal matrix above which only one is held at a time: a trial of some 20 000 frames."""
-NOTHING_LEFT_M = 1e-14
-"""m, RMS residual below which there is nothing left to fit."""
+LARGE_BYTES = 2**27  # of a normal matrix above which only one is held at a time: a trial of some 20 000 frames
+NOTHING_LEFT_M = 1e-14  # m, RMS residual below which there is nothing left to fit
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tracked:
     """The end of a tracking run."""
 
-    nodes: Array
-    """(nn, nq) m, rad."""
-    cost: float
-    """m^2; where the last step was taken on its promise alone, that of the nodes before it."""
+    nodes: Array  # (nn, nq) m, rad
+    cost: float  # m^2; where the last step was taken on its prediction alone, that of the nodes before it
     steps: int
     ending: Ending
-    curved: bool
-    """Whether it ended with Newton's steps."""
+    curved: bool  # whether it ended with Newton's steps
 
     @property
     def converged(self) -> bool:
@@ -111,55 +96,34 @@ class _TrackingMatrix:
             return BandFactor(self._form().band, damping)  # with a copy: a larger floor may do
 
 
-FLOOR = 1e-14
-"""Of the largest diagonal entry: two nodes between the same frames."""
+class SharedTrials:
+    """Markers of several trials by x = (joint parameters, nodes of each trial), as a problem for `descend`."""
 
+    has_curvature = False
 
-class Smoother:
-    """A of one basis and one cut-off."""
+    def __init__(self, problems: Sequence[TrialProblem], parameters: Parameters, free: tuple[str, ...]) -> None:
+        self.parameters, self.free, self.size = parameters, free, len(free)
+        self.open = [problem.with_free(free) for problem in problems]
+        self.columns = [problem.places_in(free) for problem in self.open]
+        self.nothing_left = NOTHING_LEFT_M**2 * sum(float(problem.data.weight.sum()) for problem in self.open)
 
-    def __init__(self, basis: SplineBasis, cutoff_hz: float, known: tuple[Array, Roughness] | None = None) -> None:
-        """`known`: G and R of the basis, where they were worked out before."""
-        self.basis = basis
-        self.gram, self.rough = known or (gram(basis), roughness(basis.knots))
-        self.stiffness = stiffness(basis, cutoff_hz)
-        band = self.gram + self.stiffness * self.rough.band.T
-        band[0] += FLOOR * band[0].max()
-        self._factor = cholesky_banded(band, lower=True)
+    def joined(self, p: Array, nodes: Sequence[Array]) -> Array:
+        """The vector x."""
+        return np.concatenate([p, *(of_trial.ravel() for of_trial in nodes)])
 
-    def with_cutoff(self, cutoff_hz: float) -> Smoother:
-        """The same with another cut-off."""
-        return Smoother(self.basis, cutoff_hz, (self.gram, self.rough))
+    def parted(self, x: Array) -> tuple[Array, list[Array]]:
+        """The shared parameters (np,) and the nodes (nn, nq) of each trial."""
+        sizes = [self.size, *(problem.basis.nodes * len(problem.chain.coordinates) for problem in self.open)]
+        p, *nodes = np.split(x, np.cumsum(sizes)[:-1])
+        return p, [flat.reshape(problem.basis.nodes, -1) for flat, problem in zip(nodes, self.open, strict=True)]
 
-    def nodes(self, right: Array) -> Array:
-        """(nn, k) nodes of A y, from B^T y (nn, k)."""
-        out: Array = cho_solve_banded((self._factor, True), right)
-        return out
+    def evaluate(self, x: Array) -> Evaluation:
+        """Cost (m^2) and half gradient."""
+        return self.linearise(x, curved=False).evaluation
 
-    def lost(self, nodes: Array) -> Array:
-        """(nn, k) nodes of y - A y, for splines y with nodes (nn, k)."""
-        return self.nodes(self.stiffness * self.rough.times(nodes))
-
-    def kept(self) -> float:
-        """Tr A."""
-        nn = self.basis.nodes
-        whole = np.diag(self.gram[0])
-        for d in range(1, min(ORDER, nn)):
-            whole += np.diag(self.gram[d, : nn - d], d) + np.diag(self.gram[d, : nn - d], -d)
-        return float(np.trace(self.nodes(whole)))
-
-
-def gram(basis: SplineBasis) -> Array:
-    """(6, nn) lower band of G."""
-    values, _, _ = basis.matrices
-    whole = (values.T @ values).tocsr()
-    out = np.zeros((ORDER, basis.nodes))
-    for d in range(min(ORDER, basis.nodes)):
-        out[d, : basis.nodes - d] = whole.diagonal(-d)
-    return out
-
-
-def onto(basis: SplineBasis, series: Array) -> Array:
-    """(nn, k) B^T y of series y (nf, k)."""
-    out: Array = basis.matrices[0].T @ series
-    return out
+    def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
+        """The same with the arrow."""
+        p, nodes = self.parted(x)
+        moved = self.parameters.with_joint(self.free, p)
+        trials = [problem.equations(n, problem.constants(moved)) for problem, n in zip(self.open, nodes, strict=True)]
+        return ArrowEquations(trials, self.columns, self.size)

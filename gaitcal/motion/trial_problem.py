@@ -1,6 +1,8 @@
 """One trial as a least-squares problem in its nodes and the joint parameters: what all solvers work on.
 
-From a recording and a person's model to a least-squares problem: here a marker becomes a residual.
+A `TrialProblem` sums, over the frames of a trial, the weighted squares of its marker residuals (`marker_residual.py`),
+the penalty that limits its bandwidth (`spline.py`), and what is known of coordinates besides (`coordinate_prior.py`).
+`trial_problem` makes one of a recording and a person's model: there a marker becomes a residual.
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +19,11 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain, ChainConstants, chain_of
-from gaitcal.model.linkage import ROOT_SUFFIXES, SEGMENTS, Source, moved_joints
+from gaitcal.model.linkage import LUMBAR, ROOT_SUFFIXES, SEGMENTS, coordinates_before, moved_joints
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
 from gaitcal.motion.coordinate_prior import (
-    LUMBAR,
     POSES,
     CoefficientPrior,
     CoordinatePrior,
@@ -32,6 +34,7 @@ from gaitcal.motion.coordinate_prior import (
     walls,
 )
 from gaitcal.motion.marker_residual import (
+    FrameEquations,
     MarkerData,
     PlacedMarkers,
     VariablePairs,
@@ -41,7 +44,7 @@ from gaitcal.motion.marker_residual import (
 )
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import SecondaryColumns, SoftTissue, tissue_gradient, with_tissue_columns
-from gaitcal.motion.spline import NodeRule, Smoothing, SplineBasis, spline_basis
+from gaitcal.motion.spline import NodeRule, Smoothing, SplineBasis, spaced, spline_basis
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.runtime import keep_freed_memory
 
@@ -54,19 +57,14 @@ class TrialProblem:
     chain: Chain
     basis: SplineBasis
     data: MarkerData
-    labels: tuple[str, ...]
-    """(nm,) in the order of `data`."""
-    tissue: SoftTissue | None = None
-    """Unknown displacements of the markers; None: none."""
-    smoothing: Smoothing | None = None
-    """What limits the bandwidth besides the nodes; its cost is part of the trial's."""
+    labels: tuple[str, ...]  # (nm,) in the order of `data`
+    tissue: SoftTissue | None = None  # unknown displacements of the markers
+    smoothing: Smoothing | None = None  # what limits the bandwidth besides the nodes
     held: tuple[str, ...] = ()
     """Coordinates that stay zero though markers move with them: those between a root that is not seen and the segment
     that carries it."""
-    priors: tuple[CoordinatePrior, ...] = ()
-    """What is known of coordinates besides; their cost is part of the trial's."""
-    posture: Mapping[str, float] = field(default_factory=dict)
-    """Coordinate -> rad of the static posture (`SubjectModel`)."""
+    priors: tuple[CoordinatePrior, ...] = ()  # what is known of coordinates besides
+    posture: Mapping[str, float] = field(default_factory=dict)  # coordinate -> rad of the static posture
 
     @property
     def guessed(self) -> tuple[str, ...]:
@@ -82,6 +80,11 @@ class TrialProblem:
     def penalty(self) -> Smoothing | None:
         """`smoothing` of the active coordinates."""
         return None if self.smoothing is None else self.smoothing.of_active(self.active)
+
+    @property
+    def _penalties(self) -> tuple[Smoothing | CoefficientPrior, ...]:
+        """All that costs besides markers."""
+        return (*filter(None, [self.penalty]), *self.pulls)
 
     @cached_property
     def _pairs(self) -> VariablePairs:
@@ -130,10 +133,12 @@ class TrialProblem:
         return self.with_data(replace(self.data, shift=shift))
 
     def with_data(self, data: MarkerData) -> TrialProblem:
-        """The same trial with the same markers moved or measured elsewhere; what does not depend on that is not worked
-        out again.
-        """
-        other = replace(self, data=data)
+        """The same trial with the same markers moved or measured elsewhere."""
+        return self._alike(data=data)
+
+    def _alike(self, **changed: Any) -> TrialProblem:
+        """The same trial with what changes no pattern of the equations, which is not worked out again."""
+        other = replace(self, **changed)
         other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
         return other
 
@@ -146,10 +151,15 @@ class TrialProblem:
         order = np.flatnonzero(kept)[np.argsort(index, kind="stable")]
         placed = PlacedMarkers(np.sort(index, kind="stable"), self.data.local[order])
         data = MarkerData(placed, self.data.measured[order], self.data.weight[order])
-        labels = tuple(self.labels[k] for k in order)
-        part = TrialProblem(name=self.name, chain=chain, basis=self.basis, data=data, labels=labels)
-        priors = tuple(prior.of(chain.coordinates) for prior in self.priors)
-        return replace(part, priors=tuple(prior for prior in priors if prior.names), posture=self.posture)
+        return TrialProblem(
+            name=self.name,
+            chain=chain,
+            basis=self.basis,
+            data=data,
+            labels=tuple(self.labels[k] for k in order),
+            priors=tuple(p for p in (prior.of(chain.coordinates) for prior in self.priors) if p.names),
+            posture=self.posture,
+        )
 
     def followed(self, nodes: Array) -> TrialProblem:
         """The same trial with a trunk that no marker determines upright over the pelvis of a motion, nodes (nn, nq)."""
@@ -166,9 +176,7 @@ class TrialProblem:
                         course[:, k] = kept[:, LUMBAR.index(name)]
                 prior = replace(prior, time=time, low=course, high=course)
             priors.append(prior)
-        other = replace(self, priors=tuple(priors))
-        other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
-        return other
+        return self._alike(priors=tuple(priors))
 
     def constants(self, parameters: Parameters) -> ChainConstants:
         """Chain constants for a set of parameters."""
@@ -214,29 +222,24 @@ class TrialProblem:
         """
         if curved and self.chain.free:
             raise ValueError("curvature is for the coordinates alone: no joint parameter may be free")
-        assembler, cost = self._assembler, 0.0
-        sums = assembler.empty()
         q = self.basis.evaluate(nodes)
-        for stretch in self.basis.stretches:
-            frames = stretch.frames
-            part = frame_equations(
-                self.chain, constants, self._pairs, self.data.frames(frames), q[frames], curved=curved
-            )
-            assembler.add(sums, part, stretch)
-            cost += part.cost
-        equations = assembler.finish(sums, cost)
-        if self.penalty is not None:
-            self.penalty.add_to(equations.band)
-            more, gradient = self.penalty.both(nodes)
-            gradient += equations.node_gradient
-            equations = replace(equations, cost=cost + more, node_gradient=gradient)
-        for pull in self.pulls:
-            pull.add_to(equations.band, nodes)
-            more, gradient = pull.both(nodes)
-            equations = replace(equations, cost=equations.cost + more, node_gradient=equations.node_gradient + gradient)
+        equations = self._assembler.assembled(
+            (self._frame_equations(stretch.frames, constants, q, curved=curved), stretch)
+            for stretch in self.basis.stretches
+        )
+        for penalty in self._penalties:
+            penalty.add_to(equations.band, nodes)
+            cost, gradient = penalty.both(nodes)
+            equations = replace(equations, cost=equations.cost + cost, node_gradient=equations.node_gradient + gradient)
         if self.tissue is None or not self.tissue.groups:
             return equations
         return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, nodes, constants)
+
+    def _frame_equations(
+        self, frames: slice, constants: ChainConstants, q: Array, *, hessian: bool = True, curved: bool = False
+    ) -> FrameEquations:
+        data = self.data.frames(frames)
+        return frame_equations(self.chain, constants, self._pairs, data, q[frames], hessian=hessian, curved=curved)
 
     def frame_hessians(self, q: Array, constants: ChainConstants) -> Array:
         """(nf, nq, nq) Gauss-Newton matrices of the frames by themselves, at coordinates (nf, nq)."""
@@ -246,8 +249,7 @@ class TrialProblem:
         shallow, deep = pairs.shallow[pairs.coordinates], pairs.deep[pairs.coordinates]
         for stretch in self.basis.stretches:
             frames = stretch.frames
-            part = frame_equations(self.chain, constants, pairs, self.data.frames(frames), q[frames])
-            entries = part.products(slice(nq), slice(nq))[:, shallow, deep]
+            entries = self._frame_equations(frames, constants, q).products(slice(nq), slice(nq))[:, shallow, deep]
             out[frames, first, second] = out[frames, second, first] = entries
         return out
 
@@ -262,18 +264,12 @@ class TrialProblem:
         nq = len(self.chain.coordinates)
         cost, by_nodes, by_values = 0.0, np.zeros_like(nodes), np.zeros(len(self.chain.free))
         for stretch in self.basis.stretches:
-            frames = stretch.frames
-            part = frame_equations(
-                self.chain, constants, self._pairs, self.data.frames(frames), q[frames], hessian=False
-            )
+            part = self._frame_equations(stretch.frames, constants, q, hessian=False)
             cost += part.cost
             stretch.add_gradient(by_nodes, part.gradient[:nq])
             by_values += part.gradient[nq:].sum(axis=1)
-        if self.penalty is not None:
-            more, gradient = self.penalty.both(nodes)
-            cost, by_nodes = cost + more, by_nodes + gradient
-        for pull in self.pulls:
-            more, gradient = pull.both(nodes)
+        for penalty in self._penalties:
+            more, gradient = penalty.both(nodes)
             cost, by_nodes = cost + more, by_nodes + gradient
         if self.tissue is not None and self.tissue.groups:
             by_tissue = tissue_gradient(self.chain, self.data, self.tissue, q, constants)
@@ -282,15 +278,13 @@ class TrialProblem:
 
     def cost(self, nodes: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, the penalty and what is known of coordinates, m^2."""
-        penalty = 0.0 if self.penalty is None else self.penalty.cost(nodes)
-        return self.marker_cost(nodes, constants) + penalty + sum(pull.cost(nodes) for pull in self.pulls)
+        return self.marker_cost(nodes, constants) + sum(penalty.both(nodes)[0] for penalty in self._penalties)
 
     def marker_cost(self, nodes: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, m^2."""
         q, total = self.basis.evaluate(nodes), 0.0
         for stretch in self.basis.stretches:
-            frames = stretch.frames
-            total += marker_cost(self.chain, constants, self.data.frames(frames), q[frames])
+            total += marker_cost(self.chain, constants, self.data.frames(stretch.frames), q[stretch.frames])
         return total
 
     def positions(self, nodes: Array, constants: ChainConstants) -> Array:
@@ -298,8 +292,7 @@ class TrialProblem:
         q = self.basis.evaluate(nodes)
         out = np.empty(self.data.measured.shape)
         for stretch in self.basis.stretches:
-            frames = stretch.frames
-            part = self.data.frames(frames)
+            frames, part = stretch.frames, self.data.frames(stretch.frames)
             out[:, :, frames] = marker_positions(
                 self.chain, constants, part.placed, q[frames], part.shift, part.secondary
             )
@@ -307,8 +300,7 @@ class TrialProblem:
 
 
 FEWEST_FRAMES = 12
-CARRIES_ITSELF = 0.5
-"""Share of the frames from which a root is tracked by its own markers."""
+CARRIES_ITSELF = 0.5  # share of the frames from which a root is tracked by its own markers
 
 
 def trial_problem(
@@ -326,7 +318,7 @@ def trial_problem(
 
     Markers that the recording lacks are left out; NaN positions get weight zero in their frames. Joints do not turn
     further than they can, but for the `isolated` one, which a trial moves as far as it goes; coordinates that the
-    markers do not determine have a normal prior (`undetermined.py`).
+    markers do not determine have a normal prior.
     Where the root shows three markers in less than half of the frames and a `carrier` is named, that segment carries
     the body: the joints between the two are held at zero, and only markers on the carrier and beyond it pull. Raises
     `InputError` where the root has no three markers and nothing carries it, or the recording is too short for a spline.
@@ -362,6 +354,7 @@ def trial_problem(
     basis = spline_basis(recording.time, rule.nodes(recording.time))
     placed = PlacedMarkers(index[order], model.markers.local[chosen])
     data = MarkerData(placed, np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight)
+    moved = coordinates_before(joint.child for joint in moved_joints(isolated)) if isolated else ()
     problem = TrialProblem(
         name=name,
         chain=chain,
@@ -369,16 +362,10 @@ def trial_problem(
         data=data,
         labels=labels,
         held=held,
-        priors=(walls(tuple(c for c in chain.coordinates if c not in _moved_by(isolated)), model.posture),),
+        priors=(walls(tuple(c for c in chain.coordinates if c not in moved), model.posture),),
         posture=model.posture,
     )
     return problem if held else _with_posture(problem, model)
-
-
-def _moved_by(isolated: str | None) -> tuple[str, ...]:
-    """Coordinates of the joint that an isolated trial moves."""
-    joints = moved_joints(isolated) if isolated else ()
-    return tuple(e.name for joint in joints for e in joint.elements if e.source is Source.COORDINATE)
 
 
 def _with_posture(problem: TrialProblem, model: SubjectModel) -> TrialProblem:
@@ -389,7 +376,7 @@ def _with_posture(problem: TrialProblem, model: SubjectModel) -> TrialProblem:
     if not asked:
         return problem
     constants = problem.constants(model.nominal)
-    frames = np.unique(np.round(np.linspace(0, len(problem.basis.time) - 1, POSES)).astype(np.intp))
+    frames = spaced(len(problem.basis.time), POSES)
     q = starting_coordinates(chain, constants, data.frames(frames))
     pulling = data.weight[:, frames] > 0
     on_arms = np.array([s.startswith(("upper_arm", "forearm")) for s in of_marker])
@@ -421,5 +408,4 @@ def _between(chain: Chain, segment: str) -> tuple[str, ...]:
 def _moved_with(chain: Chain, segment: str) -> BoolArray:
     """(ns,) a segment and those beyond it, seen from the root: what moves all that moves the segment moves."""
     support = chain.support[: len(chain.coordinates)] > 0
-    own = support[:, [chain.segments.index(segment)]]
-    return np.asarray((support >= own).all(axis=0))
+    return np.asarray((support >= support[:, [chain.segments.index(segment)]]).all(axis=0))

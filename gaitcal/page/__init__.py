@@ -3,7 +3,6 @@
 from gaitcal.page.bones.bone_files import BoneMeshes, bones_of_folder, installed_bones
 from gaitcal.page.scene import Scene, TrialScene, person_scene, scene_of, trial_scene
 from gaitcal.page.scene_file import left_out, load_scene, save_scene
-from gaitcal.page.server import FORMER, redirect_html
 from gaitcal.page.view import (
     BodyText,
     Shown,
@@ -24,8 +23,6 @@ __all__ = [
     "joined_page",
     "page_html",
     "sentences",
-    "FORMER",
-    "redirect_html",
     "Scene",
     "TrialScene",
     "scene_of",

@@ -5,7 +5,7 @@ from that file alone.
 
 Where each joint lies in the two segments it connects: nominal, fitted, and how far the fit can be trusted.
 
-The frames of a joint in its two segments (`export/joint_frames.py`) hold its constants, those before the first
+The frames of a joint in its two segments (`export/osim.py`) hold its constants, those before the first
 coordinate in the parent and those after the last in the child:
 
     centre = translation of X            axis = sign * R[:, axis of the coordinate next to that segment]
@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.export.joint_frames import frames_of
+from gaitcal.export.osim import frames_of
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain, forward, segment_poses

@@ -28,7 +28,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
-from gaitcal.model.joint_centres import SIDE_WORDS
+from gaitcal.model.linkage import SIDE_WORDS
 from gaitcal.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
 from gaitcal.page.bones.bone_files import EXTRA
 from gaitcal.page.bones.bone_landmarks import KneeEvidence, PersonLandmarks

@@ -3,8 +3,6 @@
 MeshCat's own server listens on all interfaces; this one serves our single page from memory, to requests that name
 this machine (a page elsewhere that points its own name at 127.0.0.1 gets nothing) and the token in its address (nor
 does another user of this machine), and nothing else.
-
-`report.html` and `view.html`: for one release they lead to the page that has taken their place.
 """
 
 from __future__ import annotations
@@ -18,11 +16,10 @@ import webbrowser
 from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, Final
+from typing import Any
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.page.view import policy
 
 HOST = "127.0.0.1"
 _OWN_NAME = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII)
@@ -120,28 +117,3 @@ def serve(html: str, port: int = 0, open_browser: bool = True, *, ready: Callabl
 def _has_display() -> bool:
     """Without one, a browser for text terminals would be opened, in this very terminal."""
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-FORMER: Final = ("report.html", "view.html")
-"""Names that the pages of a result had."""
-
-_TEMPLATE: Final = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<title>gaitcal: moved to {target}</title>
-<noscript><meta http-equiv="refresh" content="0; url={target}"></noscript>
-</head>
-<body>
-<p>Report and view are one page now: <a href="{target}">{target}</a>. This file leads there for one release.</p>
-<script>{script}</script>
-</body>
-</html>
-"""
-
-
-def redirect_html(target: str) -> str:
-    """A page that leads to the file `target` beside it, with what stands behind the `#` of its own address."""
-    script = f'location.replace("{target}" + location.hash);'
-    return _TEMPLATE.format(policy=policy(script), target=target, script=script)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gaitcal.gait.symmetry import Average, counting, measure_means
+from gaitcal.gait.spatiotemporal import Average, counting, measure_means
 from gaitcal.session.result import TrialResult
 
 SHOWN = {

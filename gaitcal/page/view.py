@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from gaitcal.errors import GaitcalError
-from gaitcal.gait.symmetry import LEAST_VALID
+from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.io.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bones.bone_files import BoneMeshes, installed_bones

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
@@ -31,8 +32,7 @@ from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration
 from gaitcal.study.study import Study
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 
 SPLINES, MODEL, STUDY = "splines.npz", "model.toml", "study.toml"
 
@@ -118,18 +118,11 @@ def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCas
 def _chosen_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -> str:
     """The trial to study, among those with valid ground reactions."""
     if not loaded:
-        raise InputError(
-            "found no gait trial with ground reactions under every foot; a Monte Carlo study of torques needs one",
-            source=source,
-            code=Code.MONTE_CARLO,
-        )
+        message = "found no gait trial with ground reactions under every foot; a Monte Carlo study of torques needs one"
+        raise InputError(message, source=source, code=Code.MONTE_CARLO)
     if wanted is not None and wanted not in loaded:
-        raise InputError(
-            f"found '{wanted}'; allowed: {', '.join(loaded)}{nearest(wanted, loaded)}",
-            source=source,
-            field="--trial",
-            code=Code.OPTION,
-        )
+        message = f"found '{wanted}'; allowed: {', '.join(loaded)}{nearest(wanted, loaded)}"
+        raise InputError(message, source=source, field="--trial", code=Code.OPTION)
     return wanted or loaded[0]
 
 
@@ -174,45 +167,45 @@ def read_case(
     )
 
 
-_DAMAGE = (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error)
-"""What NumPy, zipfile and zlib raise on files that are not what they seem."""
+@contextmanager
+def _splines(path: Path) -> Iterator[Mapping[str, Array]]:
+    """The arrays of `splines.npz`; InputError on what NumPy, zipfile and zlib raise where it is not what it seems."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            yield stored
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
+        message = f"cannot be read: {error}; run 'gaitcal calibrate' again"
+        raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from None
 
 
 def _trial_of(folder: Path, trial: str | None) -> str:
     """The trial of a result to study: the one named, or the first with valid ground reactions."""
-    path = folder / SPLINES
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            names = enumerate(str(name) for name in stored["trials"])
-            loaded = tuple(name for k, name in names if f"valid_{k}" in stored and stored[f"valid_{k}"].any())
-    except _DAMAGE as error:
-        raise InputError(
-            f"cannot be read: {error}; run 'gaitcal calibrate' again", source=path, code=Code.DAMAGED_RESULT
-        ) from None
+    with _splines(folder / SPLINES) as stored:
+        names = enumerate(str(name) for name in stored["trials"])
+        loaded = tuple(name for k, name in names if f"valid_{k}" in stored and stored[f"valid_{k}"].any())
     return _chosen_trial(loaded, trial, folder)
 
 
 def _of_result(folder: Path, name: str) -> MonteCarloCase:
     model, path = load_model(folder / MODEL), folder / SPLINES
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            k = [str(trial) for trial in stored["trials"]].index(name)
-            parts = ("time", "knots", "nodes", "wrench", "valid")
-            time, knots, nodes, wrench, valid = (np.array(stored[f"{part}_{k}"]) for part in parts)
-    except _DAMAGE as error:
-        raise InputError(
-            f"cannot be read: {error}; run 'gaitcal calibrate' again", source=path, code=Code.DAMAGED_RESULT
-        ) from None
+    with _splines(path) as stored:
+        k = [str(trial) for trial in stored["trials"]].index(name)
+        parts = ("time", "knots", "nodes", "wrench", "valid")
+        time, knots, nodes, wrench, valid = (np.array(stored[f"{part}_{k}"]) for part in parts)
     whole = nodes.ndim == 2 and nodes.shape[1] == len(COORDINATES) and wrench.shape == (len(time), 2, 6)
     if not whole or not np.array_equal(spline_basis(time, len(nodes)).knots, knots):
-        raise InputError(
-            f"found other splines than this version writes for trial '{name}'", source=path, code=Code.DAMAGED_RESULT
-        )
+        message = f"found other splines than this version writes for trial '{name}'"
+        raise InputError(message, source=path, code=Code.DAMAGED_RESULT)
+    errors = folder / _marker_errors(name)
+    try:
+        table = pd.read_csv(errors, comment="#")
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {error}", source=errors, code=Code.DAMAGED_RESULT) from None
     return MonteCarloCase(
         name=name,
         subject=model.subject,
         parameters=model.parameters,
-        markers=_tracked(model.markers, _tracked_labels(folder / _marker_errors(name))),
+        markers=_tracked(model.markers, [label for label in table.columns if table[label].notna().any()]),
         time=time,
         nodes=nodes,
         wrench=wrench,
@@ -222,12 +215,3 @@ def _of_result(folder: Path, name: str) -> MonteCarloCase:
 
 def _marker_errors(trial: str) -> str:
     return f"marker_errors/{trial}.csv"
-
-
-def _tracked_labels(path: Path) -> list[str]:
-    """Markers that a trial really had: those with a distance in any frame."""
-    try:
-        table = pd.read_csv(path, comment="#")
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None
-    return [str(label) for label in table.columns if label != "time" and table[label].notna().any()]

@@ -5,11 +5,22 @@ study's randomness enters: every draw has a `numpy.random.Generator` of its own,
 number), so that draws can be made in any order and anywhere. Disturbances are uniform within the bounds; noise is one
 sinusoid per marker coordinate (method, sections 5 and 6).
 
-Everything that is worked out once for a case and then serves all its draws.
-
 The motion follows the joint parameters by  dN/dp = -H_qq^-1 H_qp,  exact where the markers fit exactly, as they do in
 the undisturbed case: it starts every re-fit. Torques are linear in the dynamic parameters phi of the segments
 (Pinocchio's regressor Y): inertial parameters alone change them by Y (phi - phi_0), without a re-fit.
+
+Torques of a leg, with the ground reaction in either frame:
+
+    tau_k = RNEA_k(q, v, a) - J_k . w,
+
+w the wrench of the ground on the foot, J_k the joint's spatial velocity, both about the laboratory origin
+(`dynamics/inverse_dynamics.py`). Fixed in the laboratory w stays as it was measured; carried along with the foot it
+turns and moves as the foot frame did, by (R, o) from the undisturbed (R0, o0) at the same instant:
+
+    force' = R R0^T force,      moment' = R R0^T (moment - o0 x force) + o x force'.
+
+The Pinocchio model is built once. A disturbance changes joint placements and inertias in place: the chain's constant
+C_k between the joint frames of the model, which make a half turn where a coordinate turns about a negative axis.
 """
 
 from __future__ import annotations
@@ -17,25 +28,142 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.inverse_dynamics import in_segment_frames, joint_regressor
+from gaitcal.dynamics.inverse_dynamics import FEET, in_segment_frames, joint_regressor, unloaded_forces, with_reactions
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import ChainConstants
-from gaitcal.model.linkage import SIDES
-from gaitcal.model.parameters import JP_INDEX, Parameters, dynamic_parameters, symmetric_set
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.chain import Chain, ChainConstants, Poses, forward, jacobian, segment_poses
+from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SIDES, joint_elements, joints_above
+from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, dynamic_parameters, symmetric_set, table
+from gaitcal.model.subject_model import SubjectModel, build_linkage
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending
-from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.leg_torques import LEG_SEGMENTS, LEG_TORQUES, LegTorques
-from gaitcal.published.settings import MonteCarloSettings, ReactionFrame, RefitSettings, Varied
+from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, RefitSettings, Varied
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import marker_noise, synthetic_markers
+
+TORQUES = LEG_COORDINATES
+"""The torques of a leg, without the side; the knee's adduction is a reaction."""
+TORQUE_WORDS = {name: COORDINATE_TABLE[name].title[:1].lower() + COORDINATE_TABLE[name].title[1:] for name in TORQUES}
+LEG_TORQUES: tuple[str, ...] = tuple(f"{name}_{side}" for side in SIDES for name in TORQUES)
+"""Both legs: the order of every axis of torques."""
+OF_FOOT = tuple(
+    np.array([k for k, name in enumerate(LEG_TORQUES) if name in carrying])
+    for carrying in ({e.name for j in joints_above(foot) for e in joint_elements(j, reactions=True)} for foot in FEET)
+)
+"""Which of them the wrench on the right foot changes, and which the wrench on the left."""
+LEG_SEGMENTS: tuple[str, ...] = LOWER_BODY[1:]
+
+
+@dataclass(frozen=True)
+class FootPose:
+    """Poses of both feet."""
+
+    axes: Array
+    """(2, 3, 3, nf): axes[s, j] is the j-th unit axis of foot s in the laboratory."""
+    origin: Array
+    """(2, 3, nf) m."""
+
+
+class LegTorques:
+    """Inverse dynamics of both legs. Holds a Pinocchio model that it changes: one instance for one thread."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.linkage = build_linkage(parameters, reactions=True)
+        self._data = self.linkage.model.createData()
+        self._chain = Chain("pelvis", ("pelvis", *LEG_SEGMENTS), reactions=True)
+        coordinates = self._chain.coordinates
+        self._joint = [self.linkage.model.getJointId(name) for name in coordinates]
+        self._half_turn = [
+            pin.SE3(np.eye(3) if e.sign > 0 else _half_turn(e.axis), np.zeros(3)) for e in self._chain.elements
+        ]
+        self.rows = np.array([self.linkage.index(name) for name in LEG_TORQUES])
+        """Places of the torques among the coordinates of the linkage."""
+        self._moved = np.array([coordinates.index(name) for name in LEG_TORQUES])
+        self._foot = [self._chain.segments.index(foot) for foot in FEET]
+        free = [name for name in coordinates if name in COORDINATES]  # all but the locked reaction joints
+        self._of_chain = [coordinates.index(name) for name in free]
+        self._of_body = [COORDINATES.index(name) for name in free]
+
+    def disturb(self, parameters: Parameters) -> ChainConstants:
+        """Put other parameters of the legs into the model; returns the constants of its chain."""
+        constants = self._chain.constants(parameters.joint, parameters.zero_angles)
+        placements, inertias = self.linkage.model.jointPlacements, self.linkage.model.inertias
+        turns = self._half_turn
+        for k, parent in enumerate(self._chain.parents):
+            offset = pin.SE3(constants.offset_rotation[k], constants.offset_translation[k]) * turns[k]
+            placements[self._joint[k]] = offset if parent < 0 else turns[parent].actInv(offset)
+        for segment, row in zip(MASSIVE_SEGMENTS, table(parameters.inertial), strict=True):
+            if segment not in LEG_SEGMENTS:
+                continue
+            s = self._chain.segments.index(segment)
+            frame = int(self._chain.segment_frame[s])
+            place = turns[frame].actInv(pin.SE3(constants.segment_rotation[s], constants.segment_translation[s]))
+            inertia = pin.Inertia(float(row[0]), row[1:4], np.diag(row[4:7]))
+            inertias[self._joint[frame]] = place.act(inertia)
+        return constants
+
+    def feet(self, constants: ChainConstants, q: Array) -> FootPose:
+        """Poses of the feet for coordinates (nf, 27)."""
+        return self._feet(constants, self._frames(constants, q))
+
+    def _frames(self, constants: ChainConstants, q: Array) -> Poses:
+        """Where the joints of the legs are, for coordinates (nf, 27)."""
+        coordinates = np.zeros((len(q), len(self._chain.coordinates)))
+        coordinates[:, self._of_chain] = q[:, self._of_body]
+        return forward(self._chain, constants, coordinates)
+
+    def _feet(self, constants: ChainConstants, frames: Poses) -> FootPose:
+        axes, origins = segment_poses(self._chain, constants, frames)
+        return FootPose(axes[self._foot], origins[self._foot])
+
+    def torques(
+        self, constants: ChainConstants, basis: SplineBasis, nodes: Array, wrench: Array, undisturbed: FootPose
+    ) -> tuple[Array, Array]:
+        """(nf, 14) N·m with the wrenches (nf, 2, 6) fixed in the laboratory, and carried along with the feet.
+
+        The model must hold the parameters that `constants` belong to (`disturb`).
+        """
+        q, v, a = (basis.evaluate(nodes, k) for k in range(3))
+        states = (with_reactions(self.linkage, values) for values in (q, v, a))
+        unloaded = unloaded_forces(self.linkage, self._data, *states)[:, self.rows]
+        frames = self._frames(constants, q)
+        columns = jacobian(self._chain, constants, frames)[self._moved]
+        laboratory = wrench.transpose(1, 2, 0)
+        carried = carry(laboratory, undisturbed, self._feet(constants, frames))
+
+        def loaded(wrenches: Array) -> Array:
+            tau = unloaded.copy()
+            for foot, joints in enumerate(OF_FOOT):
+                tau[:, joints] -= np.einsum("kif,if->fk", columns[joints], wrenches[foot])
+            return tau
+
+        return loaded(laboratory), loaded(carried)
+
+
+def carry(wrench: Array, before: FootPose, after: FootPose) -> Array:
+    """(2, 6, nf) wrenches about the laboratory origin, carried along from one pose of the feet to another."""
+    out = np.empty_like(wrench)
+    force = wrench[:, :3]
+    moment = wrench[:, 3:] - np.cross(before.origin, force, axis=1)
+    for turned, vector in ((out[:, :3], force), (out[:, 3:], moment)):
+        local = np.einsum("sjif,sif->sjf", before.axes, vector)
+        turned[:] = np.einsum("sjif,sjf->sif", after.axes, local)
+    out[:, 3:] += np.cross(after.origin, out[:, :3], axis=1)
+    return out
+
+
+def _half_turn(axis: int) -> Array:
+    """(3, 3) a half turn that reverses an axis."""
+    diagonal = -np.ones(3)
+    diagonal[(axis + 1) % 3] = 1.0
+    return np.diag(diagonal)
 
 
 class MonteCarloContext:
@@ -59,11 +187,18 @@ class MonteCarloContext:
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
         self.undisturbed_diagonal = band[:, 0].reshape(case.nodes.shape).copy()
         """(nn, nq) of the same matrix, m^2 per m^2 or rad^2."""
-        self.sensitivity = _sensitivity(self.problem, case, self.names)
+        self.sensitivity = np.zeros((*case.nodes.shape, len(self.names)))
         """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move no marker."""
-        self.regressor = _regressor(case, self.basis)
-        """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own frames."""
+        opened = self.problem.with_free(self.names)
+        equations = opened.equations(case.nodes, opened.constants(case.parameters))
+        solved = -BandFactor(equations.band).solve(equations.mixed)
+        moving = [self.names.index(name) for name in opened.chain.free]
+        self.sensitivity[:, :, moving] = solved.reshape(*case.nodes.shape, len(moving))
         self.legs = LegTorques(case.parameters)
+        states = (self.basis.evaluate(case.nodes, k) for k in range(3))
+        rows = in_segment_frames(self.legs.linkage, joint_regressor(self.legs.linkage, self.legs.rows, *states))
+        self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
+        """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own frames."""
         leg_constants = self.legs.disturb(case.parameters)
         self.feet = self.legs.feet(leg_constants, q)
         self.torques, _ = self.legs.torques(leg_constants, self.basis, case.nodes, case.wrench, self.feet)
@@ -76,12 +211,6 @@ class MonteCarloContext:
         )
         """Markers of the right and of the left leg: indices into the order of `data`."""
 
-    def inertial_change(self, inertial: Array) -> Array:
-        """(nf, 14) N·m that other inertial parameters (84,) add to the undisturbed torques."""
-        change = dynamic_parameters(inertial) - dynamic_parameters(self.case.parameters.inertial)
-        out: Array = (self.regressor @ change.ravel()).reshape(-1, len(LEG_TORQUES))
-        return out
-
 
 def _undisturbed_problem(case: MonteCarloCase) -> TrialProblem:
     """The model's own markers in its own motion, as if they had been measured, in the case's spline space."""
@@ -92,25 +221,6 @@ def _undisturbed_problem(case: MonteCarloCase) -> TrialProblem:
     markers = synthetic_markers(case.parameters, case.markers, q)
     recording = Recording(source=case.name, time=case.time, labels=case.markers.labels, markers=markers)
     return trial_problem(case.name, model, recording, NodeRule(fixed=len(case.nodes)))
-
-
-def _sensitivity(problem: TrialProblem, case: MonteCarloCase, names: tuple[str, ...]) -> Array:
-    """(nn, nq, np) dN/dp of the equation above."""
-    opened = problem.with_free(names)
-    equations = opened.equations(case.nodes, opened.constants(case.parameters))
-    solved = -BandFactor(equations.band).solve(equations.mixed)
-    passed = [names.index(name) for name in opened.chain.free]
-    out = np.zeros((*case.nodes.shape, len(names)))
-    out[:, :, passed] = solved.reshape(*case.nodes.shape, len(passed))
-    return out
-
-
-def _regressor(case: MonteCarloCase, basis: SplineBasis) -> Array:
-    """(nf * 14, 120) Y of the equation above: of Pinocchio's bodies, then told in the frames of our segments."""
-    legs = LegTorques(case.parameters)
-    states = (basis.evaluate(case.nodes, k) for k in range(3))
-    rows = in_segment_frames(legs.linkage, joint_regressor(legs.linkage, legs.rows, *states))
-    return rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
 
 
 @dataclass(frozen=True)
@@ -178,7 +288,14 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
     """Draw `number` (0, 1, ...) of a set at a level (per cent of the bounds)."""
     change = disturb(context, varied, level, number)
     try:
-        return _without_refit(context, change) if varied is Varied.IP else _with_refit(context, change)
+        model = disturbed_model(context, change)
+        if varied is Varied.IP:  # moves no marker: the motion stays, and torques are linear
+            inertial, undisturbed = (p.inertial for p in (model.parameters, context.case.parameters))
+            phi = dynamic_parameters(inertial) - dynamic_parameters(undisturbed)
+            errors = (context.regressor @ phi.ravel()).reshape(-1, len(LEG_TORQUES))
+            return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
+        fitted = refit(model.problem, model.constants, model.start, context.settings.refit, model.factor)
+        return DrawResult(errors_of(context, model, fitted.nodes), fitted.evaluations, fitted.failure)
     except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
         return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
 
@@ -228,21 +345,6 @@ def refit(
     return Refit(tracked.nodes, tracked.steps, "" if tracked.converged else tracked.ending.value)
 
 
-def _inertial(context: MonteCarloContext, change: Disturbance) -> Array:
-    """(84,) disturbed inertial parameters, SI."""
-    undisturbed = context.case.parameters.inertial
-    if change.inertial is None:
-        return undisturbed
-    out: Array = undisturbed * (1.0 + context.inertial_set.selection @ change.inertial)
-    return out
-
-
-def _without_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
-    """Inertial parameters move no marker: the motion stays, and torques are linear in them."""
-    errors = context.inertial_change(_inertial(context, change))
-    return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
-
-
 @dataclass(frozen=True)
 class DisturbedModel:
     """The case after a disturbance, its motion not yet fitted."""
@@ -265,7 +367,8 @@ def disturbed_model(context: MonteCarloContext, change: Disturbance) -> Disturbe
         parameters = parameters.with_joint(context.names, context.joint_values + change.joint)
         start = start + context.sensitivity @ change.joint
     if change.inertial is not None:
-        parameters = parameters.with_inertial(_inertial(context, change))
+        factors = 1.0 + context.inertial_set.selection @ change.inertial
+        parameters = parameters.with_inertial(case.parameters.inertial * factors)
     if change.noise is not None:
         problem = problem.with_measured(problem.data.measured + change.noise)
     known = None if change.joint is not None else context.undisturbed_factor
@@ -278,20 +381,8 @@ def errors_of(context: MonteCarloContext, model: DisturbedModel, nodes: Array) -
     leg_constants = context.legs.disturb(model.parameters)
     torques = context.legs.torques(leg_constants, context.basis, nodes, context.case.wrench, context.feet)
     errors = (torques[0] - context.torques, torques[1] - context.torques)
-    return _record(context, errors, _distance(model.problem.data, placed))
-
-
-def _with_refit(context: MonteCarloContext, change: Disturbance) -> DrawResult:
-    model = disturbed_model(context, change)
-    fitted = refit(model.problem, model.constants, model.start, context.settings.refit, model.factor)
-    return DrawResult(errors_of(context, model, fitted.nodes), fitted.evaluations, fitted.failure)
-
-
-def _distance(data: MarkerData, placed: Array) -> Array:
-    """(nm, nf) m between measured and placed markers."""
-    apart = placed - data.measured
-    out: Array = np.sqrt((apart * apart).sum(axis=1))
-    return out
+    apart = placed - model.problem.data.measured
+    return _record(context, errors, np.sqrt((apart * apart).sum(axis=1)))
 
 
 def _record(context: MonteCarloContext, errors: tuple[Array, Array], distance: Array) -> Array:

@@ -13,10 +13,9 @@ orientations (deg) apart. That definition gives the printed figures of Table I f
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TypeVar
 
 import numpy as np
 
@@ -35,15 +34,22 @@ from gaitcal.model.parameters import (
     leg_parameters,
 )
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.arrow import ArrowFactor, SharedTrials
+from gaitcal.motion.banded import ArrowFactor
 from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
 from gaitcal.motion.motion import motion_of
 from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.track import track_nodes
+from gaitcal.motion.track import SharedTrials, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.published.published import SIDE
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import NODES, RATE, TrueMotion, gait_motion, isolated_motion
+from gaitcal.published.protocol import SIDE
+from gaitcal.synthetic.motion import (
+    NODES,
+    RATE,
+    TrueMotion,
+    gait_motion,
+    isolated_motion,
+    marker_noise,
+    synthetic_markers,
+)
 
 LEG = leg_parameters(SIDE)
 DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
@@ -74,7 +80,7 @@ def _index(names: Sequence[str]) -> list[int]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoundFromZero:
+class JointRecovery:
     """One of the four problems, solved."""
 
     names: tuple[str, ...]
@@ -96,6 +102,10 @@ class FoundFromZero:
     """All of the linkage, with what was found."""
     nodes: Array
     """(20, 27) m, rad."""
+    cost_at_truth: float = np.nan
+    """m^2: with the true joint parameters, the motion fitted; NaN where it was not asked for."""
+    cost_from_truth: float = np.nan
+    """m^2: of the minimum found when the search starts at the true values of the free parameters."""
 
     @property
     def position_mm(self) -> float:
@@ -106,16 +116,6 @@ class FoundFromZero:
     def orientation_deg(self) -> float | None:
         """RMS orientation error, deg; None for the hip, which has none."""
         return joint_rms(self.errors, self.names)[1]
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointRecovery(FoundFromZero):
-    """One of the four problems, solved, and compared with a search that knows the truth."""
-
-    cost_at_truth: float
-    """m^2: with the true joint parameters, the motion fitted."""
-    cost_from_truth: float
-    """m^2: of the minimum found when the search starts at the true values of the free parameters."""
 
 
 @cache
@@ -149,52 +149,23 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_
     return replace(trial_problem(problem, model, recording, NodeRule(fixed=NODES)), priors=())
 
 
-def recover_joints(problems: Mapping[str, TrialProblem]) -> dict[str, JointRecovery]:
-    """Solve all four; gait starts from what the isolated trials found for the parameters that it leaves alone."""
-    return _in_order(problems, solve)
+def recover_joints(problems: Mapping[str, TrialProblem], *, compare: bool = True) -> dict[str, JointRecovery]:
+    """Solve all; gait starts from what the isolated trials found for the parameters that it leaves alone.
 
-
-def find_joints(problems: Mapping[str, TrialProblem]) -> dict[str, FoundFromZero]:
-    """As `recover_joints`, without the comparison."""
-    return _in_order(problems, solve_from_zero)
-
-
-_Found = TypeVar("_Found", bound=FoundFromZero)
-
-
-def _in_order(
-    problems: Mapping[str, TrialProblem], solved: Callable[[str, TrialProblem, Parameters], _Found]
-) -> dict[str, _Found]:
-    out: dict[str, _Found] = {}
+    `compare`: also from the truth, for the costs there.
+    """
+    out: dict[str, JointRecovery] = {}
     for problem, markers in problems.items():
-        held = _held(out) if problem == "full leg" else true_model().parameters
-        out[problem] = solved(problem, markers, held)
+        held = true_model().parameters
+        for found in out.values() if problem == "full leg" else ():
+            held = held.with_joint(found.names, found.parameters.joint[_index(found.names)])
+        out[problem] = solve(problem, markers, held, compare=compare)
     return out
 
 
-def _held(isolated: Mapping[str, FoundFromZero]) -> Parameters:
-    """The truth, but for the leg, which has what the isolated trials found."""
-    parameters = true_model().parameters
-    for recovery in isolated.values():
-        values = recovery.parameters.joint
-        parameters = parameters.with_joint(recovery.names, values[_index(recovery.names)])
-    return parameters
-
-
-def solve(problem: str, markers: TrialProblem, held: Parameters) -> JointRecovery:
+def solve(problem: str, markers: TrialProblem, held: Parameters, *, compare: bool = True) -> JointRecovery:
     """One problem from absolute zero; `held` gives the joint parameters that are not free."""
-    found = solve_from_zero(problem, markers, held)
-    truth, motion, free = true_model().parameters, true_motion(problem), free_parameters(problem)
-    at_truth = track_nodes(markers, markers.constants(truth), motion.nodes)
-    from_truth = JointSearch([markers], held, free, [at_truth.nodes]).run(truth.joint[_index(free)])
-    # Not asdict, which would copy the parameters into dictionaries.
-    fields = {name: getattr(found, name) for name in FoundFromZero.__dataclass_fields__}
-    return JointRecovery(**fields, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
-
-
-def solve_from_zero(problem: str, markers: TrialProblem, held: Parameters) -> FoundFromZero:
-    """As `solve`, without the comparison."""
-    free = free_parameters(problem)
+    free, truth = free_parameters(problem), true_model().parameters
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
     p, nodes, near = step_together([markers], held, free, [zero], np.zeros(len(free)))
@@ -202,9 +173,9 @@ def solve_from_zero(problem: str, markers: TrialProblem, held: Parameters) -> Fo
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
-    return FoundFromZero(
+    found = JointRecovery(
         names=names,
-        errors=joint_errors(fit.parameters, true_model().parameters, names),
+        errors=joint_errors(fit.parameters, truth, names),
         marker_mm=1e3 * float(np.sqrt(np.mean(distance**2))),
         largest_mm=1e3 * float(distance.max()),
         cost=fit.state.cost,
@@ -214,6 +185,11 @@ def solve_from_zero(problem: str, markers: TrialProblem, held: Parameters) -> Fo
         parameters=fit.parameters,
         nodes=fit.nodes[0],
     )
+    if not compare:
+        return found
+    at_truth = track_nodes(markers, markers.constants(truth), true_motion(problem).nodes)
+    from_truth = JointSearch([markers], held, free, [at_truth.nodes]).run(truth.joint[_index(free)])
+    return replace(found, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
 
 
 def step_together(

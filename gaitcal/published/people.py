@@ -6,6 +6,7 @@ reactions), from the folder that GAITCAL_DATA names, through the same pipeline a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import is_physical, symmetric_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.published.inertial_recovery import pelvis_width
-from gaitcal.published.published import SIDE
+from gaitcal.published.protocol import SIDE
 from gaitcal.published.tables import RESIDUALS, SCALES, Cell, TableRow
 from gaitcal.runtime import Progress, silent
 from gaitcal.session.calibrate import calibrate
@@ -95,8 +96,7 @@ def _study(folder: Path, person: _Person, **settings: object) -> Study:
     )
 
 
-def _marker_rows(name: str, calibration: Calibration) -> list[TableRow]:
-    rows: list[TableRow] = []
+def _marker_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
     for trial in calibration.trials:
         if trial.joint is not None and not trial.joint.endswith(SIDE):
             continue
@@ -109,19 +109,16 @@ def _marker_rows(name: str, calibration: Calibration) -> list[TableRow]:
             (f"{name}, phase 1: marker distance RMS", 1e3 * calibrated, "mm"),
             (f"{name}: fall of marker distance", 100.0 * (1.0 - calibrated / nominal), "%"),
         ):
-            rows.append(Cell("I", row, column, unit).filled(None, value, NOTE, "markers of pelvis and legs"))
-    return rows
+            yield Cell("I", row, column, unit).filled(None, value, NOTE, "markers of pelvis and legs")
 
 
-def _residual_rows(name: str, calibration: Calibration) -> list[TableRow]:
-    rows: list[TableRow] = []
+def _residual_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
     for _, loads in _loaded(calibration):
         valid = loads.reactions.valid
         frames = f"{int(np.sum(valid))} of {len(valid)} frames"
         for stage, moments in loads.moments.items():
             for (column, unit, _), value in zip(RESIDUALS, moments.residual_rms(valid), strict=True):
-                rows.append(Cell("III", f"{name}, {STAGES[stage]}", column, unit).filled(None, value, NOTE, frames))
-    return rows
+                yield Cell("III", f"{name}, {STAGES[stage]}", column, unit).filled(None, value, NOTE, frames)
 
 
 def _loaded(calibration: Calibration) -> list[tuple[TrialResult, LoadedTrial]]:
@@ -129,26 +126,18 @@ def _loaded(calibration: Calibration) -> list[tuple[TrialResult, LoadedTrial]]:
     return [(t, t.loads) for t in calibration.trials if t.loads is not None and t.loads.reactions.valid.any()]
 
 
-def _scale_rows(name: str, calibration: Calibration) -> list[TableRow]:
+def _scale_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
     """The published cost with each normalisation, with the joints and motions of phase 1."""
-    nominal, parameters = calibration.nominal, calibration.model.parameters
-    motions = [
-        LoadedMotion(
-            name=trial.name,
-            q=trial.body.q,
-            velocity=trial.body.velocity,
-            acceleration=trial.body.acceleration,
-            wrench=loads.reactions.wrench,
-            valid=loads.reactions.valid,
-        )
-        for trial, loads in _loaded(calibration)
-    ]
-    rows: list[TableRow] = []
+    nominal, motions = calibration.nominal, []
+    for trial, loads in _loaded(calibration):
+        body, forces = trial.body, loads.reactions
+        state = {"q": body.q, "velocity": body.velocity, "acceleration": body.acceleration}
+        motions.append(LoadedMotion(name=trial.name, **state, wrench=forces.wrench, valid=forces.valid))
     for scale, (_, words) in SCALES.items() if motions else ():
-        equations = equations_of(motions, parameters, nominal.subject, scale, pelvis_width(nominal))
+        parameters, width = calibration.model.parameters, pelvis_width(nominal)
+        equations = equations_of(motions, parameters, nominal.subject, scale, width)
         fit = fit_published(equations, nominal.parameters.inertial, symmetric_set())
         possible = "" if is_physical(fit.inertial).all() else "some bodies could not exist"
         for (column, unit, _), value in zip(RESIDUALS, (fit.rms_force, fit.rms_moment), strict=True):
             cell = Cell("discussion", f"{name}, torque divided by {words}", column, unit)
-            rows.append(cell.filled(None, value, NOTE, possible, "published cost"))
-    return rows
+            yield cell.filled(None, value, NOTE, possible, "published cost")

@@ -1,35 +1,28 @@
-"""The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims, real people.
-
-The files of a reproduction: tables, claims and draws as CSV, a README, the manifest.
-"""
+"""The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims, real people."""
 
 from __future__ import annotations
 
 import json
 import platform
 import shutil
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
-from gaitcal.io.lock import MANIFEST
+from gaitcal.io.result_folder import MANIFEST
 from gaitcal.io.toml import package_version
+from gaitcal.published import draw_sensitivity as refits
+from gaitcal.published import noise_sensitivity as phase_one
 from gaitcal.published.case import nominal_case
-from gaitcal.published.claims import Claim, table_claims
+from gaitcal.published.claims import Claim, Kind, table_claims
 from gaitcal.published.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
-from gaitcal.published.inertial_recovery import RANDOM_SEEDS, InertialRecovery
+from gaitcal.published.inertial_recovery import RANDOM_SEEDS, InertialRecovery, SeedResult, noiseless, noisy_draws
 from gaitcal.published.people import people_rows
-from gaitcal.published.refit import iteration_frame
-from gaitcal.published.sensitivities import (
-    Sensitivities,
-    SensitivityDraws,
-    sensitivities,
-    sensitivity_claims,
-    sensitivity_rows,
-)
-from gaitcal.published.settings import MonteCarloSettings, Plan, SeedResult, Varied, noiseless, noisy_draws
+from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.tables import (
     TableRow,
@@ -41,8 +34,69 @@ from gaitcal.published.tables import (
     table_two_rows,
     time_rows,
 )
-from gaitcal.published.workers import LocalProcesses, StopWatch
+from gaitcal.published.workers import LocalProcesses
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensitivityDraws:
+    """How many draws each of the sensitivities has: what the paper does not say and our figures depend on."""
+
+    noise: int = phase_one.DRAWS
+    """Of phase 1, for each length of the isolated trials."""
+    absorbed: int = phase_one.ABSORPTION_DRAWS
+    stopped: int = refits.DRAWS
+    """Of the Monte Carlo study, each set and level, their re-fits stopped on the way."""
+    centres: int = refits.PAIRED_DRAWS
+    """Of the Monte Carlo study, for each division of the ground reactions."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensitivities:
+    """All of them, shown beside the printed rows; nothing is chosen by it."""
+
+    lengths: list[phase_one.LengthDraws]
+    absorbed: dict[str, phase_one.Absorbed]
+    stopped: refits.StoppedRefits
+    centres: refits.PressureCentres
+
+    @property
+    def rows(self) -> list[TableRow]:
+        """Of `tables.csv`."""
+        return [
+            *phase_one.trial_length_rows(self.lengths),
+            *phase_one.absorbed_rows(self.absorbed),
+            *refits.refit_rows(self.stopped),
+            *refits.pressure_centre_rows(self.centres),
+        ]
+
+
+def sensitivities(
+    seed: int, draws: SensitivityDraws | None = None, jobs: int = -1, progress: Progress = silent
+) -> Sensitivities:
+    """Compute all; the results do not depend on the number of processes (-1: one for every core)."""
+    draws = draws or SensitivityDraws()
+    progress("sensitivity to the length of isolated trials")
+    lengths = phase_one.trial_lengths(seed, draws.noise, jobs)
+    progress("noise that a motion can absorb")
+    absorbed = phase_one.absorbed_noise(seed, draws.absorbed, jobs)
+    progress("sensitivity to the end of re-fits")
+    stopped = refits.stopped_refits(seed, draws.stopped, jobs)
+    progress("sensitivity to the centre of pressure")
+    centres = refits.pressure_centres(seed, draws.centres, jobs)
+    return Sensitivities(lengths=lengths, absorbed=absorbed, stopped=stopped, centres=centres)
+
+
+def sensitivity_claims(found: Sensitivities | None) -> list[Claim]:
+    """Of `claims.csv`; without a run they are there as not run."""
+    claims = [
+        *phase_one.trial_length_claims(found and found.lengths),
+        *phase_one.absorbed_claims(found and found.absorbed),
+        *refits.refit_claims(found and found.stopped),
+        *refits.pressure_centre_claims(found and found.centres),
+    ]
+    return [replace(claim, kind=Kind.SENSITIVITY) for claim in claims]
+
 
 NOISE_SEEDS = 20
 
@@ -90,7 +144,12 @@ def reproduce(
     ----------
     draws_folder : where Monte Carlo draws are kept, so that an interrupted study goes on; None keeps nothing.
     """
-    settings, clock = settings or ReproductionSettings(), StopWatch()
+    settings, began = settings or ReproductionSettings(), time.perf_counter()
+    laps: dict[str, float] = {}
+
+    def lap(part: str) -> None:
+        laps[part] = time.perf_counter() - began - sum(laps.values())
+
     progress("without noise")
     clean = noiseless(settings.seed, settings.random_seeds)
     progress(f"{settings.noise_seeds} draws of the noise")
@@ -102,24 +161,24 @@ def reproduce(
         *table_four_rows(noisy),
         *discussion_rows(noisy),
     ]
-    clock.lap("tables")
+    lap("tables")
     found = disturbances = None
     if settings.sensitivities is not None:
         found = sensitivities(settings.seed, settings.sensitivities, settings.jobs, progress)
-        rows += sensitivity_rows(found)
-        clock.lap("sensitivities")
+        rows += found.rows
+        lap("sensitivities")
     if settings.data is not None:
         rows += people_rows(settings.data, progress)
-        clock.lap("real people")
+        lap("real people")
     if settings.draws:
         disturbances = _disturb(settings, draws_folder, progress)
-        clock.lap("Monte Carlo study, draws that were not there yet")
+        lap("Monte Carlo study, draws that were not there yet")
     return Reproduction(
         settings=settings,
         clean=clean,
         noisy=noisy,
         tables=rows,
-        times=[*time_rows([clean, *noisy]), *run_time_rows(clock.laps)],
+        times=[*time_rows([clean, *noisy]), *run_time_rows(laps)],
         claims=[*table_claims(clean, noisy), *disturbance_claims(disturbances), *sensitivity_claims(found)],
         disturbances=disturbances.table if disturbances else None,
         sensitivities=found,
@@ -161,7 +220,7 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
         "draws": draw_frame(reproduction.noisy),
         "times": table_frame(reproduction.times),
         "montecarlo": reproduction.disturbances,
-        "iterations": iteration_frame(found.stopped) if (found := reproduction.sensitivities) else None,
+        "iterations": refits.iteration_frame(found.stopped) if (found := reproduction.sensitivities) else None,
     }
     for name, frame in tables.items():
         if frame is not None:
@@ -173,9 +232,7 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
         "gaitcal": versions["gaitcal"],
         "versions": versions | {"python": platform.python_version()},
         "settings": {
-            "noise_seeds": settings.noise_seeds,
-            "seed": settings.seed,
-            "draws": settings.draws,
+            **{name: getattr(settings, name) for name in ("noise_seeds", "seed", "draws")},
             "sensitivities": settings.sensitivities and asdict(settings.sensitivities),
             "real_people": settings.data is not None,
         },
@@ -201,38 +258,35 @@ def claim_frame(claims: Iterable[Claim]) -> pd.DataFrame:
 
 def draw_frame(draws: Sequence[SeedResult]) -> pd.DataFrame:
     """One row per draw of the noise: the figures of Tables I and III."""
-    return pd.DataFrame([{"draw": k, **_figures(draw)} for k, draw in enumerate(draws)])
+    rows = []
+    for number, draw in enumerate(draws):
+        row: dict[str, object] = {"draw": number}
+        for problem, joint in draw.joints.items():
+            key = problem.replace(" ", "_")
+            row[f"{key}_marker_mm"] = joint.marker_mm
+            row[f"{key}_largest_marker_mm"] = joint.largest_mm
+            row[f"{key}_position_mm"] = joint.position_mm
+            if joint.orientation_deg is not None:
+                row[f"{key}_orientation_deg"] = joint.orientation_deg
+            row[f"{key}_steps"] = joint.steps
+            row[f"{key}_converged"] = joint.converged
+        row["true_ip_force_N"], row["true_ip_torque_Nm"] = draw.residual_before
+        seeds = {"correct_seed": (draw.correct,), "single_pass": (draw.single_pass,), "random_seeds": draw.random}
+        for name, fits in seeds.items():
+            row |= {f"{name}_{key}": float(np.mean([figure(f) for f in fits])) for key, figure in _FIGURES.items()}
+        if draw.third is not None:
+            row["third_step_force_N"] = draw.third.force[1]
+            row["third_step_torque_Nm"] = draw.third.torque[1]
+            row["third_step_marker_mm"] = draw.third.marker_mm[1]
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
-def _figures(draw: SeedResult) -> dict[str, object]:
-    row: dict[str, object] = {}
-    for problem, joint in draw.joints.items():
-        key = problem.replace(" ", "_")
-        row[f"{key}_marker_mm"] = joint.marker_mm
-        row[f"{key}_largest_marker_mm"] = joint.largest_mm
-        row[f"{key}_position_mm"] = joint.position_mm
-        if joint.orientation_deg is not None:
-            row[f"{key}_orientation_deg"] = joint.orientation_deg
-        row[f"{key}_steps"] = joint.steps
-        row[f"{key}_converged"] = joint.converged
-    row["true_ip_force_N"], row["true_ip_torque_Nm"] = draw.residual_before
-    seeds = {"correct_seed": (draw.correct,), "single_pass": (draw.single_pass,), "random_seeds": draw.random}
-    for name, fits in seeds.items():
-        figures = pd.DataFrame([_inertial_figures(fit) for fit in fits]).mean()
-        row |= {f"{name}_{key}": value for key, value in figures.items()}
-    if draw.third is not None:
-        row["third_step_force_N"] = draw.third.force[1]
-        row["third_step_torque_Nm"] = draw.third.torque[1]
-        row["third_step_marker_mm"] = draw.third.marker_mm[1]
-    return row
-
-
-def _inertial_figures(fit: InertialRecovery) -> dict[str, float]:
-    return {
-        "force_N": fit.force,
-        "torque_Nm": fit.torque,
-        "inertia_kg_mm2": fit.errors.inertia,
-        "mass_kg": fit.errors.mass,
-        "com_mm": fit.errors.centre,
-        "seeds": float(fit.seeds),
-    }
+_FIGURES: dict[str, Callable[[InertialRecovery], float]] = {
+    "force_N": lambda fit: fit.force,
+    "torque_Nm": lambda fit: fit.torque,
+    "inertia_kg_mm2": lambda fit: fit.errors.inertia,
+    "mass_kg": lambda fit: fit.errors.mass,
+    "com_mm": lambda fit: fit.errors.centre,
+    "seeds": lambda fit: float(fit.seeds),
+}

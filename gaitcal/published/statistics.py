@@ -1,4 +1,4 @@
-"""What the draws of a study say: distributions, whether there are enough of them, and what a marker error may mean.
+"""What the draws of a study say: distributions, what a marker error may mean, and which parameter matters.
 
 Convergence (method, section 6): over the last 10 % of the draws the running mean and the running coefficient of
 variation, CV = 100 SD / mean, stay within 2 % of their final values, for every torque's RMS error.
@@ -7,9 +7,8 @@ A person's marker distance is turned into the torque errors to expect (`expect`)
 hand: a marker RMS of 4 mm corresponds to less than 25 % of the JP bounds, or to 50 % of the noise amplitude, and to the
 torque errors there. Between levels, and from nothing at level zero, straight lines.
 
-Which parameter matters: the variance of each torque error, linearised, shared out parameter by parameter.
-
-With p the joint parameters, N the nodes, and all derivatives at the undisturbed case,
+Which parameter matters is the variance of each torque error, linearised, shared out parameter by parameter. With p the
+joint parameters, N the nodes, and all derivatives at the undisturbed case,
 
     d tau / dp = @tau/@p + (@tau/@q B + @tau/@v B' + @tau/@a B'') dN/dp,          dN/dp = -H_qq^-1 H_qp,
 
@@ -20,8 +19,6 @@ moves by the twist xi = J_foot dq/dp + J_p, the wrench changes by dw = xi x* w a
 
 Inertial parameters enter by the regressor. For independent uniform disturbances within +-b_i the variance of an error,
 averaged over the frames, is a sum:  sum_i b_i^2 / 3 <(d tau / dp_i)^2>;  each term is what parameter i contributes.
-
-Which joint parameters of a leg make the errors of its torques: shares of variance, ready to be told.
 """
 
 from __future__ import annotations
@@ -38,10 +35,17 @@ from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.model.chain import Chain, forward, jacobian
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.parameters import dynamic_jacobian, leg_parameters
-from gaitcal.motion.spline import basis_matrix
-from gaitcal.published.draw import MEASURES, MonteCarloContext, disturb, marker_column, torque_column
-from gaitcal.published.leg_torques import LEG_TORQUES, OF_FOOT, TORQUES
-from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.draw import (
+    LEG_TORQUES,
+    MEASURES,
+    OF_FOOT,
+    TORQUES,
+    MonteCarloContext,
+    disturb,
+    marker_column,
+    torque_column,
+)
+from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
 
 PERCENTILES = (10, 25, 50, 75, 90)
@@ -201,12 +205,15 @@ def linear_torques(context: MonteCarloContext) -> LinearTorques:
     slopes = force_derivatives(case.parameters, context.names, q, v, a, case.wrench)
     nf, nq, n_free = len(q), q.shape[1], len(context.names)
     moved = context.sensitivity.reshape(len(case.nodes), -1)
-    motion = [(basis_matrix(basis, k) @ moved).reshape(nf, nq, n_free) for k in range(3)]
+    motion = [(basis.matrices[k] @ moved).reshape(nf, nq, n_free) for k in range(3)]
     laboratory = slopes.by_parameter[:, _ROWS]
     for slope, change in zip((slopes.by_position, slopes.by_velocity, slopes.by_acceleration), motion, strict=True):
         laboratory = laboratory + slope[:, _ROWS] @ change
     carried = laboratory - _carried(context, q, motion[0])
-    return LinearTorques({ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, _by_inertial(context))
+    inertial = case.parameters.inertial
+    relative = block_diag(*dynamic_jacobian(inertial)) @ (inertial[:, None] * context.inertial_set.selection)
+    by_inertial = (context.regressor @ relative).reshape(nf, len(LEG_TORQUES), -1)
+    return LinearTorques({ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, by_inertial)
 
 
 @with_one_blas_thread
@@ -253,14 +260,6 @@ def _carried(context: MonteCarloContext, q: Array, change: Array) -> Array:
         axes = columns[:, :, [chain.coordinates.index(name) for name in names]]
         out[:, OF_FOOT[foot]] = axes.transpose(0, 2, 1) @ moved.transpose(0, 2, 1)
     return out
-
-
-def _by_inertial(context: MonteCarloContext) -> Array:
-    """(nf, 14, 36): the regressor, times the derivative of the dynamic parameters, segment by segment."""
-    inertial = context.case.parameters.inertial
-    slopes: Array = block_diag(*dynamic_jacobian(inertial))
-    relative = slopes @ (inertial[:, None] * context.inertial_set.selection)
-    return (context.regressor @ relative).reshape(-1, len(LEG_TORQUES), relative.shape[1])
 
 
 @with_one_blas_thread

@@ -13,13 +13,14 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from gaitcal.calibration.inertial_calibration import TorqueScale
-from gaitcal.published.inertial_recovery import NOISELESS_DECAY, InertialRecovery
-from gaitcal.published.joint_recovery import FoundFromZero
-from gaitcal.published.published import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
-from gaitcal.published.settings import SeedResult
+from gaitcal.published.inertial_recovery import NOISELESS_DECAY, InertialRecovery, SeedResult
+from gaitcal.published.joint_recovery import JointRecovery
+from gaitcal.published.protocol import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
 
+SENSITIVITY = "sensitivity"
+"""Of `tables.csv`: the table of what the paper does not say and our figures depend on."""
 EXPERIMENT = "needs the unpublished experimental trial; cannot be reproduced"
-JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[FoundFromZero], float | None]], ...] = (
+JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[JointRecovery], float | None]], ...] = (
     ("marker_distance_mm", "marker distance RMS", "mm", lambda r: r.marker_mm),
     ("orientation_deg", "orientation error RMS", "deg", lambda r: r.orientation_deg),
     ("position_mm", "position error RMS", "mm", lambda r: r.position_mm),

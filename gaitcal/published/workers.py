@@ -1,13 +1,8 @@
 """Who computes the chunks: this process, processes of this machine, or a cluster. All give the same bits.
 
-A kind of workers is anything with `run(function, tasks)` that yields the results in any order. Tasks are taken from
-their iterator as workers become free, so that memory stays bounded however many there are.
-
-A cluster is one of `dask.distributed` (extra `gaitcal[cluster]`). Its scheduler gives a dead worker's chunks to others
-by itself; a chunk that it gives up because several workers died over it (they may have been killed from outside, one
-after the other) is handed in anew a few times.
-
-How long the parts of a run take, by the clock.
+Processes and clusters are executors as of `concurrent.futures`, served by one loop (`_Executing.run`). Tasks are taken
+from their iterator as there is room for them, so that memory stays bounded. One over which a worker dies is handed in
+again, a few times: who killed the worker is not known.
 """
 
 from __future__ import annotations
@@ -17,38 +12,50 @@ import re
 import signal
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import islice
-from typing import Any, Protocol, TypeVar
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 from joblib.externals.loky import ProcessPoolExecutor, cpu_count
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, InputError
+from gaitcal.io.atomic import disk_errors
+from gaitcal.io.result_folder import locked
 
 TRIES = 3
-"""Processes that may die over a task before it is given up."""
+"""Processes of this machine that may die over a task before it is given up."""
+CLUSTER_TRIES = 6
+"""The same of a cluster, each time after the scheduler's own tries."""
 WATCH_S = 1.0
 """How often a worker process looks whether its parent is still there."""
 AHEAD = 3
-"""Chunks handed in for each worker thread of a cluster: enough to keep it busy, and bounded."""
-HANDED_IN_AGAIN = 5
+"""Tasks handed in for each worker thread of a cluster: enough to keep it busy, and bounded."""
 WAIT_S = 30
 """For the scheduler of a cluster, and for its first worker."""
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+Lost: TypeAlias = Callable[[Task, str], Result]
+"""What stands for a task that is given up, and why."""
 
 
 class Workers(Protocol):
     """Anything that maps a picklable function over tasks."""
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Yield `function(task)` for every task, in any order."""
+    def run(
+        self,
+        function: Callable[[Task], Result],
+        tasks: Iterable[Task],
+        lost: Callable[[Task, str], Result] | None = None,
+    ) -> Iterator[Result]:
+        """Yield `function(task)` for every task, in any order; without `lost`, one that is given up ends the run."""
         ...
 
 
@@ -56,19 +63,73 @@ class Workers(Protocol):
 class ThisProcess:
     """One after the other, here."""
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    def run(
+        self,
+        function: Callable[[Task], Result],
+        tasks: Iterable[Task],
+        lost: Callable[[Task, str], Result] | None = None,
+    ) -> Iterator[Result]:
         """Yield the results in the order of the tasks."""
         return map(function, tasks)
 
 
 @dataclass(frozen=True)
-class LocalProcesses:
-    """Processes of this machine, by loky, each with one task at a time. One that dies stops nobody: its task is handed
-    to another one, and given up after `TRIES`.
+class _Crew:
+    """An executor, and what it is like."""
 
-    A pool of loky ends as a whole where one of its processes dies; here every process is a pool of its own, so that it
-    is known over which task it died.
-    """
+    name: str
+    executor: Executor
+    room: Callable[[], int]
+    """How many tasks it takes at a time."""
+    death: type[Exception]
+    """Error of a task whose worker died."""
+    tries: int
+    words: Callable[[BaseException], str]
+    """Why a task is given up."""
+
+
+class _Executing(ABC):
+    """Workers behind an executor."""
+
+    @abstractmethod
+    def crew(self) -> AbstractContextManager[_Crew]:
+        """The executor, ended with the context whatever it is at."""
+
+    def run(
+        self,
+        function: Callable[[Task], Result],
+        tasks: Iterable[Task],
+        lost: Callable[[Task, str], Result] | None = None,
+    ) -> Iterator[Result]:
+        """Yield the results as they are ready; see `Workers`."""
+        with self.crew() as crew:
+            left = ((task, crew.tries) for task in tasks)
+            again: list[tuple[Task, int]] = []
+            running: dict[Future[Result], tuple[Task, int]] = {}
+            while True:
+                for _ in range(crew.room() - len(running)):
+                    given = again.pop() if again else next(left, None)
+                    if given is None:
+                        break
+                    running[crew.executor.submit(function, given[0])] = given
+                if not running:
+                    return
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    task, tries = running.pop(future)
+                    error = CancelledError("cancelled") if future.cancelled() else future.exception()
+                    if error is None:
+                        yield future.result()
+                    elif isinstance(error, (crew.death, CancelledError)) and tries > 1:
+                        again.append((task, tries - 1))
+                    elif lost is None:
+                        raise GaitcalError(f"{crew.name} could not compute a chunk: {crew.words(error)}")
+                    else:
+                        yield lost(task, crew.words(error))
+
+
+@dataclass(frozen=True)
+class LocalProcesses(_Executing):
+    """Processes of this machine, by loky. One that dies stops nobody."""
 
     jobs: int = -1
     """How many; -1: one for every core."""
@@ -77,68 +138,57 @@ class LocalProcesses:
     ages: Callable[[Any], int] = lambda result: 1
     """As how many tasks a result counts: 0 where it cost no work, `each` where its process has to go at once."""
 
-    def run(
-        self,
-        function: Callable[[Task], Result],
-        tasks: Iterable[Task],
-        lost: Callable[[Task, str], Result] | None = None,
-    ) -> Iterator[Result]:
-        """Yield the results as they are ready.
+    @contextmanager
+    def crew(self) -> Iterator[_Crew]:
+        """As many processes."""
+        count = cpu_count() if self.jobs < 0 else self.jobs
+        with _Processes(self.each, self.ages) as processes:
+            yield _Crew("a process", processes, lambda: count, BrokenProcessPool, TRIES, _death)
 
-        Parameters
-        ----------
-        lost : what stands for a task over which `TRIES` processes died, and how; None: that ends the run.
-        """
-        left = ((task, TRIES) for task in tasks)
-        again: list[tuple[Task, int]] = []
-        idle: list[ProcessPoolExecutor | None] = [None] * (cpu_count() if self.jobs < 0 else self.jobs)
-        ages: dict[ProcessPoolExecutor, int] = {}
-        running: dict[Future[Result], tuple[ProcessPoolExecutor, Task, int]] = {}
+
+class _Processes(Executor):
+    """A pool of loky for each process: such a pool ends as a whole where a process dies, and the task must be known."""
+
+    def __init__(self, each: int | None, ages: Callable[[Any], int]) -> None:
+        self._each, self._ages = each, ages
+        self._last: dict[ProcessPoolExecutor, tuple[Future[Any], int]] = {}
+        """The last task of every process, and the process's age before it."""
+
+    def submit(self, function: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+        """As of `concurrent.futures`, to a process that has ended its last task, or to a new one."""
+        pool, age = None, 0
+        for idle, (last, before) in list(self._last.items()):
+            if last.done():
+                del self._last[idle]
+                if last.exception() is not None:
+                    idle.shutdown(kill_workers=True)
+                    continue
+                age = before + self._ages(last.result())
+                if self._each is None or age < self._each:
+                    pool = idle
+                    break
+                idle.shutdown()
+        if pool is None:
+            pool, age = ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),)), 0
         try:
-            while True:
-                while idle and (given := again.pop() if again else next(left, None)):
-                    pool = idle.pop() or ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),))
-                    ages.setdefault(pool, 0)
-                    try:
-                        running[pool.submit(function, given[0])] = pool, *given
-                    except BrokenProcessPool:  # it died while it had nothing to do
-                        ages.pop(pool)
-                        idle.append(None)
-                        again.append(given)
-                if not running:
-                    return
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    pool, task, tries = running.pop(future)
-                    try:
-                        result = future.result()
-                    except BrokenProcessPool as death:
-                        ages.pop(pool)
-                        idle.append(None)
-                        if tries > 1:
-                            again.append((task, tries - 1))
-                            continue
-                        words = f"{_how(death)}, {TRIES} times"
-                        if lost is None:
-                            raise GaitcalError(f"a process could not compute a chunk: {words}") from None
-                        yield lost(task, words)
-                        continue
-                    ages[pool] += self.ages(result)
-                    if self.each is not None and ages[pool] >= self.each:
-                        ages.pop(pool)
-                        pool.shutdown()
-                        idle.append(None)
-                    else:
-                        idle.append(pool)
-                    yield result
-        finally:
-            for pool in ages:
-                pool.shutdown(kill_workers=True)
+            future: Future[Result] = pool.submit(function, *args, **kwargs)
+        except BrokenProcessPool:  # it died while it had nothing to do
+            return self.submit(function, *args, **kwargs)
+        self._last[pool] = future, age
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End all processes at once, whatever they are at."""
+        for pool in self._last:
+            pool.shutdown(kill_workers=True)
 
 
-def _how(death: BrokenProcessPool) -> str:
-    """How a process ended, of loky's words on it."""
-    code = re.search(r"\{(\w+)\(-?\d+\)\}", str(death))
-    return f"ended by {code[1]}" if code and code[1].startswith("SIG") else "it ended"
+def _death(error: BaseException) -> str:
+    """How a process ended, of loky's words on it; raises what was no death but the function's own error."""
+    if not isinstance(error, BrokenProcessPool):
+        raise error
+    code = re.search(r"\{(SIG\w+)\(-?\d+\)\}", str(error))
+    return f"{f'ended by {code[1]}' if code else 'it ended'}, {TRIES} times"
 
 
 def _begin(parent: int) -> None:
@@ -154,118 +204,53 @@ def _end_with(parent: int) -> None:
 
 
 @dataclass(frozen=True)
-class Cluster:
-    """The workers of a scheduler."""
+class Cluster(_Executing):
+    """The workers of a scheduler of `dask.distributed` (extra `gaitcal[cluster]`)."""
 
     address: str
     """For example tcp://10.0.0.1:8786."""
 
-    def run(
-        self,
-        function: Callable[[Task], Result],
-        tasks: Iterable[Task],
-        lost: Callable[[Task, str], Result] | None = None,
-    ) -> Iterator[Result]:
-        """Yield the results as they are ready.
-
-        Parameters
-        ----------
-        lost : what stands for a task that the cluster gives up, and why it did; None: that ends the run.
+    @contextmanager
+    def crew(self) -> Iterator[_Crew]:
+        """All workers that the scheduler has at the time.
 
         Raises
         ------
         InputError
             No scheduler at the address, or one without workers.
-        GaitcalError
-            The workers cannot do it: another version of gaitcal, or none.
         """
-        with _connected(self.address) as client:
-            yield from _run(client, function, iter(tasks), lost)
+        try:
+            library = import_module("distributed")
+        except ImportError:
+            words = "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'"
+            raise InputError(words, field="--cluster", code=Code.CLUSTER) from None
+        try:
+            client = library.Client(self.address, timeout=WAIT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            words = f"found '{self.address}': {error}; allowed: the address of a running dask scheduler, as "
+            raise InputError(f"{words}tcp://host:port", field="--cluster", code=Code.CLUSTER) from None
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=WAIT_S)
+            except TimeoutError:
+                words = f"the scheduler at {self.address} has no workers"
+                raise InputError(words, field="--cluster", code=Code.CLUSTER) from None
+
+            def room() -> int:
+                return AHEAD * max(sum(client.nthreads().values()), 1)
+
+            executor = client.get_executor(pure=False)
+            death = library.KilledWorker
+            yield _Crew(
+                "the cluster", executor, room, death, CLUSTER_TRIES, lambda e: f"error: {type(e).__name__}: {e}"
+            )
 
 
-def _library() -> Any:
-    """The package `distributed`."""
-    try:
-        return import_module("distributed")
-    except ImportError:
-        raise InputError(
-            "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'",
-            field="--cluster",
-            code=Code.CLUSTER,
-        ) from None
-
-
-def _connected(address: str) -> Any:
-    try:
-        client = _library().Client(address, timeout=WAIT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"found '{address}': {error}; allowed: the address of a running dask scheduler, as tcp://host:port",
-            field="--cluster",
-            code=Code.CLUSTER,
-        ) from None
-    try:
-        client.wait_for_workers(1, timeout=WAIT_S)
-    except TimeoutError:
-        client.close()
-        raise InputError(f"the scheduler at {address} has no workers", field="--cluster", code=Code.CLUSTER) from None
-    return client
-
-
-def _run(
-    client: Any, function: Callable[[Task], Result], tasks: Iterator[Task], lost: Callable[[Task, str], Result] | None
-) -> Iterator[Result]:
-    again: dict[str, tuple[Task, int]] = {}
-    running = _library().as_completed(loop=client.loop, raise_errors=False)
-
-    def hand_in(task: Task, left: int) -> None:
-        future = client.submit(function, task, pure=False)
-        again[future.key] = (task, left)
-        running.add(future)
-
-    for task in islice(tasks, _room(client)):
-        hand_in(task, HANDED_IN_AGAIN)
-    for future in running:
-        task, left = again.pop(future.key)
-        if future.status != "finished":
-            words = _given_up(future, left)
-            if not words:
-                hand_in(task, left - 1)
-                continue
-            if lost is None:
-                raise GaitcalError(f"the cluster could not compute a chunk: {words}")
-            yield lost(task, words)
-        else:
-            result: Result = future.result()
-            future.release()
-            yield result
-        for new in islice(tasks, max(_room(client) - len(again), 0)):
-            hand_in(new, HANDED_IN_AGAIN)
-
-
-def _room(client: Any) -> int:
-    threads: int = sum(client.nthreads().values())
-    return AHEAD * max(threads, 1)
-
-
-def _given_up(future: Any, left: int) -> str:
-    """Why a task that was its own fault, or was tried too often, is not tried again; empty where it may be."""
-    error = future.exception() if future.status == "error" else None
-    if (error is None or isinstance(error, _library().KilledWorker)) and left > 0:
-        return ""
-    return f"{future.status}: {type(error).__name__}: {error}"
-
-
-class StopWatch:
-    """Runs from the moment it is made."""
-
-    def __init__(self) -> None:
-        self._began = time.perf_counter()
-        self.laps: dict[str, float] = {}
-        """Part -> seconds, in order."""
-
-    def lap(self, part: str) -> None:
-        """A part is done, and the next one begins."""
-        now = time.perf_counter()
-        self.laps[part] = now - self._began
-        self._began = now
+@contextmanager
+def alone(folder: Path, purpose: str, wait_s: float | None = None) -> Iterator[None]:
+    """No other run of this purpose works in the folder meanwhile: it would compute the same a second time."""
+    with ExitStack() as stack:
+        with disk_errors(folder):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(folder, purpose, wait_s=wait_s))
+        yield

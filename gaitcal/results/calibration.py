@@ -13,17 +13,16 @@ from gaitcal.export.motion_files import write_external_loads, write_mot, write_s
 from gaitcal.export.osim import write_osim
 from gaitcal.export.robot_files import write_mjcf, write_urdf
 from gaitcal.gait.normal_bands import Bands
-from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.lock import MANIFEST, ResultKind
+from gaitcal.io.opensim_files import write_trc
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.io.toml import package_version
-from gaitcal.io.trc_mot import write_trc
 from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
 from gaitcal.model.parameters import impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.scene import scene_of
 from gaitcal.page.sheet.sheet import calibration_sheet
-from gaitcal.results.page_files import write_body, write_former_pages, write_joined_page, write_told
+from gaitcal.results.page_files import write_body, write_joined_page, write_told
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary, write_kinetics
@@ -78,7 +77,6 @@ def write_results(
         write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
-        write_former_pages(out)
         body = write_body(out, scene_of(calibration))
         told = _write_told(calibration, out, settings, normal)
         write_joined_page(out, body, told)

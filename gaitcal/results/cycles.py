@@ -28,9 +28,9 @@ from gaitcal.gait.cycles import (
 from gaitcal.gait.ensemble import require_once
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
 from gaitcal.gait.spatiotemporal import Stride
-from gaitcal.gait.strides import PELVIS_ANGLES, TURNING, pelvis_angles, strides_of, turns
-from gaitcal.io.lock import put_back
-from gaitcal.model.linkage import SIDES, is_translation
+from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
+from gaitcal.io.result_folder import put_back
+from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
 from gaitcal.runtime import with_one_blas_thread

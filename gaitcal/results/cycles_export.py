@@ -31,8 +31,18 @@ from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles, normalise
 from gaitcal.gait.events import times_of
 from gaitcal.io.labels import FootMoment
-from gaitcal.io.lock import MANIFEST, ResultKind, files_of, read_object
-from gaitcal.io.snapshot import HASHES, SELF, Snapshot, listed, read_whole, self_hash, sha256_of
+from gaitcal.io.result_folder import (
+    HASHES,
+    MANIFEST,
+    SELF,
+    ResultKind,
+    files_of,
+    listed,
+    read_object,
+    self_hash,
+    sha256_of,
+)
+from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version, read_toml
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -41,7 +51,7 @@ from gaitcal.results.cycles import CYCLES, DIGITS
 from gaitcal.results.saved import saved_events
 from gaitcal.results.summary import VECTOR_FOLDER, read_vectors
 from gaitcal.results.table_file import VERDICT, Json, read_csv, write_csv
-from gaitcal.results.verdict import SUMMARY
+from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 from gaitcal.session.tables import told_components, vector_column
 
 MOMENT, POWER, FORCE = "_moment", "_power", "ground_reaction_vertical"
@@ -71,6 +81,17 @@ class _Result:
     """Trial -> table of moment vectors."""
 
 
+def strides_in_convention(folder: Path, convention: Convention, model: SubjectModel) -> pd.DataFrame:
+    """The strides of the result in `folder` in another convention, as `write_cycles_export` writes them.
+
+    Raises
+    ------
+    InputError
+        The result is damaged, or has no strides.
+    """
+    return in_convention(_read_whole(folder, convention.frame, model)[0], convention)
+
+
 def write_cycles_export(
     folder: Path, convention: Convention, target: Path, model: SubjectModel
 ) -> tuple[int, Snapshot]:
@@ -83,32 +104,34 @@ def write_cycles_export(
     InputError
         The result is damaged, or has no strides.
     """
-    frame = convention.frame
-    names = [CYCLES, SUMMARY]
-    if frame is not MomentFrame.COORDINATES:
-        names += sorted(path.relative_to(folder).as_posix() for path in (folder / VECTOR_FOLDER).glob("*.csv"))
-    if not (folder / CYCLES).exists():
-        raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
-    found, snapshot = read_whole(folder, names, lambda: _read(folder, frame, model))
+    found, snapshot = _read_whole(folder, convention.frame, model)
     table = in_convention(found, convention)
     write_csv(table, target, (*found.comments, *HEADER, *convention.lines))
     return len(table), snapshot
 
 
+def _read_whole(folder: Path, frame: MomentFrame, model: SubjectModel) -> tuple[_Result, Snapshot]:
+    names = [CYCLES, SUMMARY]
+    if frame is not MomentFrame.COORDINATES:
+        names += sorted(path.relative_to(folder).as_posix() for path in (folder / VECTOR_FOLDER).glob("*.csv"))
+    if not (folder / CYCLES).exists():
+        raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
+    return read_whole(folder, names, lambda: _read(folder, frame, model))
+
+
 def made_with_another_model(folder: Path, digest: str | None) -> tuple[str, ...]:
     """Further trials in `folder` that were made with another model than that of this SHA-256."""
-    made = read_object(folder / MANIFEST).get("model_sha256")
-    return tuple(str(trial) for trial, of in made.items() if of != digest) if isinstance(made, dict) else ()
+    made = table_of(read_object(folder / MANIFEST), "model_sha256")
+    return tuple(trial for trial, of in made.items() if of != digest)
 
 
 def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
     table, comments = read_csv(folder / CYCLES)
-    trials = read_object(folder / SUMMARY).get("trials")
+    trials = table_of(read_object(folder / SUMMARY), "trials")
     strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
     vectors = {}
     for name in dict.fromkeys(table["trial"]):
-        about = trials.get(name) if isinstance(trials, dict) else None
-        events = saved_events(about.get("events") if isinstance(about, dict) else None)
+        events = saved_events(table_of(trials, name))
         right, left = (
             FootEvents(
                 np.array(times_of(events, side, FootMoment.STRIKE)), np.array(times_of(events, side, FootMoment.OFF))
@@ -335,7 +358,6 @@ def _of_study(folder: Path) -> Iterator[Path]:
         content = read_toml(folder / STUDY)
     except InputError:
         return
-    trials = content.get("trial")
-    for trial in trials if isinstance(trials, list) else ():
-        named = (trial.get(key) for key in ("file", "forces")) if isinstance(trial, Mapping) else ()
+    for trial in entries_of(content, "trial"):
+        named = (trial.get(key) for key in ("file", "forces"))
         yield from (folder / name for name in named if isinstance(name, str))

@@ -8,14 +8,14 @@ from typing import Any, Final
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.lock import MANIFEST, read_object
-from gaitcal.io.snapshot import read_whole, sha256_of
+from gaitcal.io.result_folder import MANIFEST, read_object, sha256_of
+from gaitcal.io.snapshot import read_whole
 from gaitcal.page.scene import Scene
 from gaitcal.page.scene_file import load_scene, save_scene
-from gaitcal.page.server import FORMER, redirect_html
 from gaitcal.page.sheet.sheet import SHEET, doubted, followed_by, only, read_sheet, renamed, write_sheet
 from gaitcal.page.view import BodyText, Shown, body_texts, joined_page, told_text, with_trials
 from gaitcal.results.saved import MODEL
+from gaitcal.results.verdict import table_of
 
 PAGE: Final = "result.html"
 SCENE: Final = "scene.npz"
@@ -52,12 +52,6 @@ def rewrite_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
     """Write the page with another sheet; the scene is there already."""
     (body,) = body_texts([scene])
     write_joined_page(folder, body, write_told(folder, sheet))
-
-
-def write_former_pages(folder: Path) -> None:
-    """Write `report.html` and `view.html`, which lead to the page."""
-    for name in FORMER:
-        (folder / name).write_text(redirect_html(PAGE), encoding="utf-8")
 
 
 def read_page(folder: Path) -> Shown:
@@ -111,6 +105,5 @@ def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
 
 def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:
     """Those of these trials in a folder of further trials that were made with another model than that of `digest`."""
-    table = read_object(folder / MANIFEST).get("model_sha256")
-    digests = table if isinstance(table, dict) else {}
+    digests = table_of(read_object(folder / MANIFEST), "model_sha256")
     return tuple(name for name in trials if digests.get(name) != digest)

@@ -22,12 +22,12 @@ from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.event_clock import SAME_EVENT
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d.reader import PER_METRE
-from gaitcal.io.c3d.supplement import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d
-from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.c3d.writer import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d, write_c3d
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.io.snapshot import Snapshot, read_whole, sha256_of
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.results.cycles_export import find_original, trial_files
 from gaitcal.results.saved import MODEL, SPLINES, SavedTrial, load_trial, moving_trials

@@ -20,10 +20,10 @@ from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement
 from gaitcal.findings import Finding
 from gaitcal.io.labels import FootEvent, FootMoment
-from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.io.opensim_files import parse_trc
 from gaitcal.io.recording import Recording
+from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.snapshot import Snapshot, read_whole
-from gaitcal.io.trc_mot import parse_trc
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.model_file import load_model
@@ -31,7 +31,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
 from gaitcal.results.summary import STATIC_ANGLES
-from gaitcal.results.verdict import SUMMARY, of_the_model
+from gaitcal.results.verdict import SUMMARY, entries_of, of_the_model, table_of
 from gaitcal.session.result import Uncertainty
 from gaitcal.study.settings import CalibrationSettings
 
@@ -86,29 +86,38 @@ def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot, tuple[Findi
     return model, files, doubts
 
 
-def _read(folder: Path) -> SavedResult:
-    model = load_model(folder / MODEL)
-    manifest = read_object(folder / MANIFEST)
-    settings = manifest.get("settings")
-    if not isinstance(settings, dict):
+def settings_of(folder: Path) -> CalibrationSettings:
+    """The settings of the study that a result was made from.
+
+    Raises
+    ------
+    InputError
+        It is no result.
+    """
+    settings = table_of(read_object(folder / MANIFEST), "settings")
+    if not settings:
         raise InputError(
             "no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder, code=Code.NO_RESULT
         )
     known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
-    rename = manifest.get("rename")
-    summary = read_object(folder / SUMMARY)
-    chosen = CalibrationSettings.model_validate(known)
+    return CalibrationSettings.model_validate(known)
+
+
+def _read(folder: Path) -> SavedResult:
+    model = load_model(folder / MODEL)
+    manifest = read_object(folder / MANIFEST)
+    summary, settings = read_object(folder / SUMMARY), settings_of(folder)
     return SavedResult(
         model=model,
         files=Snapshot(folder, {}),
         marker_set=load_marker_set(folder / MARKER_SET).with_weights(
             dict(zip(model.markers.labels, map(float, model.markers.weight), strict=True))
         ),
-        rename={str(k): str(v) for k, v in rename.items()} if isinstance(rename, dict) else {},
-        settings=chosen,
+        rename={k: str(v) for k, v in table_of(manifest, "rename").items()},
+        settings=settings,
         uncertainty=load_uncertainty(folder / UNCERTAINTY),
         doubts=of_the_model(summary),
-        relative_to=_static_angles(summary, folder) if chosen.angles == "relative" else None,
+        relative_to=_static_angles(summary, folder) if settings.angles == "relative" else None,
     )
 
 
@@ -195,9 +204,10 @@ def load_trial(folder: Path, k: int, name: str) -> SavedTrial:
         converged=True,
     )
     summary = read_object(folder / SUMMARY)
-    trials = summary.get("trials")
-    of_trial = trials.get(name, {}) if isinstance(trials, dict) else {}
-    facts = {key: str(of_trial[key]) for key in ("verdict", "verdict_r", "verdict_l") if key in of_trial}
+    of_trial = table_of(table_of(summary, "trials"), name)
+    facts: dict[str, str] = {
+        key: str(of_trial[key]) for key in ("verdict", "verdict_r", "verdict_l") if key in of_trial
+    }
     facts.setdefault("verdict", str(summary.get("verdict", "")))
     torques, valid = _torques(folder / "moments" / f"{name}.csv", len(time))
     refused = Judgement.REFUSED.value in (facts["verdict"], summary.get("verdict"))
@@ -210,17 +220,16 @@ def load_trial(folder: Path, k: int, name: str) -> SavedTrial:
         valid=valid,
         facts=facts,
         reasons=_reasons(summary, name),
-        events=saved_events(of_trial.get("events")),
+        events=saved_events(of_trial),
     )
 
 
-def saved_events(stored: object) -> tuple[FootEvent, ...]:
-    """Foot strikes and offs of the summary."""
-    entries = [entry for entry in stored if isinstance(entry, dict)] if isinstance(stored, list) else []
+def saved_events(of_trial: Mapping[str, object]) -> tuple[FootEvent, ...]:
+    """Foot strikes and offs of a trial's entry in the summary."""
     known = {moment.value: moment for moment in FootMoment}
     return tuple(
         FootEvent(known[e["event"]], e["side"], float(e["time"]))
-        for e in entries
+        for e in entries_of(of_trial, "events")
         if e.get("event") in known and e.get("side") in SIDES and isinstance(e.get("time"), int | float)
     )
 
@@ -236,7 +245,5 @@ def _torques(path: Path, frames: int) -> tuple[Mapping[str, Array] | None, Mappi
 
 
 def _reasons(summary: Mapping[str, object], trial: str) -> tuple[str, ...]:
-    stored = summary.get("reasons")
-    entries = [entry for entry in stored if isinstance(entry, dict)] if isinstance(stored, list) else []
-    concern = [entry for entry in entries if not entry.get("trials") or trial in entry["trials"]]
+    concern = [e for e in entries_of(summary, "reasons") if not e.get("trials") or trial in e["trials"]]
     return tuple(f"{entry.get('cause')}: {entry.get('evidence')}" for entry in concern)

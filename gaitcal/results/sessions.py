@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -19,22 +18,20 @@ from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import typed
 from gaitcal.gait.spatiotemporal import MEASURES
-from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.lock import MANIFEST, ResultKind, put_back, read_object
-from gaitcal.io.snapshot import Snapshot, read_whole, sha256_of
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, put_back, read_object, sha256_of
+from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.model.model_file import load_model
 from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.cycles_export import made_with_another_model, trial_files
-from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty
+from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty, settings_of
 from gaitcal.results.stride_files import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
 from gaitcal.results.summary import JOINT_PRIOR
 from gaitcal.results.table_file import Json, read_csv, write_csv
-from gaitcal.results.verdict import SUMMARY
+from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.trial_result import axis_deviations
-from gaitcal.study.settings import CalibrationSettings
 
 DIFFERENCES, CURVES, WORDS = "differences.csv", "curve_differences.csv", "comparison.txt"
 SHARED = "shared_parameters.csv"
@@ -136,7 +133,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         lambda: (load_model(calibrated / MODEL), load_uncertainty(calibrated / UNCERTAINTY)),
         (MODEL,),
     )
-    settings = _settings(calibrated)
+    settings = settings_of(calibrated)
     stale = () if calibrated is folder else made_with_another_model(folder, of_model.sha256[MODEL])
     other = (f"made with another model than lies there now: {', '.join(stale)}; run dynamics again",) if stale else ()
     session = Session(
@@ -165,16 +162,6 @@ def named_apart(a: Session, b: Session) -> tuple[Session, Session]:
     return (replace(a, name="A"), replace(b, name="B")) if a.name == b.name else (a, b)
 
 
-def _settings(folder: Path) -> CalibrationSettings:
-    settings = read_object(folder / MANIFEST).get("settings")
-    if not isinstance(settings, dict):
-        raise InputError(
-            "no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder, code=Code.NO_RESULT
-        )
-    known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
-    return CalibrationSettings.model_validate(known)
-
-
 def _measures(folder: Path) -> pd.DataFrame:
     source = folder / SPATIOTEMPORAL
     try:
@@ -196,28 +183,24 @@ def _measures(folder: Path) -> pd.DataFrame:
 
 def _recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
     """SHA-256 of the files of the trials that its summary tells of, or of the others: static ones."""
-    told = read_object(folder / SUMMARY).get("trials")
-    hashes = read_object(folder / MANIFEST).get("inputs_sha256")
-    if not isinstance(told, dict) or not isinstance(hashes, dict):
-        return ()
+    told, hashes = (
+        table_of(read_object(folder / n), key) for n, key in ((SUMMARY, "trials"), (MANIFEST, "inputs_sha256"))
+    )
     files = (files.get("file", "") for trial, files in trial_files(folder).items() if (trial in told) is moving)
     return tuple(sorted(str(hashes[file]) for file in files if file in hashes))
 
 
 def _reasons(summary: Mapping[str, object]) -> tuple[str, ...]:
-    stored = summary.get("reasons")
-    found = [r for r in stored if isinstance(r, dict)] if isinstance(stored, list) else []
+    found = entries_of(summary, "reasons")
     return tuple(f"{', '.join(map(str, r.get('trials') or ['study']))}: {r.get('cause')}" for r in found)
 
 
 def _shares(summary: Mapping[str, object]) -> dict[str, dict[str, float]]:
     """Torque -> source -> part of its variance, the mean over trials."""
-    trials = summary.get("trials")
     found: dict[str, list[dict[str, float]]] = {}
-    for entry in trials.values() if isinstance(trials, dict) else ():
-        told = entry.get("torque_error_sources") if isinstance(entry, dict) else None
-        for torque, shares in told.items() if isinstance(told, dict) else ():
-            found.setdefault(torque, []).append(cast(dict[str, float], shares))
+    for entry in table_of(summary, "trials").values():
+        for torque, shares in table_of(entry, "torque_error_sources").items():
+            found.setdefault(torque, []).append(shares)
     out = {}
     for torque, listed in found.items():
         sources = dict.fromkeys(source for shares in listed for source in shares)

@@ -21,7 +21,7 @@ from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.shared_model import SharedJoints, require_fit_to_share, shared_joints
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.gait.cycles import typed
-from gaitcal.io.lock import MANIFEST, read_object
+from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -30,9 +30,11 @@ from gaitcal.results.cycles_export import STUDY
 from gaitcal.results.saved import UNCERTAINTY, load_uncertainty
 from gaitcal.results.sessions import load_session, named_apart
 from gaitcal.results.stride_files import spatiotemporal_table
+from gaitcal.results.verdict import table_of
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
-from gaitcal.session.joint_parameters import joint_stage
+from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.result import Uncertainty
+from gaitcal.session.session import session_of
 from gaitcal.session.trial_result import analyse, counted_from_static
 from gaitcal.study.study import Study, completed_static, nominal_of
 from gaitcal.study.study_trial import Role
@@ -118,7 +120,7 @@ def fitted_together(a: Study, b: Study) -> SharedJoints:
     new = [t for t in b.moving if b.inputs[b.input_names(t)["file"]] not in files]
     named = [replace(t, name=f"{t.name}, second" if t.name in read else t.name) for t in new]
     whole = replace(a, trials=(*a.trials, *named))
-    joint = joint_stage(whole, nominal_of(whole), silent, leave_out=False).joint
+    joint = fit_joints(session_of(whole, nominal_of(whole))).joint
     if joint is None:
         raise InputError(
             "its settings leave joint parameters alone (jp = false)", source=a.source, code=Code.NOT_COMPARABLE
@@ -146,9 +148,7 @@ def study_of_result(folder: Path, file: Path) -> Study:
             code=Code.NOT_COMPARABLE,
         )
     study, manifest = Study.load(file), read_object(folder / MANIFEST)
-    hashes, used = manifest.get("inputs_sha256"), manifest.get("trials")
-    known = set(hashes.values()) if isinstance(hashes, dict) else set()
-    names = set(used) if isinstance(used, dict) else set()
+    known, names = set(table_of(manifest, "inputs_sha256").values()), set(table_of(manifest, "trials"))
     chosen = replace(study, trials=tuple(t for t in study.trials if t.name in names))
     read = {digest for name, digest in study.inputs.items() if not name.endswith(".toml")}
     if {t.name for t in chosen.trials} != names or not read & known:

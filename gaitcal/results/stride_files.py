@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from gaitcal.gait.cycles import CYCLE_COLUMNS, typed
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
-from gaitcal.gait.spatiotemporal import MEASURES
+from gaitcal.gait.spatiotemporal import MEASURES, Average, MeasureMeans, counting, counts, measure_means
 from gaitcal.gait.strides import TURNING
-from gaitcal.gait.symmetry import Average, MeasureMeans, counting, counts, measure_means
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.cycles import CYCLES, DIGITS, write_cycles
 from gaitcal.results.table_file import VERDICT, Column, Json, Table, read_csv, refused_lines, write_csv

@@ -71,7 +71,7 @@ def _plain(column: pd.Series) -> Column:
     """A column of a data frame without pandas; None where there is no value, but for NaN among numbers."""
     if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
         return np.asarray(column)
-    return column.astype(object).where(column.notna(), None).tolist()  # type: ignore[no-any-return]
+    return column.astype(object).where(column.notna(), None).tolist()
 
 
 def _cells(column: Column) -> list[str]:

@@ -11,9 +11,17 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Verdict
-from gaitcal.io.atomic import also_at, atomic_directory, disk_errors
-from gaitcal.io.lock import MANIFEST, ResultKind, locked, read_object
-from gaitcal.io.snapshot import listed, sha256_of
+from gaitcal.io.atomic import disk_errors
+from gaitcal.io.result_folder import (
+    MANIFEST,
+    ResultKind,
+    also_at,
+    atomic_directory,
+    listed,
+    locked,
+    read_object,
+    sha256_of,
+)
 from gaitcal.io.toml import package_version
 from gaitcal.page.scene import person_scene, trial_scene
 from gaitcal.page.sections.fit import Origin
@@ -25,7 +33,7 @@ from gaitcal.results.saved import MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import trial_summary
 from gaitcal.results.table_file import Json
-from gaitcal.results.verdict import SUMMARY, verdict_summary
+from gaitcal.results.verdict import SUMMARY, entries_of, table_of, verdict_summary
 from gaitcal.session.result import TrialResult
 
 
@@ -137,8 +145,8 @@ def write_trials(
         saved.files.require_unchanged()
         earlier = _earlier(folder)
         summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
-        digests = _others(_table(manifest, "model_sha256"), names) | dict.fromkeys(sorted(names), digest)
-        kept = _others(_table(summary, "trials"), names)
+        digests = _others(table_of(manifest, "model_sha256"), names) | dict.fromkeys(sorted(names), digest)
+        kept = _others(table_of(summary, "trials"), names)
         aged = [name for name in kept if digests.get(name) != digest]
         page, unseen = earlier_page(folder, earlier, kept, aged)
         stale = tuple(f"{name}: {OTHER_MODEL}{RUN_AGAIN}" for name in aged)
@@ -207,11 +215,6 @@ def _trial_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob("*/*") if path.is_file())
 
 
-def _table(content: Mapping[str, object], key: str) -> dict[str, Json]:
-    table = content.get(key)
-    return cast(dict[str, Json], table) if isinstance(table, dict) else {}
-
-
 def _others(table: Mapping[str, Json], names: set[str]) -> dict[str, Json]:
     return {name: value for name, value in table.items() if name not in names}
 
@@ -225,6 +228,4 @@ def _lines_about(trials: Mapping[str, Json], summary: Mapping[str, object], key:
 
 def _reasons_about(trials: Mapping[str, Json], summary: Mapping[str, object]) -> list[Json]:
     """Reasons of an earlier summary that are about one of these trials."""
-    stored = summary.get("reasons")
-    entries = [entry for entry in stored if isinstance(entry, dict)] if isinstance(stored, list) else []
-    return [entry for entry in entries if set(cast(list[str], entry.get("trials") or [])) & set(trials)]
+    return [entry for entry in entries_of(summary, "reasons") if set(entry.get("trials") or []) & set(trials)]

@@ -4,15 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.faults.verdict import Judgement, Verdict, touches_model
 from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.io.lock import read_object
+from gaitcal.io.result_folder import read_object
 from gaitcal.results.table_file import Json
 
 SUMMARY = "summary.json"
+
+
+def table_of(content: Mapping[str, object], key: str) -> dict[str, Any]:
+    """The object of that name in a JSON file of a result; empty where there is none."""
+    found = content.get(key)
+    return found if isinstance(found, dict) else {}
+
+
+def entries_of(content: Mapping[str, object], key: str) -> list[dict[str, Any]]:
+    """The objects of a list of that name in a JSON file of a result; none where there is no list."""
+    found = content.get(key)
+    return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
 
 
 def verdict_summary(verdict: Verdict) -> dict[str, Json]:
@@ -51,8 +64,7 @@ def require_not_refused(folder: Path) -> None:
     summary = read_object(folder / SUMMARY)
     if summary.get("verdict") != Judgement.REFUSED.value:
         return
-    stored = summary.get("reasons")
-    first = stored[0] if isinstance(stored, list) and stored and isinstance(stored[0], dict) else {}
+    first = next(iter(entries_of(summary, "reasons")), {})
     said = f"the calibration is refused: {first.get('cause')}; {first.get('action')}"
     raise InputError(said, code=Code.MODEL_IN_DOUBT, source=folder)
 
@@ -62,10 +74,12 @@ def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
 
     Faults of the forces of its walks do not touch its model; those of their markers do.
     """
-    stored = summary.get("reasons")
-    reasons = [r for r in stored if isinstance(r, dict)] if isinstance(stored, list) else []
-    walks = _walks(summary)
-    shared = [r for r in reasons if touches_model(str(r.get("topic"))) or not _names(r) or _names(r) - walks]
+    walks = {name for name, entry in table_of(summary, "trials").items() if entry.get("role") == "gait"}
+    shared = [
+        r
+        for r in entries_of(summary, "reasons")
+        if touches_model(str(r.get("topic"))) or not _names(r) or _names(r) - walks
+    ]
     if not shared:
         return ()
     first = min(shared, key=lambda r: (r.get("severity") != Severity.ERROR.value, bool(r.get("leg"))))
@@ -88,9 +102,3 @@ def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
 def _names(reason: Mapping[str, object]) -> set[str]:
     names = reason.get("trials")
     return {str(name) for name in names} if isinstance(names, list) else set()
-
-
-def _walks(summary: Mapping[str, object]) -> set[str]:
-    trials = summary.get("trials")
-    entries = trials.items() if isinstance(trials, dict) else ()
-    return {str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("role") == "gait"}

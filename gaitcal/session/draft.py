@@ -1,14 +1,9 @@
-"""A drafted study: what each file of a folder is taken for, the trials, the person, and what is missing.
+"""A drafted study: what each file of a folder is taken for, the trials, the person, what is missing, and its text.
 
-Nothing is dropped without a word: every file of the folder is a row of `Draft.seen`, with what it is used as or why it
-is not.
-
-One row for every file of a folder: what it is, what it shows, what it is used as, and why or why not.
-
-The text of a drafted study: every line with the reason for it, and how sure that is.
-
-`sure` is told by a file, by the user, or by figures far from every limit; `likely` by figures near one; what nobody
-tells stands as a comment that names the field, so that reading the study ends with its name.
+Every file of the folder is a row of `Draft.seen`, with what it is used as or why it is not. In the text every line has
+its reason: `sure` where a file or the user says so, or figures are far from every limit;
+`likely` by figures near one. What nobody says stands as a comment that names the field, so that reading the study ends
+with its name.
 """
 
 from __future__ import annotations
@@ -17,25 +12,22 @@ import os
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path, PureWindowsPath
-from typing import TypeGuard
+from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, alike
-from gaitcal.io.toml import toml_table, toml_value
+from gaitcal.io.toml import read_toml, toml_table, toml_value
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets, load_marker_set
-from gaitcal.session.folder import FileKind, Folder, FolderFile
-from gaitcal.session.force_files import ForceChoice
-from gaitcal.session.marker_sets import SetChoice, explained, respelt
-from gaitcal.session.movement import Movement
+from gaitcal.session.folder import FileKind, Folder, FolderFile, ForceChoice, declares_study
+from gaitcal.session.marker_sets import SetChoice
 from gaitcal.session.person_facts import Known
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from gaitcal.study.study_file import StudyFile, load_study_file
+from gaitcal.study.study_file import load_study_file
 from gaitcal.study.study_trial import read_trial
 
-NEEDED = {"mass_kg": "--mass", "height_m": "--height", "sex": "--sex"}
+NEEDED = {"mass_kg": "--mass KG", "height_m": "--height M", "sex": "--sex female|male"}
 """Fields of the person without which nothing can be calibrated, and the options that give them."""
 
 
@@ -56,7 +48,7 @@ class Seen:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DraftTrial:
+class Drafted:
     """One trial of the drafted study."""
 
     name: str
@@ -76,7 +68,7 @@ class Draft:
     choice: SetChoice | None
     """None: no marker set explains the labels."""
     person: Mapping[str, Known]
-    trials: tuple[DraftTrial, ...]
+    trials: tuple[Drafted, ...]
     seen: tuple[Seen, ...]
     fault: str = ""
     """Why no study follows from the folder; empty where one does."""
@@ -117,22 +109,6 @@ FIRST_LABELS = 8
 """Shown of a recording that no marker set explains."""
 
 
-@dataclass(frozen=True)
-class Roles:
-    """What became of the recordings and tables of a folder; recordings by their number."""
-
-    roles: Mapping[int, tuple[str, str]]
-    """Role and joint."""
-    out: Mapping[int, str]
-    """Why a recording is not used."""
-    moves: Mapping[int, Movement]
-    forces: Mapping[int, ForceChoice]
-    unpaired: Mapping[str, str]
-    """Table -> why it is nobody's."""
-    of_set: frozenset[int]
-    """Recordings with the labels of the marker set."""
-
-
 def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "", reason: str = "") -> Seen:
     """A file as it was read, and what became of it."""
     frames = None if file.recording is None else len(file.recording.time)
@@ -149,57 +125,11 @@ def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "
     )
 
 
-def rows_of(folder: Folder, files: tuple[FolderFile, ...], choice: SetChoice, became: Roles) -> tuple[Seen, ...]:
-    """One row a file, in the order of the folder; `files` are its recordings."""
-    number = {file.name: i for i, file in enumerate(files)}
-    owner = {forces.file.name: files[i].name for i, forces in became.forces.items()}
-    return tuple(
-        _recording(file, number[file.name], choice, became)
-        if file.name in number
-        else _other(file, choice, owner, became.unpaired)
-        for file in folder.files
-    )
-
-
-def _recording(file: FolderFile, i: int, choice: SetChoice, became: Roles) -> Seen:
-    labels = file.recording.labels if file.recording is not None else ()
-    found = explained(choice.marker_set, respelt(labels, choice.rename))
-    counts = f"{found.known} of {len(labels)} known"
-    if i not in became.of_set:
-        more = " ..." if len(labels) > FIRST_LABELS else ""
-        reason = f"not of marker set {choice.entry}: has {' '.join(labels[:FIRST_LABELS])}{more}"
-        return row_of(file, labels=counts, reason=reason)
-    moves = became.moves.get(i)
-    shows, evidence = ("", "") if moves is None else (moves.shows.value, moves.evidence)
-    used = " ".join(filter(None, became.roles.get(i, ())))
-    return row_of(file, labels=counts, shows=shows, used=used, reason=became.out.get(i, "") or evidence)
-
-
-def _other(file: FolderFile, choice: SetChoice, owner: Mapping[str, str], unpaired: Mapping[str, str]) -> Seen:
-    """A row of a file that is no recording."""
-    if file.forces is not None:
-        used = f"forces of {owner[file.name]}" if file.name in owner else ""
-        return row_of(file, used=used, reason="" if used else unpaired.get(file.name, "no walk needs it"))
-    if file.kind is FileKind.EXTERNAL_LOADS:
-        table = PureWindowsPath(file.names).name  # takes / and \ alike
-        used = f"says that {table} holds forces" if any(PureWindowsPath(name).name == table for name in owner) else ""
-        return row_of(file, used=used, reason="" if used else f"names {table}, which is not used")
-    if file.kind is FileKind.MARKER_SET:
-        chosen = str(file.path) == choice.entry
-        return row_of(file, used="marker set" * chosen, reason="" if chosen else "another set knows more labels")
-    if file.kind is FileKind.CORNERS:
-        return row_of(file, used="corners of the plates in the table of forces beside it")
-    if file.kind is FileKind.STUDY:
-        return row_of(file, reason="a study file; it is not looked into")
-    return row_of(file)
-
-
 STUDY = "study.toml"
 WIDEST = 70
 """Characters of a line up to which its comment stands beside it; else above."""
 MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex": '"female" or "male"'}
-"""What is to be written where nobody tells; no value that could be taken over without a thought."""
-OPTION_VALUES = {"mass_kg": "KG", "height_m": "M", "sex": "female|male"}
+"""What is to be written where nobody says it; no value that could be taken over without a thought."""
 
 
 def draft_text(draft: Draft, folder: Path | None) -> str:
@@ -275,7 +205,7 @@ def left_over_words(choice: SetChoice) -> str:
     return f"; left over: {', '.join(left[:8])}{more}" + (f" ({hints}: rename them if they are)" if hints else "")
 
 
-def _trial(trial: DraftTrial, folder: Path | None) -> list[str]:
+def _trial(trial: Drafted, folder: Path | None) -> list[str]:
     lines = ["[[trial]]", f"name = {toml_value(trial.name)}  # after the file"]
     lines += _line("role", trial.role, trial.reason, trial.certain)
     if trial.joint:
@@ -299,13 +229,11 @@ def _trial(trial: DraftTrial, folder: Path | None) -> list[str]:
 def _line(field: str, value: object, reason: str, certain: bool) -> list[str]:
     """`field = value  # sure: reason`, the comment above where the line would be long."""
     comment = f"# {'sure' if certain else 'likely'}: {_one_line(reason)}"
-    shown = f"{{ {', '.join(f'{k} = {v:g}' for k, v in value.items())} }}" if _is_sided(value) else toml_value(value)
-    text = f"{field} = {shown}"
+    if isinstance(value, Mapping) and set(value) <= set(SIDES):
+        text = f"{field} = {{ {', '.join(f'{side} = {v:g}' for side, v in value.items())} }}"
+    else:
+        text = f"{field} = {toml_value(value)}"
     return [f"{text}  {comment}"] if len(text) <= WIDEST else [comment, text]
-
-
-def _is_sided(value: object) -> TypeGuard[Mapping[str, float]]:
-    return isinstance(value, Mapping) and set(value) <= set(SIDES)
 
 
 def _one_line(text: str) -> str:
@@ -335,7 +263,7 @@ def _nobody(draft: Draft) -> str:
 
 def missing_options(draft: Draft) -> str:
     """The options that tell it."""
-    return " ".join(f"{NEEDED[field]} {OPTION_VALUES[field]}" for field in draft.missing)
+    return " ".join(NEEDED[field] for field in draft.missing)
 
 
 def study_of(draft: Draft) -> Study:
@@ -353,21 +281,80 @@ def study_of(draft: Draft) -> Study:
         raise InputError(
             f"{missing_words(draft)}: give {missing_options(draft)}", source=draft.folder.path, code=Code.WHO_IT_IS
         )
-    file = _study_file(draft_text(draft, None))
+    with tempfile.TemporaryDirectory() as folder:
+        written = Path(folder) / STUDY
+        written.write_text(draft_text(draft, None), encoding="utf-8")
+        file = load_study_file(written)
     marker_set = load_marker_set(file.markers.set)
     trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
     study = Study.assemble(file, marker_set, trials, path)
-    return _without_file(study, path)
+    inputs = {name: sha256 for name, sha256 in study.inputs.items() if name != STUDY}  # there is no such file
+    return replace(study, files=tuple(f for f in study.files if f != path), inputs=inputs)
 
 
-def _study_file(text: str) -> StudyFile:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / STUDY
-        path.write_text(text, encoding="utf-8")
-        return load_study_file(path)
+LIKELY = "likely, to be looked at: "
 
 
-def _without_file(study: Study, path: Path) -> Study:
-    """The study without the study file among its inputs, as there is none."""
-    files = tuple(f for f in study.files if f != path)
-    return replace(study, files=files, inputs={name: h for name, h in study.inputs.items() if name != STUDY})
+def marker_set_line(draft: Draft) -> str:
+    """The marker set, how many labels it knows, and those it does not; empty without a set."""
+    choice = draft.choice
+    if choice is None:
+        return ""
+    found = choice.explained
+    known = f"knows {found.known} of {found.known + len(found.left_over)} labels"
+    return f"{'' if choice.certain else LIKELY}marker set: {choice.entry}, {known}{left_over_words(choice)}"
+
+
+def doubtful_lines(draft: Draft) -> tuple[str, ...]:
+    """What is likely only, and which files are not used."""
+    out = []
+    for trial in draft.trials:
+        role = f"{trial.role} {trial.joint}".strip()
+        if not trial.certain:
+            out.append(f"{LIKELY}{trial.name} as {role}: {trial.reason}")
+        if trial.forces is not None and not trial.forces.certain:
+            out.append(f"{LIKELY}{trial.forces.file.name} as forces of {trial.name}: {trial.forces.reason}")
+    for field, known in draft.person.items():
+        if field != "name" and not known.certain:
+            out.append(f"{LIKELY}{field} = {known.value}: {known.reason}")
+    return (*out, *(f"not used: {row.name}: {row.reason or row.kind}" for row in draft.left_out))
+
+
+def draft_notes(draft: Draft) -> tuple[str, ...]:
+    """How the study was drafted, as notes of a result."""
+    told = (line for line in (marker_set_line(draft), *doubtful_lines(draft)) if line)
+    return tuple(f"Drafted from the folder: {line}" for line in told)
+
+
+def own_study(folder: Folder) -> Path | None:
+    """The study file that lies in a folder; None where none does. InputError for several."""
+    own = [f.path for f in folder.files if f.kind is FileKind.STUDY or f.name == STUDY]
+    if len(own) > 1:
+        names = ", ".join(p.name for p in own)
+        raise InputError(
+            f"holds {len(own)} study files: {names}; name one of them instead of the folder",
+            source=folder.path,
+            code=Code.FOLDER,
+        )
+    return own[0] if own else None
+
+
+def study_files(folder: Path) -> tuple[Path, ...]:
+    """The study files in a folder, found without reading its recordings."""
+    return tuple(p for p in sorted(folder.iterdir()) if p.suffix.lower() == ".toml" and p.is_file() and _is_study(p))
+
+
+def _is_study(path: Path) -> bool:
+    if path.name[0] in ".~":
+        return False
+    try:
+        return path.name == STUDY or declares_study(read_toml(path))
+    except InputError:
+        return False
+
+
+def files_of(draft: Draft) -> tuple[Path, ...]:
+    """The files that a drafted study reads."""
+    own = [Path(draft.choice.entry)] if draft.choice and draft.choice.entry.endswith(".toml") else []
+    forces = [trial.forces.file.path for trial in draft.trials if trial.forces]
+    return (*(trial.file.path for trial in draft.trials), *forces, *own)

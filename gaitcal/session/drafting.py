@@ -1,20 +1,15 @@
 """From a folder as it was read to the study that follows: marker set, session, roles, forces, person.
 
-Why no study follows from a folder, in one line and file by file.
-
-Trials of a drafted study in which the checks find an error, while others are sound: they are left out, and told.
-
-Somebody who names a trial in a study file wants it, and is told to look at it; a folder holds what was recorded, bad
-takes too.
-
-Walks of a drafted study without torques though a table of forces lies beside them: no part of a whole result.
+Where none follows: why, in one line and file by file. Trials in which the checks find an error, while others are sound,
+are left out of a drafted study.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import PurePath
+from pathlib import PurePath, PureWindowsPath
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
@@ -25,22 +20,23 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
-from gaitcal.session.draft import Draft, DraftTrial, Roles, row_of, rows_of
+from gaitcal.session.draft import FIRST_LABELS, Draft, Drafted, Seen, row_of
 from gaitcal.session.folder import (
     FileKind,
     Folder,
     FolderFile,
+    ForceChoice,
     marker_sets_above,
     name_contradicts,
+    names_alike,
+    pair_forces,
     read_folder,
     trial_names,
 )
-from gaitcal.session.force_files import ForceChoice, names_alike, pair_forces
 from gaitcal.session.marker_sets import SetChoice, candidates, choose_set, explained, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
-from gaitcal.session.people import Session, session_of
+from gaitcal.session.people import Sitting, same_recording, sitting_of
 from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed
-from gaitcal.session.placing import same_recording
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 
@@ -107,7 +103,11 @@ def draft_study(folder: Folder, options: Options) -> Draft:
     recordings = [file.recording for file in files if file.recording is not None]
     if not recordings:
         return refused(folder, nothing_here(folder), {})
-    own = [(str(f.path), f.marker_set) for f in _own_sets(folder) if f.marker_set is not None]
+    own = [
+        (str(f.path), f.marker_set)
+        for f in folder.of_kind(FileKind.MARKER_SET) or marker_sets_above(folder.path)
+        if f.marker_set is not None
+    ]
     choices = _choices(recordings, own)
     if not choices:
         return refused(folder, no_set(recordings, own), {})
@@ -115,7 +115,7 @@ def draft_study(folder: Folder, options: Options) -> Draft:
         return refused(folder, *several_people(files, choices[0].people))
     for choice in choices:
         spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
-        session = session_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
+        session = sitting_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
         if session is not None:
             draft = _Drafting(folder, files, choice, spelt, session, options).draft()
             other = _another_person(files, [i for i in range(len(files)) if i not in session.members], own)
@@ -144,10 +144,10 @@ def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Seque
     for choice in _choices(list(found.values()), own):
         numbers = [list(found)[k] for k in choice.members]
         spelt = {i: _spelt(found[i], choice) for i in numbers}
-        session = session_of(spelt, {i: files[i].path.stem for i in numbers}, choice.marker_set)
+        session = sitting_of(spelt, {i: files[i].path.stem for i in numbers}, choice.marker_set)
         if session is None:
             continue
-        reference = session.posture(session.statics[0]).stance
+        reference = session.postures[session.statics[0]].stance
         shown = (movement(spelt[i], session.worn, session.postures.get(i), reference) for i in session.members)
         if any(found.shows in (Shows.WALKS, Shows.ONE_JOINT) for found in shown):
             names = ", ".join(files[i].name for i in session.members)
@@ -160,11 +160,8 @@ def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Seque
 
 def _choices(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> list[SetChoice]:
     """The marker sets that the recordings may be of; none of no recordings."""
-    return choose_set([r.labels for r in recordings], own, [_computed(r) for r in recordings]) if recordings else []
-
-
-def _computed(recording: Recording) -> tuple[str, ...]:
-    return () if recording.computed is None else recording.computed.labels
+    computed = [() if r.computed is None else r.computed.labels for r in recordings]
+    return choose_set([r.labels for r in recordings], own, computed) if recordings else []
 
 
 def _spelt(recording: Recording, choice: SetChoice) -> Recording:
@@ -172,30 +169,29 @@ def _spelt(recording: Recording, choice: SetChoice) -> Recording:
     return choice.marker_set.renamed(replace(recording, labels=respelt(recording.labels, choice.rename)))
 
 
-def _own_sets(folder: Folder) -> tuple[FolderFile, ...]:
-    return folder.of_kind(FileKind.MARKER_SET) or marker_sets_above(folder.path)
-
-
 @dataclass(frozen=True)
 class _Drafting:
-    """What a draft is made of, once marker set and static trial are found."""
+    """What a draft is made of, once marker set and static trial are found; recordings by their number."""
 
     folder: Folder
     files: tuple[FolderFile, ...]
     choice: SetChoice
     spelt: Mapping[int, Recording]
-    """Recording -> with the labels of the set."""
-    session: Session
+    """With the labels of the set."""
+    session: Sitting
     options: Options
 
     def draft(self) -> Draft:
         """Roles, forces and person."""
-        out, moves = dict(self.session.others), self._movements()
-        statics = [i for i in self.session.statics if self._is_static(i, moves)]
-        for i, j in self._copies(statics):
-            out[i] = f"the same recording as {self.files[j].name}"
-        statics = [i for i in statics if i not in out]
-        statics = self._with_model(statics)
+        session = self.session
+        reference = session.postures[session.statics[0]].stance
+        moves = {i: movement(self.spelt[i], session.worn, session.postures.get(i), reference) for i in session.members}
+        # of what does not only stand, the first static trial is one that is declared so, of which a part stands
+        statics = [i for i in session.statics if moves[i].shows is Shows.STANDS or i == session.statics[0]]
+        out = dict(session.others) | {
+            i: f"the same recording as {self.files[j].name}" for i, j in self._copies(statics)
+        }
+        statics = self._with_model([i for i in statics if i not in out])
         roles: dict[int, tuple[str, str]] = dict.fromkeys(statics, ("static", ""))
         for i, found in moves.items():
             if i in roles or i in out:
@@ -206,21 +202,29 @@ class _Drafting:
                 roles[i] = ("joint", found.joint)
             else:
                 out[i] = f"{found.shows.value}: {found.evidence}; neither standing, walking, nor one joint alone"
-        forces, unpaired = self._forces(roles)
+        walks = {
+            i: (self.files[i].path.stem, self.spelt[i])
+            for i, (role, _) in roles.items()
+            if role == "gait" and not self.spelt[i].plates
+        }
+        forces, unpaired = pair_forces(walks, self.choice.marker_set, self.folder.files)
         order = sorted(roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i))
         names = trial_names([self.files[i].path.stem for i in order])
         trials = tuple(
             self._trial(i, name, roles[i], moves.get(i), forces.get(i), statics)
             for i, name in zip(order, names, strict=True)
         )
-        moving = any(trial.role != "static" for trial in trials)
-        problem = "" if moving else self._nothing_moves(out)
         plates = self._weighed(statics)
         facts = self._facts([*statics, *(i for i in order if i not in statics)])
         person = person_of(self.folder.name, self.options, facts, plates)
-        problem = problem or mass_fault(person, self.options, plates)
-        seen = rows_of(
-            self.folder, self.files, self.choice, Roles(roles, out, moves, forces, unpaired, frozenset(self.spelt))
+        moving = any(trial.role != "static" for trial in trials)
+        number = {file.name: i for i, file in enumerate(self.files)}
+        owner = {choice.file.name: self.files[i].name for i, choice in forces.items()}
+        seen = tuple(
+            self._recording_row(number[file.name], roles, out, moves)
+            if file.name in number
+            else self._other_row(file, owner, unpaired)
+            for file in self.folder.files
         )
         return Draft(
             folder=self.folder,
@@ -228,8 +232,8 @@ class _Drafting:
             person=person,
             trials=trials,
             seen=seen,
-            strangers=bool(self.session.others),
-            problem=problem,
+            strangers=bool(session.others),
+            problem=mass_fault(person, self.options, plates) if moving else self._nothing_moves(out),
             doubts=figures_in_doubt(facts),
         )
 
@@ -239,18 +243,6 @@ class _Drafting:
         more = f" (and {len(why) - 2} more)" if len(why) > 2 else ""
         used = "no recording that is used shows walking, or one joint that moves alone"
         return "; ".join([used, *why[:2]]) + more
-
-    def _movements(self) -> dict[int, Movement]:
-        """Recording of the session -> what it shows."""
-        reference = self.session.posture(self.session.statics[0]).stance
-        return {
-            i: movement(self.spelt[i], self.session.worn, self.session.postures.get(i), reference)
-            for i in self.session.members
-        }
-
-    def _is_static(self, i: int, moves: Mapping[int, Movement]) -> bool:
-        """What only stands; without any such, the one recording that is declared as static, of which a part stands."""
-        return moves[i].shows is Shows.STANDS or i == self.session.statics[0]
 
     def _copies(self, statics: Sequence[int]) -> list[tuple[int, int]]:
         """Recordings that are another one again, and which; the one with plates is kept, then the longest."""
@@ -278,11 +270,9 @@ class _Drafting:
             return statics
         subject = Subject("", 70.0, float(str(person["height_m"].value)), self.options.sex or "female")
         for i in statics:
-            try:
+            with suppress(InputError):
                 nominal_model(self.spelt[i], self.choice.marker_set, subject)
-            except InputError:
-                continue
-            return [i, *(j for j in statics if j != i)]
+                return [i, *(j for j in statics if j != i)]
         return statics
 
     def _facts(self, order: Sequence[int]) -> list[tuple[str, Facts]]:
@@ -292,19 +282,10 @@ class _Drafting:
     def _weighed(self, statics: Sequence[int]) -> tuple[str, float] | None:
         """Static trial, and the mass (kg) that plates weigh in it."""
         for i in statics:
-            mass = weighed(self.spelt[i], self.choice.marker_set, self.session.posture(i))
+            mass = weighed(self.spelt[i], self.choice.marker_set, self.session.postures[i])
             if mass is not None:
                 return self.files[i].name, mass
         return None
-
-    def _forces(self, roles: Mapping[int, tuple[str, str]]) -> tuple[dict[int, ForceChoice], dict[str, str]]:
-        """Forces of the walks that have no plates of their own."""
-        wanted = {
-            i: (self.files[i].path.stem, self.spelt[i])
-            for i, (role, _) in roles.items()
-            if role == "gait" and not self.spelt[i].plates
-        }
-        return pair_forces(wanted, self.choice.marker_set, self.folder.files)
 
     def _trial(
         self,
@@ -314,11 +295,11 @@ class _Drafting:
         found: Movement | None,
         forces: ForceChoice | None,
         statics: Sequence[int],
-    ) -> DraftTrial:
+    ) -> Drafted:
         reason = "" if found is None else found.evidence
         certain = found is not None and found.certain
         if role[0] == "static":
-            posture = self.session.posture(i)
+            posture = self.session.postures[i]
             certain = posture.throughout
             if not certain:
                 reason = (
@@ -326,13 +307,45 @@ class _Drafting:
                 )
             elif len(statics) > 1:
                 reason += "; the best static trial" if i == statics[0] else "; has to agree with the first"
-            if extra := self.session.worn_standing(i):
+            if extra := self.session.only_standing.get(i, ()):
                 reason += f"; has {', '.join(extra[:4])}{', ...' if len(extra) > 4 else ''}, worn for standing only"
         elif said := name_contradicts(self.files[i].path.stem, role):
             reason, certain = f"{reason}; {said}", False
-        return DraftTrial(
+        return Drafted(
             name=name, role=role[0], joint=role[1], file=self.files[i], forces=forces, reason=reason, certain=certain
         )
+
+    def _recording_row(
+        self, i: int, roles: Mapping[int, tuple[str, str]], out: Mapping[int, str], moves: Mapping[int, Movement]
+    ) -> Seen:
+        file, choice = self.files[i], self.choice
+        labels = file.recording.labels if file.recording is not None else ()
+        found = explained(choice.marker_set, respelt(labels, choice.rename))
+        counts = f"{found.known} of {len(labels)} known"
+        if i not in self.spelt:
+            more = " ..." if len(labels) > FIRST_LABELS else ""
+            reason = f"not of marker set {choice.entry}: has {' '.join(labels[:FIRST_LABELS])}{more}"
+            return row_of(file, labels=counts, reason=reason)
+        shows, evidence = (moves[i].shows.value, moves[i].evidence) if i in moves else ("", "")
+        used = " ".join(filter(None, roles.get(i, ())))
+        return row_of(file, labels=counts, shows=shows, used=used, reason=out.get(i, "") or evidence)
+
+    def _other_row(self, file: FolderFile, owner: Mapping[str, str], unpaired: Mapping[str, str]) -> Seen:
+        """A row of a file that is no recording; `owner`: table of forces -> recording, `unpaired`: -> why none."""
+        if file.forces is not None:
+            used = f"forces of {owner[file.name]}" if file.name in owner else ""
+            return row_of(file, used=used, reason="" if used else unpaired.get(file.name, "no walk needs it"))
+        if file.kind is FileKind.EXTERNAL_LOADS:
+            table = PureWindowsPath(file.names).name  # takes / and \ alike
+            if any(PureWindowsPath(name).name == table for name in owner):
+                return row_of(file, used=f"says that {table} holds forces")
+            return row_of(file, reason=f"names {table}, which is not used")
+        if file.kind is FileKind.MARKER_SET:
+            chosen = str(file.path) == self.choice.entry
+            return row_of(file, used="marker set" * chosen, reason="" if chosen else "another set knows more labels")
+        if file.kind is FileKind.CORNERS:
+            return row_of(file, used="corners of the plates in the table of forces beside it")
+        return row_of(file, reason="a study file; it is not looked into" if file.kind is FileKind.STUDY else "")
 
 
 _ORDER = {"static": 0, "joint": 1, "gait": 2}
@@ -344,30 +357,20 @@ def without_faulty_trials(
     """The study without trials that an error speaks against, what the checks find then, and trial -> error.
 
     Nothing is left out where the first static trial, or the study as a whole, is at fault, or where no trial of a kind
-    (walks, or isolated trials without walks) would be left.
+    (walks, or isolated trials without walks) would be left. Somebody who names a trial in a study file wants it, and is
+    asked to look at it; a folder holds what was recorded, bad takes too.
     """
-    errors = [f for f in findings if f.severity is Severity.ERROR]
-    faulty = _told(errors)
-    if not faulty or not _may_go(study, errors, set(faulty)):
+    faulty: dict[str, str] = {}
+    for f in findings:
+        if f.severity is Severity.ERROR:
+            faulty.setdefault(f.where, f"{f.topic}: {f.evidence}" + (f"; {f.cure}" if f.cure else ""))
+    names = {trial.name for trial in study.trials}
+    kind = Role.GAIT if study.walks else Role.JOINT
+    sound = any(trial.role is kind and trial.name not in faulty for trial in study.moving)
+    if not faulty or not set(faulty) <= names - {study.static.name} or not sound:
         return study, findings, {}
     rest = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
     return rest, check_study(rest), faulty
-
-
-def _told(errors: Sequence[Finding]) -> dict[str, str]:
-    out: dict[str, str] = {}
-    for finding in errors:
-        cure = f"; {finding.cure}" if finding.cure else ""
-        out.setdefault(finding.where, f"{finding.topic}: {finding.evidence}{cure}")
-    return out
-
-
-def _may_go(study: Study, errors: Sequence[Finding], faulty: set[str]) -> bool:
-    names = {trial.name for trial in study.trials}
-    if not faulty <= names - {study.static.name}:
-        return False
-    kind = Role.GAIT if any(trial.role is Role.GAIT for trial in study.moving) else Role.JOINT
-    return any(trial.role is kind and trial.name not in faulty for trial in study.moving)
 
 
 def rejected_forces(draft: Draft) -> tuple[Finding, ...]:

@@ -1,28 +1,32 @@
-"""Every file of a folder, read once: recordings, tables of forces, marker sets, studies, and what is none of these.
+"""Every file of a folder, read once, and which table of forces belongs to which recording.
 
 Only files directly in the folder: one person a folder. A file that cannot be read ends nothing; it keeps its reason.
 
-Names of trials, and what the names of files say of them: weak evidence, told where it contradicts.
+A recording that has plates of its own needs no table. For another one, a table can be its own only if it covers its
+time and if, under load, the centre of pressure lies near a foot: the feet decide, names only where feet do not.
 """
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from xml.etree import ElementTree
 
 import numpy as np
 
+from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.csv import CORNER_HEADER, is_force_header, read_header
+from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import FORCE_READERS, read_forces, read_recording
-from gaitcal.io.lock import MANIFEST, ResultKind, read_object
 from gaitcal.io.recording import Recording
+from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object
 from gaitcal.io.toml import read_toml
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 
@@ -134,70 +138,51 @@ def _recordings_in(folder: Path) -> int:
 
 
 def _read(path: Path, name: str) -> FolderFile:
+    """A file by its ending and content; one that cannot be read keeps the reason, without its path."""
     try:
-        return replace(_understood(path), name=name)
+        with np.errstate(all="ignore"):
+            return replace(_understood(path), name=name)
     except InputError as fault:
-        return FolderFile(path=path, name=name, kind=FileKind.UNREADABLE, reason=_plain(fault, path))
+        reason = str(fault).removeprefix(f"{path}: ")
+        return FolderFile(path=path, name=name, kind=FileKind.UNREADABLE, reason=reason)
 
 
 def _understood(path: Path) -> FolderFile:
-    """A file by its ending and content, named without its folder."""
+    file = FolderFile(path=path, name=path.name, kind=FileKind.OTHER)
     ending = path.suffix.lower()
     if ending in MARKER_ENDINGS:
-        return _recording(path)
+        return replace(file, kind=FileKind.RECORDING, recording=read_recording(path))
     if ending in TABLE_ENDINGS:
-        return FolderFile(path=path, name=path.name, kind=FileKind.FORCES, forces=_forces(path))
+        return replace(file, kind=FileKind.FORCES, forces=read_forces(path))
     if ending == ".csv":
-        return _csv(path)
+        return _csv(file)
     if ending == ".toml":
-        return _toml(path)
+        return _toml(file)
     if ending == ".xml":
-        return _xml(path)
-    return FolderFile(
-        path=path, name=path.name, kind=FileKind.OTHER, reason=f"a file ending in '{ending}' holds no recording"
-    )
+        return _xml(file)
+    return replace(file, reason=f"a file ending in '{ending}' holds no recording")
 
 
-def _other(path: Path, reason: str) -> FolderFile:
-    return FolderFile(path=path, name=path.name, kind=FileKind.OTHER, reason=reason)
-
-
-def _plain(fault: InputError, path: Path) -> str:
-    """The fault without the path, which stands before it anyway."""
-    return str(fault).removeprefix(f"{path}: ")
-
-
-def _recording(path: Path) -> FolderFile:
-    with np.errstate(all="ignore"):
-        recording = read_recording(path)
-    return FolderFile(path=path, name=path.name, kind=FileKind.RECORDING, recording=recording)
-
-
-def _forces(path: Path) -> Forces:
-    with np.errstate(all="ignore"):
-        return read_forces(path)
-
-
-def _csv(path: Path) -> FolderFile:
+def _csv(file: FolderFile) -> FolderFile:
     try:
-        header = read_header(path)
+        header = read_header(file.path)
     except InputError:
-        text = path.read_bytes()[:4000].decode("utf-8", "replace")
+        text = file.path.read_bytes()[:4000].decode("utf-8", "replace")
         if any(line.strip().lower() == ",".join(CORNER_HEADER) for line in text.splitlines()):
-            return FolderFile(path=path, name=path.name, kind=FileKind.CORNERS)
+            return replace(file, kind=FileKind.CORNERS)
         raise
     if is_force_header(header):
-        return FolderFile(path=path, name=path.name, kind=FileKind.FORCES, forces=_forces(path))
-    return _recording(path)
+        return replace(file, kind=FileKind.FORCES, forces=read_forces(file.path))
+    return replace(file, kind=FileKind.RECORDING, recording=read_recording(file.path))
 
 
-def _toml(path: Path) -> FolderFile:
-    content = read_toml(path)
+def _toml(file: FolderFile) -> FolderFile:
+    content = read_toml(file.path)
     if declares_study(content):
-        return FolderFile(path=path, name=path.name, kind=FileKind.STUDY)
+        return replace(file, kind=FileKind.STUDY)
     if "landmarks" in content:
-        return FolderFile(path=path, name=path.name, kind=FileKind.MARKER_SET, marker_set=load_marker_set(path))
-    return _other(path, "neither a study nor a marker set")
+        return replace(file, kind=FileKind.MARKER_SET, marker_set=load_marker_set(file.path))
+    return replace(file, reason="neither a study nor a marker set")
 
 
 def declares_study(content: Mapping[str, object]) -> bool:
@@ -205,7 +190,8 @@ def declares_study(content: Mapping[str, object]) -> bool:
     return "trial" in content or "subject" in content
 
 
-def _xml(path: Path) -> FolderFile:
+def _xml(file: FolderFile) -> FolderFile:
+    path = file.path
     try:
         text = path.read_bytes()
         if len(text) > LARGEST_XML or b"<!ENTITY" in text:
@@ -215,19 +201,17 @@ def _xml(path: Path) -> FolderFile:
         raise InputError(f"is no readable XML: {error}", source=path, code=Code.FILE_FORMAT) from None
     table = (root.findtext(".//datafile") or "").strip()
     if not table:
-        return FolderFile(
-            path=path, name=path.name, kind=FileKind.OTHER, reason="an XML that names no table of external forces"
-        )
+        return replace(file, reason="an XML that names no table of external forces")
     forces = None
     if ".xml" in FORCE_READERS and _readable(path.parent / table) is None:
         forces = _readable(path)  # the table has columns that only the XML explains
-    return FolderFile(path=path, name=path.name, kind=FileKind.EXTERNAL_LOADS, names=table, forces=forces)
+    return replace(file, kind=FileKind.EXTERNAL_LOADS, names=table, forces=forces)
 
 
 def _readable(path: Path) -> Forces | None:
     """The forces of a table or of an XML that names one; None where they cannot be read."""
     try:
-        return _forces(path)
+        return read_forces(path)
     except InputError:
         return None
 
@@ -269,3 +253,135 @@ def trial_names(stems: Sequence[str]) -> list[str]:
             name = f"{plain}_{count}"
         out.append(name)
     return out
+
+
+UNDER_M = 0.25
+"""Median distance, in the floor's plane, of the centre of pressure from the nearest marker of a foot under load."""
+MOST_CUT = 0.5
+"""Share of the recording's time that a table may leave uncovered; the trial is then cut to what it covers."""
+SAME_NAME = 0.6
+WORDS = re.compile(r"(grfs?|forces?|force|fp|plates?|analog|kinetics|ext|external|loads?)", re.IGNORECASE)
+"""Words of names that say only that a file holds forces."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceChoice:
+    """The forces of one recording."""
+
+    file: FolderFile
+    """The table, or the XML that names it."""
+    reason: str
+    certain: bool
+    time: tuple[float, float] | None = None
+    """s: the part that the forces cover, where that is not all."""
+
+
+@dataclass(frozen=True)
+class _Match:
+    recording: int
+    table: int
+    away: float | None
+    """m, of the centre of pressure from the feet; None where nothing is loaded."""
+    alike: float
+    time: tuple[float, float] | None
+
+
+def pair_forces(
+    recordings: Mapping[int, tuple[str, Recording]], marker_set: MarkerSet, files: Sequence[FolderFile]
+) -> tuple[dict[int, ForceChoice], dict[str, str]]:
+    """Recording -> its forces, and table -> why it is nobody's. `recordings`: number -> file name without ending, and
+    recording with the set's labels; those of which forces are wanted.
+    """
+    tables = [file for file in files if file.forces is not None]
+    named = [file for file in files if file.kind is FileKind.EXTERNAL_LOADS]
+    loads = {PureWindowsPath(file.names).name.lower(): file for file in named}  # takes / and \\ alike
+    matches: list[_Match] = []
+    why: dict[str, str] = {}
+    for t, table in enumerate(tables):
+        for number, (stem, recording) in recordings.items():
+            match = _match(number, stem, recording, marker_set, t, table)
+            if isinstance(match, str):
+                why.setdefault(table.name, match)
+            else:
+                matches.append(match)
+    out: dict[int, ForceChoice] = {}
+    used: set[int] = set()
+    for match in sorted(matches, key=_rank):
+        if match.recording in out or match.table in used:
+            continue
+        table = tables[match.table]
+        rivals = [m for m in matches if m.recording == match.recording and m.table != match.table]
+        unsure = match.away is None and match.alike < SAME_NAME
+        if unsure and (rivals or len(recordings) > 1):
+            why[table.name] = "nothing tells whose forces these are: no foot is loaded, and no name is alike"
+            continue
+        alike = {number: names_alike(stem, table.path.stem) for number, (stem, _) in recordings.items()}
+        best = max(alike, key=lambda number: (alike[number], number == match.recording))
+        rival = alike[best] >= SAME_NAME and alike[best] > alike[match.recording]
+        parts = ["covers the time; no foot is loaded in it"]
+        if match.away is not None:
+            parts = [f"covers the time, and under load acts {100 * match.away:.0f} cm from the feet"]
+        if rival:
+            parts.append(f"though its name says {recordings[best][0]}")
+        elif match.alike >= SAME_NAME:
+            parts.append("the names are alike")
+        if (by := loads.get(table.path.name.lower())) is not None:
+            parts.append(f"{by.name} names it")
+        out[match.recording] = ForceChoice(
+            file=table, reason="; ".join(parts), certain=match.away is not None and not rival, time=match.time
+        )
+        used.add(match.table)
+    for t, table in enumerate(tables):
+        if t not in used:
+            better = "its recording has another table that fits better"
+            why.setdefault(table.name, better if recordings else "no walk without plates of its own needs it")
+    return out, {table.name: why[table.name] for t, table in enumerate(tables) if t not in used}
+
+
+def _rank(match: _Match) -> tuple[object, ...]:
+    """Smallest first: no time is lost, names are alike (in steps), the feet are near, then the order of the files."""
+    away = np.inf if match.away is None else match.away
+    return (match.away is None, match.time is not None, -round(match.alike, 1), away, match.recording, match.table)
+
+
+def _match(
+    number: int, stem: str, recording: Recording, marker_set: MarkerSet, t: int, table: FolderFile
+) -> _Match | str:
+    """How well a table fits a recording, or why it does not."""
+    if table.forces is None:
+        return "it holds no forces"
+    plates, time = table.forces.plates, recording.time
+    step = float(np.median(np.diff(time)))
+    start, stop = max(float(p.time[0]) for p in plates), min(float(p.time[-1]) for p in plates)
+    low, high = max(start, float(time[0])), min(stop, float(time[-1]))
+    if high - low < MOST_CUT * float(np.ptp(time)):
+        return f"its forces run from {start:.2f} to {stop:.2f} s, {stem} from {time[0]:.2f} to {time[-1]:.2f} s"
+    cut = None
+    if start > time[0] + step or stop < time[-1] - step:
+        inside = time[(time >= start) & (time <= stop)]
+        cut = (float(inside[0]), float(inside[-1]))
+    away = _from_feet(recording, marker_set, table)
+    if away is not None and away > UNDER_M:
+        return f"its centres of pressure are {away:.2f} m from the feet of {stem}"
+    return _Match(number, t, away, names_alike(stem, table.path.stem), cut)
+
+
+def _from_feet(recording: Recording, marker_set: MarkerSet, table: FolderFile) -> float | None:
+    """m, median distance of centres of pressure under load from the nearest foot marker; None without load."""
+    feet = [i for i, m in enumerate(recording.labels) if marker_set.segment_of.get(m, "").startswith("foot")]
+    distances: list[float] = []
+    for plate in table.forces.plates if table.forces else ():
+        point = np.stack([np.interp(recording.time, plate.time, plate.point[:, k]) for k in (0, 2)], axis=1)
+        force = np.interp(recording.time, plate.time, np.nan_to_num(plate.force[:, 1]))
+        covered = (recording.time >= plate.time[0]) & (recording.time <= plate.time[-1])
+        loaded = np.flatnonzero((force > BODY_N) & covered & np.isfinite(point).all(axis=1))
+        away: Array = np.linalg.norm(recording.markers[loaded][:, feet][:, :, [0, 2]] - point[loaded][:, None], axis=2)
+        away = away[np.isfinite(away).any(axis=1)]
+        distances.extend(np.nanmin(away, axis=1).tolist() if away.size else ())
+    return float(np.median(distances)) if distances else None
+
+
+def names_alike(stem: str, table: str) -> float:
+    """0 to 1, how alike two names are but for words that only say `forces`."""
+    a, b = (re.sub(r"[^a-z0-9]", "", WORDS.sub("", name).lower()) for name in (stem, table))
+    return 1.0 if a == b else difflib.SequenceMatcher(None, a, b).ratio()

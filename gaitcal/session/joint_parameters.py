@@ -1,24 +1,25 @@
-"""Joint parameters of a study: plain or under a robust loss, with or without the error on frames left out.
+"""Joint parameters of a session: plain or under a robust loss, with or without the error on frames left out.
 
-Held-out error: how well joint parameters meet markers that had no say in them.
+Robust loss: calibrate, weigh every marker sample anew by its residual, calibrate again. The weights of a trial come
+from tracking it under the loss with the joint parameters of the round before, the first time with the nominal ones;
+rounds end when the joint parameters settle. What is all but left out in the end becomes a finding.
 
-Every trial is cut into blocks of time. Each fold leaves out every fourth block of all trials, fits the joint parameters
-to the rest, and then tracks the whole trials with these parameters; what counts is the marker error in the blocks left
-out. The four folds together visit every frame once. A fit that is better only for being freer gains nothing here.
-
-The motion in a block left out is fitted to its own markers, as it is for the nominal model: what is tested is the
-joint parameters, not a guess of the motion.
+Held-out error: every trial is cut into blocks of time. Each fold leaves out every fourth block of all trials, fits the
+joint parameters to the rest, and then tracks the whole trials with these; what counts is the marker error in the
+blocks left out. The four folds together visit every frame once. The motion in a block left out is fitted to its own
+markers, as for the nominal model: what is tested is the joint parameters, not a guess of the motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_evidence import calibrate_by_evidence
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
@@ -29,40 +30,82 @@ from gaitcal.calibration.joint_phases import (
     sequential_phases,
     simultaneous_phases,
 )
-from gaitcal.calibration.joint_prior import WEAK, prior_of_study, task_tissue
-from gaitcal.findings import Finding
+from gaitcal.calibration.joint_prior import WEAK, task_tissue
+from gaitcal.codes import Code
+from gaitcal.findings import STUDY, Finding, Severity, listed
+from gaitcal.io.intervals import runs, spans
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, gait_parameters, leg_parameters
-from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.robust import Loss
+from gaitcal.motion.robust import Loss, RobustTracking, robust_tracking
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.runtime import Progress
-from gaitcal.session.prepare import PreparedTrial, joint_bounds, prepare_trial
-from gaitcal.session.robust import JointFitter, calibrate_robustly, without_exchanged_labels
-from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.settings import CalibrationSettings, Mode, Protocol
-from gaitcal.study.study import Study
+from gaitcal.runtime import Progress, silent
+from gaitcal.session.result import HeldOut
+from gaitcal.session.session import MovingTrial, Session, fits_legs_together
+from gaitcal.study.settings import Protocol
 
 FOLDS = 4
 BLOCK_S = 0.2
 """s, of a block: longer than skin movement repeats itself."""
+SETTLED = 5e-4
+"""m and rad: largest change of a joint parameter from round to round at which the rounds end."""
+MOST_ROUNDS = 8
+NAMED_SHARE = 0.01
+"""Share of a marker's samples left out from which it is named."""
+SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
+
+JointFitter = Callable[[Sequence[MovingTrial]], tuple[JointCalibration | None, Parameters]]
+"""Calibrates the joint parameters of trials."""
 
 
-@dataclass(frozen=True)
-class HeldOut:
-    """Marker error of one trial over frames that did not take part in the fit."""
+def fit_joints(session: Session, progress: Progress = silent, *, leave_out: bool = False) -> Session:
+    """The session with the joint parameters that its settings ask for; `leave_out`: and with the held-out error."""
+    settings, nominal, trials, findings = session.settings, session.model.parameters, session.trials, session.findings
+    fit = partial(joint_parameters, session)
+    if settings.jp and trials:
+        progress("joint parameters")
+    if settings.robust == "none":
+        joint, parameters = fit(trials)
+    else:
+        trials, joint, parameters, outliers = calibrate_robustly(trials, nominal, Loss(settings.robust), fit)
+        findings += outliers
+    if joint is not None:
+        if leave_out:
+            progress("joint parameters with blocks of time left out")
+            errors = hold_out(trials, nominal, fit)
+            trials = tuple(replace(t, held_out=errors.get(t.name)) for t in trials)
+        trials = tuple(replace(t, tissue=joint.tissue.get(t.name)) for t in trials)
+    return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
 
-    nominal: float
-    """m, RMS over the same frames with the nominal joint parameters."""
-    calibrated: float
-    """m, with joint parameters fitted without them."""
-    folds: int
-    legs: tuple[float, float] | None = None
-    """m, nominal and calibrated over the markers of pelvis and legs; None for an isolated trial."""
+
+def joint_parameters(session: Session, trials: Sequence[MovingTrial]) -> tuple[JointCalibration | None, Parameters]:
+    """The joint parameters that the settings of a session ask for, fitted to some of its trials."""
+    settings, nominal = session.settings, session.model.parameters
+    if not settings.jp or not trials:
+        return None, nominal
+    bounds = JointSettings(
+        position_bound=1e-3 * settings.position_bound_mm, orientation_bound=np.deg2rad(settings.orientation_bound_deg)
+    )
+    sides = SIDES[settings.legs]
+    taking_part = [JointTrial(t.body, t.joints, t.joint) for t in trials]
+    if settings.decided_by is Protocol.EVIDENCE:
+        joint = calibrate_by_evidence(taking_part, nominal, bounds, sides, session.prior)
+        return joint, joint.parameters
+    of_gait = leg_parameters if settings.gait_parameters == "leg" else gait_parameters
+    phases_of = simultaneous_phases if fits_legs_together(settings) else sequential_phases
+    phases = phases_of(taking_part, {side: of_gait(side) for side in sides})
+    used = [t for t in taking_part if t.joint is None or t.joint[-1] in sides]
+    soft = task_tissue({t.name: t.kind for t in used}, {t.name: t.fitted for t in used}, nominal)
+    phases = [phase.with_tissue(soft) for phase in phases]
+    weak = WEAK if settings.prior == "weak" else None
+    how = PhaseSettings(search=bounds, prior=weak, equal_weights=True, fits_tissue=False)
+    joint = calibrate_in_phases(phases, nominal, how)
+    keys = [key for phase in phases for key in phase.tissue.keys]
+    joint = replace(joint, tissue=soft.of_bodies({t.name: t.body for t in used}, keys))
+    return joint, joint.parameters
 
 
-def hold_out(trials: Sequence[PreparedTrial], nominal: Parameters, fit: JointFitter) -> dict[str, HeldOut]:
+def hold_out(trials: Sequence[MovingTrial], nominal: Parameters, fit: JointFitter) -> dict[str, HeldOut]:
     """Held-out error of every trial; `fit` calibrates the joint parameters of trials."""
     before = {t.name: distances(t.fitted, nominal) for t in trials}
     after = {name: np.full_like(d, np.nan) for name, d in before.items()}
@@ -74,21 +117,16 @@ def hold_out(trials: Sequence[PreparedTrial], nominal: Parameters, fit: JointFit
             held = blocks[t.name] == fold
             if held.any():
                 after[t.name][held] = distances(t.fitted, parameters_for(joint, t.name, parameters))[held]
-    return {
-        t.name: _held_out(t, before[t.name], after[t.name], len(np.unique(blocks[t.name])))
-        for t in trials
-        if np.isfinite(before[t.name]).any()
-    }
+    out = {}
+    for t in (t for t in trials if np.isfinite(before[t.name]).any()):
+        both = before[t.name], after[t.name]
+        lower = np.array([t.fitted.chain.segments[s] in LOWER_BODY for s in t.fitted.data.segment])
+        legs = None if t.joint else (_rms(both[0][:, lower]), _rms(both[1][:, lower]))
+        out[t.name] = HeldOut(_rms(both[0]), _rms(both[1]), len(np.unique(blocks[t.name])), legs)
+    return out
 
 
-def _held_out(trial: PreparedTrial, before: Array, after: Array, folds: int) -> HeldOut:
-    problem = trial.fitted
-    lower = np.array([problem.chain.segments[s] in LOWER_BODY for s in problem.data.segment])
-    legs = None if trial.joint else (_rms(before[:, lower]), _rms(after[:, lower]))
-    return HeldOut(_rms(before), _rms(after), folds, legs)
-
-
-def fold_of_frame(trial: PreparedTrial) -> IntArray:
+def fold_of_frame(trial: MovingTrial) -> IntArray:
     """(nf,) the fold that leaves out each frame; a trial of fewer blocks than folds is left out less often."""
     since = trial.fitted.basis.time - trial.fitted.basis.time[0]
     block = (since / BLOCK_S + 1e-9).astype(np.intp)
@@ -96,13 +134,13 @@ def fold_of_frame(trial: PreparedTrial) -> IntArray:
     return folds
 
 
-def without(trial: PreparedTrial, held: BoolArray) -> PreparedTrial:
-    """The trial with no weight on the frames `held` (nf,)."""
+def without(trial: MovingTrial, held: BoolArray) -> MovingTrial:
+    """The trial with no weight on the frames `held` (nf,) of what joint parameters are fitted by."""
 
     def masked(problem: TrialProblem) -> TrialProblem:
         return problem.with_weight(np.where(held, 0.0, problem.data.weight))
 
-    return trial.with_problems(masked(trial.body), masked(trial.fitted), masked(trial.legs))
+    return replace(trial, body=masked(trial.body), joints=masked(trial.joints))
 
 
 def distances(problem: TrialProblem, parameters: Parameters) -> Array:
@@ -115,84 +153,66 @@ def _rms(distance: Array) -> float:
     return float(np.sqrt(np.nanmean(distance**2)))
 
 
-SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
+def calibrate_robustly(
+    trials: Sequence[MovingTrial], nominal: Parameters, loss: Loss, fit: JointFitter
+) -> tuple[tuple[MovingTrial, ...], JointCalibration | None, Parameters, tuple[Finding, ...]]:
+    """Trials with their last weights, the joint parameters fitted with them, and what was left out."""
+    last: dict[str, RobustTracking] = {}
 
+    def weigh(joint: JointCalibration | None, parameters: Parameters) -> list[MovingTrial]:
+        for t in trials:
+            factor = last[t.name].factor if t.name in last else None
+            last[t.name] = robust_tracking(t.joints, parameters_for(joint, t.name, parameters), loss, factor)
+        return [replace(t, joints=last[t.name].problem) for t in trials]
 
-@dataclass(frozen=True, kw_only=True)
-class JointStage:
-    """What the first stage of a calibration gives."""
-
-    trials: tuple[PreparedTrial, ...]
-    """With the weights that they were fitted with."""
-    joint: JointCalibration | None
-    """None where the settings leave joint parameters alone."""
-    parameters: Parameters
-    held_out: Mapping[str, HeldOut]
-    """Trial -> error on frames that took no part; empty unless asked for."""
-    findings: tuple[Finding, ...]
-    """What a robust loss left out or put right."""
-
-
-def joint_stage(study: Study, nominal: SubjectModel, progress: Progress, *, leave_out: bool) -> JointStage:
-    """Prepare the moving trials and fit the joint parameters to them."""
-    settings = study.settings
-    loss = None if settings.robust == "none" else Loss(settings.robust)
-    study, findings = (study, ()) if loss is None else without_exchanged_labels(study, nominal)
-    trials = [prepare_trial(trial, nominal, settings) for trial in study.moving]
-    prior = prior_of_study(settings.joint_prior, study.joint_prior)
-    fit = partial(joint_parameters, nominal=nominal, settings=settings, prior=prior)
-    if settings.jp and trials:
-        progress("joint parameters")
-    if loss is None:
-        joint, parameters = fit(trials)
-    else:
-        together = settings.jp and fits_legs_together(settings)
-        trials, joint, parameters, outliers = calibrate_robustly(
-            trials, nominal.parameters, loss, fit, together=together
+    joint, parameters = fit(weigh(None, nominal))
+    change, count = np.inf, 1
+    while joint is not None and change > SETTLED and count < MOST_ROUNDS:
+        before = parameters.joint
+        joint, parameters = fit(weigh(joint, parameters))
+        change, count = float(np.abs(parameters.joint - before).max()), count + 1
+    finished, findings = [], []
+    for t in trials:
+        body = robust_tracking(t.body, parameters, loss)
+        own = parameters_for(joint, t.name, parameters)
+        fitted = body if t.joint is None else robust_tracking(t.fitted, own, loss)
+        joints = fitted.problem if t.joints is t.fitted else last[t.name].problem
+        finished.append(replace(t, body=body.problem, fitted=fitted.problem, joints=joints))
+        findings += _outliers_of(t.name, fitted)
+    if joint is not None and change > SETTLED:
+        findings.append(
+            Finding(
+                severity=Severity.WARNING,
+                topic="robust",
+                where=STUDY,
+                cause=f"robust weights did not settle in {MOST_ROUNDS} rounds",
+                found=f"joint parameters still moved by {1e3 * change:.2f} mm or {np.rad2deg(change):.2f} deg",
+                cure="look for markers that are often left out, and give them weight 0",
+                code=Code.ROBUST_UNSETTLED,
+            )
         )
-        findings += outliers
-    held_out: Mapping[str, HeldOut] = {}
-    if leave_out and joint is not None:
-        progress("joint parameters with blocks of time left out")
-        held_out = hold_out(trials, nominal.parameters, fit)
-    if joint is not None:
-        trials = [replace(t, tissue=joint.tissue.get(t.name)) for t in trials]
-    return JointStage(trials=tuple(trials), joint=joint, parameters=parameters, held_out=held_out, findings=findings)
+    return tuple(finished), joint, parameters, tuple(findings)
 
 
-def joint_parameters(
-    trials: list[PreparedTrial], nominal: SubjectModel, settings: CalibrationSettings, prior: JointPrior
-) -> tuple[JointCalibration | None, Parameters]:
-    """The joint parameters that the settings ask for, fitted to prepared trials.
-
-    `prior`: of anatomy, study and cohort, asked for where the evidence decides.
-    """
-    if not settings.jp or not trials:
-        return None, nominal.parameters
-    together, bounds, sides = fits_legs_together(settings), joint_bounds(settings), SIDES[settings.legs]
-    taking_part = [JointTrial(t.body, t.legs if together else t.fitted, t.joint) for t in trials]
-    if settings.decided_by is Protocol.EVIDENCE:
-        joint = calibrate_by_evidence(taking_part, nominal.parameters, bounds, sides, prior)
-    else:
-        phases = (simultaneous_phases if together else sequential_phases)(
-            taking_part, {side: parameters_of_gait(side, settings) for side in sides}
+def _outliers_of(name: str, tracking: RobustTracking) -> list[Finding]:
+    """Outliers of a trial in one note; none where there are none."""
+    problem, outliers = tracking.problem, tracking.outliers
+    seen = problem.data.weight > 0
+    if not outliers.any():
+        return []
+    often = [
+        f"{label} {100 * out.sum() / max(int(used.sum()), 1):.0f} %"
+        for label, out, used in zip(problem.labels, outliers, seen, strict=True)
+        if out.sum() > NAMED_SHARE * used.sum()
+    ]
+    share = 100 * outliers.sum() / max(int(seen.sum()), 1)
+    where = spans(problem.basis.time, runs(np.logical_or.reduce(outliers, axis=0)))
+    names = f", most in {listed(often)}" if often else ""
+    found = f"{int(outliers.sum())} marker samples ({share:.1f} %){names}, frames at {where}; "
+    found += f"scale {1e3 * tracking.scale:.1f} mm a coordinate"
+    cause = "the robust loss all but left out some samples"
+    return [
+        Finding(
+            severity=Severity.INFO, topic="robust", where=name, cause=cause, found=found, cure="", code=Code.OUTLIERS
         )
-        used = [t for t in taking_part if t.joint is None or t.joint[-1] in sides]
-        soft = task_tissue({t.name: t.kind for t in used}, {t.name: t.fitted for t in used}, nominal.parameters)
-        phases = [phase.with_tissue(soft) for phase in phases]
-        weak = WEAK if settings.prior == "weak" else None
-        how = PhaseSettings(search=bounds, prior=weak, equal_weights=True, fits_tissue=False)
-        joint = calibrate_in_phases(phases, nominal.parameters, how)
-        keys = [key for phase in phases for key in phase.tissue.keys]
-        joint = replace(joint, tissue=soft.of_bodies({t.name: t.body for t in used}, keys))
-    return joint, joint.parameters
-
-
-def fits_legs_together(settings: CalibrationSettings) -> bool:
-    """Whether all trials are fitted at once, by pelvis and legs."""
-    return settings.decided_by is Protocol.PUBLISHED and Mode(settings.mode) is Mode.SIMULTANEOUS
-
-
-def parameters_of_gait(side: str, settings: CalibrationSettings) -> tuple[str, ...]:
-    """The joint parameters that gait may move in one leg."""
-    return leg_parameters(side) if settings.gait_parameters == "leg" else gait_parameters(side)
+    ]

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 from functools import cache
 
 from gaitcal.errors import other_side
-from gaitcal.model.landmark_names import REQUIRED
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.marker_set import MarkerSet, built_in_sets, load_marker_set
+from gaitcal.model.marker_set import REQUIRED, MarkerSet, built_in_sets, load_marker_set
 
 FEWEST_LABELS = 6
 """Markers of pelvis and legs that a file shares with a set of which it is."""
@@ -117,27 +116,25 @@ def choose_set(
     points = computed or [()] * len(recordings)
     sets = candidates(own)
     spellings = [spelt_otherwise(marker_set, recordings) for _, marker_set in sets]
-    legs = [
-        _legs(s, [respelt(labels, rename) for labels in recordings], points)
-        for (_, s), (rename, _) in zip(sets, spellings, strict=True)
-    ]
+    spelt = [[respelt(labels, rename) for labels in recordings] for rename, _ in spellings]
+    legs = [_legs(s, labels, points) for (_, s), labels in zip(sets, spelt, strict=True)]
     best = [max(counts) for counts in zip(*legs, strict=True)]
     choices: list[SetChoice] = []
-    for (entry, marker_set), (rename, clashes), counts in zip(sets, spellings, legs, strict=True):
+    for (entry, marker_set), (rename, clashes), labels, counts in zip(sets, spellings, spelt, legs, strict=True):
         members = tuple(i for i, n in enumerate(counts) if n >= max(FEWEST_LABELS, NEARLY * best[i]))
-        union = [label for i in members for label in respelt(recordings[i], rename)]
-        found = explained(marker_set, union, [label for i in members for label in points[i]])
+        found = explained(marker_set, [m for i in members for m in labels[i]], [m for i in members for m in points[i]])
         if not members or len(found.missing) > MOST_MISSING:
             continue
-        used = {old: new for old, new in rename.items() if any(old in recordings[i] for i in members)}
+        # labels left over that some recordings have and others not, once for each side
+        some = [label for label in found.left_over if not all(label in labels[i] for i in members)]
         choice = SetChoice(
             marker_set=marker_set,
             entry=entry,
-            rename=used,
+            rename={old: new for old, new in rename.items() if any(old in recordings[i] for i in members)},
             explained=found,
             members=members,
             clashes=clashes,
-            sided_unknown=_sided_unknown(found.left_over, [respelt(recordings[i], rename) for i in members]),
+            sided_unknown=tuple(label for label in some if any(other_side(label, other) for other in some)),
             people={i: prefixes for i in members if (prefixes := people_in(marker_set, recordings[i]))},
         )
         choices.append(choice)
@@ -147,12 +144,13 @@ def choose_set(
 def _legs(marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: Sequence[tuple[str, ...]]) -> list[int]:
     """How many markers of pelvis and legs each recording has, as the set spells them; most have the same labels."""
     forgiven = _forgiven(marker_set)
-    known: dict[tuple[tuple[str, ...], tuple[str, ...]], int] = {}
-    for key in zip(recordings, points, strict=True):
-        if key not in known:
-            some = sum(label.casefold() in forgiven for label in key[0]) >= FEWEST_LABELS
-            known[key] = explained(marker_set, *key).legs if some else 0
-    return [known[key] for key in zip(recordings, points, strict=True)]
+
+    @cache
+    def count(labels: tuple[str, ...], computed: tuple[str, ...]) -> int:
+        some = sum(label.casefold() in forgiven for label in labels) >= FEWEST_LABELS
+        return explained(marker_set, labels, computed).legs if some else 0
+
+    return [count(*key) for key in zip(recordings, points, strict=True)]
 
 
 def _rank(choice: SetChoice) -> tuple[int | str, ...]:
@@ -198,7 +196,7 @@ def spelt_otherwise(
         for labels in recordings
         for prefix, own in _by_prefix(marker_set, labels)[1:]
         for label in labels
-        if _prefix(label) == prefix and _key(label) in own
+        if label.rpartition(":")[0] == prefix and _key(label) in own
     }
     rename: dict[str, str] = {}
     clashes = []
@@ -214,12 +212,6 @@ def spelt_otherwise(
     return rename, tuple(clashes)
 
 
-def _sided_unknown(left_over: Sequence[str], recordings: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """Labels left over that some recordings have and others not, once for each side."""
-    some = [label for label in left_over if not all(label in labels for labels in recordings)]
-    return tuple(label for label in some if any(other_side(label, other) for other in some))
-
-
 def people_in(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:
     """Prefixes under which labels of the set occur that occur under another prefix, too; empty for one person."""
     groups = _by_prefix(marker_set, labels)
@@ -231,14 +223,9 @@ def _by_prefix(marker_set: MarkerSet, labels: Sequence[str]) -> list[tuple[str, 
     known = {_key(label) for label in _forgiven(marker_set)}
     out: dict[str, set[str]] = {}
     for label in labels:
-        if (prefix := _prefix(label)) and (key := _key(label)) in known:
+        if (prefix := label.rpartition(":")[0]) and (key := _key(label)) in known:
             out.setdefault(prefix, set()).add(key)
     return sorted(out.items(), key=lambda item: (-len(item[1]), item[0]))
-
-
-def _prefix(label: str) -> str:
-    """`Anna` of `Anna:RASI`; empty where there is none."""
-    return label.rpartition(":")[0]
 
 
 def _forgiven(marker_set: MarkerSet) -> frozenset[str]:

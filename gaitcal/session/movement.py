@@ -1,19 +1,16 @@
 """What a recording shows: standing, walking, one joint that moves alone, or something else.
 
-Walking is told by the feet: seen from the pelvis, along where it faces, one foot goes back while the other goes forth,
-over the ground or on a treadmill. One joint alone is told by how far the joints turn about their mean postures
-(`faults/role.py`), while pelvis and other leg stay.
-
-Whether a recording shows the person standing, and the posture it then gives: what a static trial must show.
-
 Standing is: a still window; knees not bent far (the pelvis is nearly as high above the ankles as the legs are long);
 both feet at one height. A walk may hold a still window too; it is a worse static trial than one that only stands.
+Walking is seen by the feet: from the pelvis, along where it faces, one foot goes back while the other goes forth, over
+the ground or on a treadmill. One joint alone is seen by how far the joints turn about their mean postures
+(`faults/role.py`), while pelvis and other leg stay.
 """
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -29,7 +26,7 @@ from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.outliers import without_strays
+from gaitcal.model.outliers import without_outliers
 from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.segment_frames import across
 
@@ -83,7 +80,7 @@ def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | No
         window = still_window(recording, marker_set.labels)
     except InputError as fault:
         return None, str(fault).split(": ")[-1]
-    points = positions(recording, marker_set, window.frames)
+    points = _positions(recording, marker_set, window.frames)
     landmarks = _landmarks(recording, marker_set, window.frames, points)
     why = _not_upright(points, landmarks, marker_set)
     if why:
@@ -99,19 +96,12 @@ def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | No
     ), ""
 
 
-def positions(recording: Recording, marker_set: MarkerSet, frames: slice) -> dict[str, Array]:
+def _positions(recording: Recording, marker_set: MarkerSet, frames: slice) -> dict[str, Array]:
     """Marker of the set -> (3,) m, mean over frames; those that were seen."""
-    out = {}
-    wanted = set(marker_set.labels)
-    for i, label in enumerate(recording.labels):
-        if label not in wanted:
-            continue
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen
-            mean = np.nanmean(recording.markers[frames, i], axis=0)
-        if np.isfinite(mean).all():
-            out[label] = mean
-    return out
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen
+        means = {label: np.nanmean(recording.markers[frames, i], axis=0) for i, label in enumerate(recording.labels)}
+    return {label: m for label, m in means.items() if label in marker_set.labels and np.isfinite(m).all()}
 
 
 def _landmarks(
@@ -125,18 +115,13 @@ def _landmarks(
         return {name: np.mean([points[label] for label in labels], axis=0) for name, labels in whole.items()}
 
 
-def middles(points: dict[str, Array], marker_set: MarkerSet) -> dict[str, Array]:
-    """Segment -> (3,) m, middle of its markers."""
+def _not_upright(points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet) -> str:
+    """Why a posture is not standing; empty where it may be."""
     groups: dict[str, list[Array]] = {}
     for label, segment in marker_set.segment_of.items():
         if label in points:
             groups.setdefault(segment, []).append(points[label])
-    return {segment: np.mean(found, axis=0) for segment, found in groups.items()}
-
-
-def _not_upright(points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet) -> str:
-    """Why a posture is not standing; empty where it may be."""
-    middle = middles(points, marker_set)
+    middle = {segment: np.mean(found, axis=0) for segment, found in groups.items()}
     if "pelvis" not in middle:
         return "no marker of the pelvis is seen while nothing moves"
     feet = [middle[f"foot_{side}"] for side in SIDES if f"foot_{side}" in middle]
@@ -249,32 +234,25 @@ def movement(
     posture : the recording's own, where the person stands in it.
     reference : of the static trial, whose segments turn in this one; None where there is none.
     """
-    recording, _ = without_strays(recording, marker_set.segment_of)
+    recording, _ = without_outliers(recording, marker_set.segment_of)
     time = recording.time
     if posture is not None and posture.throughout:
         words = f"still to {1e3 * posture.speed:.0f} mm/s, upright, {time[-1] - time[0]:.1f} s"
         return Movement(shows=Shows.STANDS, evidence=words)
     if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
         return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")
-    links = _links(recording, marker_set, reference)
-    pelvis, feet = (
-        _middle(recording, marker_set, "pelvis"),
-        [_middle(recording, marker_set, f"foot_{side}") for side in SIDES],
-    )
+    turns: dict[str, float] = {}
+    if reference is not None:
+        clusters = clusters_of(
+            recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > NEGLIGIBLE_WEIGHT
+        )
+        turns = {joint: link.rms for joint, link in links_of(clusters, reference.centres).items()}
+    pelvis = _middle(recording, marker_set, "pelvis")
+    feet = [_middle(recording, marker_set, f"foot_{side}") for side in SIDES]
     walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
     if walk is not None:
-        return Movement(shows=walk[0], evidence=walk[1], certain=walk[2], turns=links)
-    return _one_joint(pelvis, links, sway(recording, marker_set))
-
-
-def _links(recording: Recording, marker_set: MarkerSet, reference: Stance | None) -> dict[str, float]:
-    """Joint -> RMS turn (rad)."""
-    if reference is None:
-        return {}
-    clusters = clusters_of(
-        recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > NEGLIGIBLE_WEIGHT
-    )
-    return {joint: link.rms for joint, link in links_of(clusters, reference.centres).items()}
+        return Movement(shows=walk[0], evidence=walk[1], certain=walk[2], turns=turns)
+    return _one_joint(pelvis, turns, sway(recording, marker_set))
 
 
 def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
@@ -348,17 +326,10 @@ def _one_joint(pelvis: Array, turns: dict[str, float], strays: float) -> Movemen
     crouch = float(np.diff(np.percentile(heights, (5, 95)))[0]) if len(heights) else 0.0
     lead = turns[first] / turns[ranked[1]] if len(ranked) > 1 and turns[ranked[1]] > 0 else np.inf
     if crouch > CROUCH_M:
-        return Movement(
-            shows=Shows.OTHER, turns=turns, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m"
-        )
+        return replace(other, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m")
     if turns[first] < 2 * MOVES_RAD:
-        return Movement(
-            shows=Shows.OTHER,
-            turns=turns,
-            evidence=f"hardly anything moves: {said}" + (", swaying" * (strays > STAYS_M)),
-        )
+        return replace(other, evidence=f"hardly anything moves: {said}" + (", swaying" * (strays > STAYS_M)))
     if lead < LEAD or min(steps) > STEPS_RAD:
         return other
-    return Movement(
-        shows=Shows.ONE_JOINT, joint=first, evidence=said, certain=lead >= CLEAR_LEAD and len(ranked) > 2, turns=turns
-    )
+    certain = lead >= CLEAR_LEAD and len(ranked) > 2
+    return replace(other, shows=Shows.ONE_JOINT, joint=first, certain=certain)

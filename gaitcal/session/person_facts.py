@@ -1,23 +1,20 @@
 """Who the person is: what the files say, what the plates weigh, what the user says; and what nobody says.
 
-The user's word comes first, then the static trial's file, then the others. Files that contradict each other are told.
-The subject's name is that of the folder: a file's may be the patient's.
-
-Whether the mass that a file says can be a person's: against the plates under the standing person, and the height.
-
-A mass in pounds is 2.2, a weight in newtons 9.81 times the mass in kg; forces and torques would be blamed for it.
+The user's word comes first, then the static trial's file, then the others; the reason names files that contradict. The
+subject's name is that of the folder: a file's may be the patient's. A mass is held against the plates under the
+standing person, and the height: in pounds it is 2.2 times, as a weight in newtons 9.81 times the mass in kg.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.io.labels import Facts
-from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import GRAVITY
@@ -91,40 +88,37 @@ def person_of(
         out["sex"] = Known(value=options.sex, reason="option")
     if options.age is not None:
         out["age_years"] = Known(value=options.age, reason="option")
-    for field, get in (("knee_width_mm", lambda f: f.knee_width), ("ankle_width_mm", lambda f: f.ankle_width)):
-        if (width := _sided(files, get) or _doubtful_sides(files, field.removesuffix("_mm"))) is not None:
-            out[field] = width
+    for field, get in (("knee_width", lambda f: f.knee_width), ("ankle_width", lambda f: f.ankle_width)):
+        if (width := _sided(files, get) or _doubtful_sides(files, field)) is not None:
+            out[f"{field}_mm"] = width
     for field, length in (
         ("asis_distance_mm", lambda f: f.asis_distance),
         ("marker_diameter_mm", lambda f: f.marker_diameter),
     ):
         if (known := _number(None, files, length, "m", 6)) is not None:
-            out[field] = Known(
-                value=round(1e3 * float(str(known.value)), 2), reason=known.reason, certain=known.certain
-            )
+            out[field] = replace(known, value=round(1e3 * float(str(known.value)), 2))
     return out
 
 
 def _number(
     said: float | None, files: Sequence[tuple[str, Facts]], get: Callable[[Facts], float | None], unit: str, digits: int
 ) -> Known | None:
-    """A number from the user or from the first file that tells it, and the files that tell another."""
-    told = [(name, value) for name, facts in files if (value := get(facts)) is not None]
-    if said is not None:
-        others = [f"{name} {value:.4g} {unit}" for name, value in told if abs(value / said - 1) > CONTRADICTS]
-        return Known(value=said, reason="option" + (f"; but {others[0]}" if others else ""))
-    if not told:
+    """A number from the user or from the first file that has it, and the files that have another."""
+    found = [(name, value) for name, facts in files if (value := get(facts)) is not None]
+    if said is None and not found:
         return None
-    first, value = told[0]
-    others = [f"{name} {v:.4g} {unit}" for name, v in told[1:] if abs(v / value - 1) > CONTRADICTS]
+    chosen = found[0][1] if said is None else said
+    others = [f"{name} {v:.4g} {unit}" for name, v in found if abs(v / chosen - 1) > CONTRADICTS]
+    if said is not None:
+        return Known(value=said, reason="option" + (f"; but {others[0]}" if others else ""))
+    reason = f"{found[0][0]} says so"
     if others:
-        return Known(value=round(value, digits), reason=f"{first} says so, but {', '.join(others[:3])}", certain=False)
-    more = f", and {len(told) - 1} more" if len(told) > 1 else ""
-    return Known(value=round(value, digits), reason=f"{first} says so{more}")
+        return Known(value=round(chosen, digits), reason=f"{reason}, but {', '.join(others[:3])}", certain=False)
+    return Known(value=round(chosen, digits), reason=reason + (f", and {len(found) - 1} more" if found[1:] else ""))
 
 
 def _sided(files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[str, float]]) -> Known | None:
-    """Widths in mm from the first file that tells them."""
+    """Widths in mm from the first file that has them."""
     for name, facts in files:
         if widths := get(facts):
             value = {side: round(1e3 * widths[side], 1) for side in SIDES if side in widths}
@@ -161,8 +155,9 @@ def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> f
     total, still = 0.0, 0.0
     loaded: list[Array] = []
     for plate in recording.plates:
-        force = _while(plate, posture)
-        if force is None or not len(force):
+        force = plate.force[:, 1]
+        force = force[(plate.time >= posture.start) & (plate.time <= posture.stop) & np.isfinite(force)]
+        if not len(force):
             return None
         mean = float(np.mean(force))
         if mean > 0.1 * GRAVITY * MASS_KG[0]:
@@ -176,24 +171,11 @@ def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> f
         return None
     inside = (recording.time >= posture.start) & (recording.time <= posture.stop)
     feet = [i for i, m in enumerate(recording.labels) if marker_set.segment_of.get(m, "").startswith("foot")]
-    markers = recording.markers[inside][:, feet]
-    places = np.array(
-        [
-            path[np.isfinite(path).all(axis=1)].mean(axis=0)
-            for path in markers.transpose(1, 0, 2)
-            if np.isfinite(path).all(axis=1).any()
-        ]
-    )
-    if len(places) < 4 or not all(any(_inside(p[[0, 2]], corners) for corners in loaded) for p in places):
+    paths = (path[np.isfinite(path).all(axis=1)] for path in recording.markers[inside][:, feet].transpose(1, 0, 2))
+    places = [path.mean(axis=0)[[0, 2]] for path in paths if len(path)]
+    if len(places) < 4 or not all(any(_inside(p, corners) for corners in loaded) for p in places):
         return None
     return mass
-
-
-def _while(plate: ForcePlate, posture: Standing) -> Array | None:
-    """(n,) N, vertical forces while the person stands."""
-    within = (plate.time >= posture.start) & (plate.time <= posture.stop) & np.isfinite(plate.force[:, 1])
-    out: Array = plate.force[within, 1]
-    return out
 
 
 def _inside(point: Array, corners: Array) -> bool:
@@ -227,7 +209,9 @@ def mass_fault(person: Mapping[str, Known], options: Options, plates: tuple[str,
     cure = "give --mass KG"
     if plates is not None and abs(mass / plates[1] - 1) > WEIGHS_ANOTHER:
         ratio = mass / plates[1]
-        unit = next((f": {mass / by:.1f} kg if it is in {u}" for u, by in FACTORS.items() if _near(ratio, by)), "")
+        unit = next(
+            (f": {mass / by:.1f} kg if it is in {u}" for u, by in FACTORS.items() if abs(ratio / by - 1) < ALIKE), ""
+        )
         return f"{said}, {ratio:.2f} times the {plates[1]:.1f} kg that the plates weigh in {plates[0]}{unit}; {cure}"
     if (height := person.get("height_m")) is not None:
         tall = float(str(height.value)) ** 2
@@ -238,7 +222,3 @@ def mass_fault(person: Mapping[str, Known], options: Options, plates: tuple[str,
             words = f"{said}; allowed: {low:.0f} to {high:.0f} kg at a height of {height.value} m"
             return f"{words}{': ' if units else ''}{units}; {cure}, or --height M"
     return ""
-
-
-def _near(ratio: float, factor: float) -> bool:
-    return abs(ratio / factor - 1) < ALIKE

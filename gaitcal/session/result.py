@@ -1,7 +1,4 @@
-"""What a calibration returns: the person's models and, trial by trial, how well they do.
-
-In which frames the angle of a coordinate may be used: where markers show the segments that it is between.
-"""
+"""What a calibration returns: the person's models and, trial by trial, how well they do."""
 
 from __future__ import annotations
 
@@ -41,8 +38,7 @@ from gaitcal.model.parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.session.joint_parameters import HeldOut
-from gaitcal.session.prepare import Bandwidth
+from gaitcal.session.bandwidth import Bandwidth
 from gaitcal.session.truth_errors import TruthErrors
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
@@ -62,6 +58,19 @@ class Stage(Enum):
 
     def __init__(self, key: str, words: str, short: str) -> None:
         self.key, self.words, self.short = key, words, short
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Marker error of one trial over frames that did not take part in the fit."""
+
+    nominal: float
+    """m, RMS over the same frames with the nominal joint parameters."""
+    calibrated: float
+    """m, with joint parameters fitted without them."""
+    folds: int
+    legs: tuple[float, float] | None = None
+    """m, nominal and calibrated over the markers of pelvis and legs; None for an isolated trial."""
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,8 @@
-"""The tables of a calibration: parameters, and trial by trial coordinates, generalised forces and marker errors.
-
-The tables of joint powers and of moment vectors of a trial, as `powers/TRIAL.csv` and `moment_vectors/TRIAL.csv`.
-
-Angles of the pelvis against the line of progression of one stride, as tables and page have them.
-"""
+"""The tables of a calibration: parameters, and by trial coordinates, forces, powers, moments and marker errors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -77,43 +72,36 @@ def parameter_table(calibration: Calibration) -> pd.DataFrame:
 
 def parameter_rows(calibration: Calibration) -> list[dict[str, Any]]:
     """The rows of `parameter_table`, by the names of its columns; `standard_error` is None where there is none."""
-    nominal, fitted = calibration.nominal.parameters, calibration.model.parameters
-    joint_free = set(calibration.joint.free) if calibration.joint else set()
-    inertial_free = _free_inertial(calibration)
-    errors, unseen = calibration.standard_errors, set(calibration.unidentifiable)
-    rows: list[dict[str, Any]] = []
-    for i, p in enumerate(JOINT_PARAMETERS):
-        place = {"name": p.name, "kind": f"joint {p.kind.value}", "segment": p.segment, "joint": p.joint}
-        figures = _figures(nominal.joint[i], fitted.joint[i], errors.get(p.name), p.kind.to_si)
-        rows.append({**place, "unit": p.kind.unit, **figures, "status": _status(p.name, joint_free, unseen)})
-    for i, name in enumerate(IP_NAMES):
+    nominal, fitted, inertial = calibration.nominal.parameters, calibration.model.parameters, calibration.inertial
+    errors, free = calibration.standard_errors, set(calibration.joint.free if calibration.joint else ())
+    if inertial is not None and inertial.moved:
+        free |= {n for n, moved in zip(IP_NAMES, np.abs(inertial.jacobian).sum(axis=1) > 0, strict=True) if moved}
+    kinds = {"mass": "mass", "com": "mass centre", "moi": "moment of inertia"}
+
+    def row(
+        name: str, kind: str, segment: str, joint: str, unit: str, values: Sequence[float], to_si: float
+    ) -> dict[str, Any]:
+        error = errors.get(name)
+        return {
+            "name": name,
+            "kind": kind,
+            "segment": segment,
+            "joint": joint,
+            "unit": unit,
+            "nominal": float(values[0] / to_si),
+            "fitted": float(values[1] / to_si),
+            "standard_error": None if error is None else float(error / to_si),
+            "status": "unidentifiable" if name in calibration.unidentifiable else "fitted" if name in free else "fixed",
+        }
+
+    rows = [
+        row(p.name, f"joint {p.kind.value}", p.segment, p.joint, p.kind.unit, values, p.kind.to_si)
+        for p, *values in zip(JOINT_PARAMETERS, nominal.joint, fitted.joint, strict=True)
+    ]
+    for name, unit, to_si, *values in zip(IP_NAMES, IP_UNITS, IP_TO_SI, nominal.inertial, fitted.inertial, strict=True):
         segment, quantity = name.split(".", 1)
-        kind = {"mass": "mass", "com": "mass centre", "moi": "moment of inertia"}[quantity.split(".")[0]]
-        place = {"name": name, "kind": kind, "segment": segment, "joint": ""}
-        figures = _figures(nominal.inertial[i], fitted.inertial[i], errors.get(name), IP_TO_SI[i])
-        rows.append({**place, "unit": IP_UNITS[i], **figures, "status": _status(name, inertial_free, unseen)})
+        rows.append(row(name, kinds[quantity.split(".")[0]], segment, "", unit, values, to_si))
     return rows
-
-
-def _figures(nominal: float, fitted: float, error: float | None, to_si: float) -> dict[str, object]:
-    """The figures of one parameter in the unit of the table, from SI."""
-    return {
-        "nominal": float(nominal / to_si),
-        "fitted": float(fitted / to_si),
-        "standard_error": None if error is None else float(error / to_si),
-    }
-
-
-def _status(name: str, free: set[str], unseen: set[str]) -> str:
-    """`free`: parameters that were fitted; `unseen`: such as the trials do not show."""
-    return "unidentifiable" if name in unseen else "fitted" if name in free else "fixed"
-
-
-def _free_inertial(calibration: Calibration) -> set[str]:
-    if calibration.inertial is None or not calibration.inertial.moved:
-        return set()
-    moved = np.abs(calibration.inertial.jacobian).sum(axis=1) > 0
-    return {name for name, free in zip(IP_NAMES, moved, strict=True) if free}
 
 
 def coordinate_table(
@@ -140,9 +128,8 @@ def coordinate_table(
 
 def moment_table(loads: LoadedTrial) -> dict[str, NDArray[Any]]:
     """time, valid, valid_r, valid_l, then per force its value, standard error and % of body weight times height."""
-    final, unknown, reactions = loads.final, np.full(len(loads.final.time), np.nan), loads.reactions
-    columns: dict[str, NDArray[Any]] = {"time": final.time, "valid": reactions.valid.astype(int)}
-    columns |= {"valid_r": reactions.valid_r.astype(int), "valid_l": reactions.valid_l.astype(int)}
+    final, unknown = loads.final, np.full(len(loads.final.time), np.nan)
+    columns = _first(final.time, loads.reactions)
     for name in (*FILE_COORDINATES, *REACTIONS):
         value = moment_of(final, name)
         columns[name] = value

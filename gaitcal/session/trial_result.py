@@ -2,14 +2,6 @@
 
 A calibration assembles its own trials here, and `gaitcal dynamics` every further trial of the calibrated person.
 
-The motions of all trials with the nominal and with the fitted joint parameters, and the forces under the feet.
-
-What the fit figures of a trial are of: the motion of what was fitted, and the floors below its errors.
-
-How near model markers come to measured ones: before, after, and the floors of rigid segments and of joints.
-
-The coordinates that a model shows for the static posture, and ankle angles that stay counted from it.
-
 Ankle angles are counted from the static posture (`model/ankle_zero.py`). A fit turns the two axes of an ankle, and with
 other axes the same posture has other coordinates: a walk would come out bent by as much, whose feet nobody moved. So
 after every fit of joint parameters the zero angles z of the two joints are moved by
@@ -21,7 +13,7 @@ in the direction of their coordinate, and every motion's coordinate by -dz: posi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -30,217 +22,37 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import (
     MotionSensitivity,
-    TrialScores,
     coordinate_standard_errors,
     coordinate_variances,
     marker_moves,
-    whole_body_scores,
 )
+from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.calibration.joint_prior import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
-from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.faults.force_diagnosis import ForceDiagnosis, beyond_expected
+from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.gait.events import TrialEvents, trial_events
 from gaitcal.gait.moments import segment_words
-from gaitcal.gait.spatiotemporal import strides_measured
+from gaitcal.gait.spatiotemporal import stride_findings, strides_measured
 from gaitcal.gait.strides import facing, pelvis_angles
-from gaitcal.gait.symmetry import stride_findings
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Joint, Source
+from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Source
 from gaitcal.model.parameters import Parameters, impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.joint_floor import JointFloor, joint_floor
-from gaitcal.motion.motion import MarkerErrors, Motion, rigid_floor, tracked_motion
+from gaitcal.motion.joint_floor import joint_floor
+from gaitcal.motion.motion import rigid_floor, tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.session.joint_parameters import HeldOut
-from gaitcal.session.prepare import PreparedTrial, measured_reactions, prepare_trial, standing_problem
 from gaitcal.session.result import LoadedTrial, Stage, TrialResult, Uncertainty
+from gaitcal.session.session import MovingTrial, Session, prepare_trial, standing_problem, tracked
 from gaitcal.session.warnings import diagnose_forces, is_trunk_unmeasured, trial_findings
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import Role, StudyTrial
-
-
-@dataclass(frozen=True)
-class FittedMotion:
-    """Of the whole body in gait, of the segments of its joint in an isolated trial."""
-
-    calibrated: Motion | None
-    """With the parameters at the end of the trial's own phase; None in gait: the motion of the whole body."""
-    final: Motion | None
-    """With the last parameters."""
-    floor: MarkerErrors
-    """Of rigid segments."""
-    joint_floor: JointFloor | None
-
-
-def fitted_motion(trial: PreparedTrial, final: Parameters, fitted_with: Parameters, body: Motion) -> FittedMotion:
-    """Track what was fitted in a trial, and see how near its markers any motion comes.
-
-    Inertial parameters play no part.
-
-    Parameters
-    ----------
-    final : parameters after all phases.
-    fitted_with : those at the end of an isolated trial's own phase.
-    body : whole-body motion with `final`.
-    """
-    floor = rigid_floor(trial.fitted)
-    if trial.joint is None:
-        return FittedMotion(None, None, floor, joint_floor(trial.fitted, final, body.q))
-    last = tracked_motion(trial.fitted, final)
-    calibrated = last if fitted_with is final else tracked_motion(trial.fitted, fitted_with)
-    return FittedMotion(calibrated, last, floor, joint_floor(trial.fitted, fitted_with, calibrated.q))
-
-
-def trial_result(
-    trial: PreparedTrial,
-    stages: Mapping[Stage, tuple[Parameters, Motion]],
-    body: Motion,
-    *,
-    fitted: FittedMotion,
-    scores: TrialScores | None,
-    reactions: GroundReactions | None,
-    uncertainty: Uncertainty,
-    plates: PlateErrors,
-    axes: Mapping[str, tuple[float, float, float]],
-    model: SubjectModel,
-    held_out: HeldOut | None = None,
-) -> TrialResult:
-    """Assemble the result of a tracked trial.
-
-    Parameters
-    ----------
-    stages : the models that were reached, in their order, each with the motion that its moments are of.
-    body : whole-body motion with the last of them.
-    fitted : the motion of what was fitted.
-    scores : of the markers of a gait trial (`whole_body_scores`); an isolated one needs none.
-    reactions : None without force plates.
-    uncertainty : of the last model.
-    plates : how far the ground reactions are to be believed.
-    axes : standard deviations of where the segments' axes point, deg (`dynamics/axis_errors.py`).
-    model : of the person, for weight, height, and where heels and toes are.
-    """
-    subject = model.subject
-    final, _ = stages[max(stages, key=list(Stage).index)]
-    turned = AxisErrors(final, axes)
-    moves = None if trial.joint else marker_moves(trial.with_skin, body.nodes, final, uncertainty.joint, scores)
-    erring = None
-    if reactions is not None:
-        erring = _erring_forces(trial.body, body, final, reactions, uncertainty, plates, turned, moves)
-
-    def told() -> TrialResult:
-        """All but the errors of torques."""
-        variances = {} if moves is None else coordinate_variances(trial.body, moves)
-        events = _events(trial, model.with_parameters(final), body, reactions)
-        feet = _feet(model.with_parameters(final), body)
-        faced = None if trial.joint else facing(pelvis_angles(body))
-        strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
-        loads = None
-        if reactions is not None:
-            moments = {
-                stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in stages.items()
-            }
-            loads = LoadedTrial(reactions, moments, None, kinetics_of(final, body, reactions.wrench))
-        doubts = trial_findings(
-            trial.body,
-            final,
-            body,
-            stages[Stage.NOMINAL][1],
-            subject.weight,
-            None if loads is None else loads.final,
-            None if loads is None else loads.reactions,
-        )
-        return TrialResult(
-            name=trial.name,
-            role=trial.role,
-            joint=trial.joint,
-            recording=trial.recording,
-            nominal=stages[Stage.NOMINAL][1],
-            calibrated=fitted.calibrated or body,
-            final=fitted.final or body,
-            floor=fitted.floor,
-            joint_floor=fitted.joint_floor,
-            body=body,
-            loads=loads,
-            coordinate_errors=None
-            if moves is None
-            else coordinate_standard_errors(trial.body, moves, turned.coordinate_errors(body.q), variances),
-            own_coordinate_errors=None
-            if ErrorSource.MOTION not in variances
-            else np.sqrt(variances[ErrorSource.MOTION]),
-            held_out=held_out,
-            bandwidth=trial.bandwidth,
-            events=events,
-            strides=strides,
-            doubts=(*doubts, *stride_findings(trial.name, strides)),
-        )
-
-    if erring is None:
-        return told()
-    with ThreadPoolExecutor() as pool:  # products of large matrices, which let other threads compute meanwhile
-        parts = list(pool.map(with_one_blas_thread(erring.variances), erring.parts))
-    return _held(told(), joined(parts), subject.weight)
-
-
-def _held(result: TrialResult, errors: TorqueErrors, weight: float) -> TrialResult:
-    """The result with its errors of torques, and with what they say of its pelvis residual. `weight`: N."""
-    if result.loads is None:
-        return result
-    body, reactions = result.body, result.loads.reactions
-    expected = expected_residual(result.loads.final, errors, reactions, body, weight)
-    beyond = () if expected is None else beyond_expected(result.name, expected, not is_trunk_unmeasured(body))
-    loads = replace(result.loads, errors=errors, expected=expected)
-    return replace(result, loads=loads, doubts=(*result.doubts, *beyond))
-
-
-def _events(trial: PreparedTrial, model: SubjectModel, body: Motion, reactions: GroundReactions | None) -> TrialEvents:
-    """Of a gait trial; an isolated one has none."""
-    return TrialEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
-
-
-def _feet(model: SubjectModel, body: Motion) -> FootPoints | None:
-    """Heels and toes of a motion; None where the model does not know them."""
-    return foot_points(model, body, model.parameters) if has_feet(model) else None
-
-
-def _erring_forces(
-    problem: TrialProblem,
-    motion: Motion,
-    parameters: Parameters,
-    reactions: GroundReactions,
-    uncertainty: Uncertainty,
-    plates: PlateErrors,
-    axes: AxisErrors,
-    moves: MotionSensitivity | None,
-) -> ErringForces | None:
-    """The final moments with what may be wrong; None for impossible bodies, whose mass matrix has no meaning."""
-    if impossible_bodies(parameters.inertial):
-        return None
-    return ErringForces(
-        problem=problem,
-        nodes=motion.nodes,
-        parameters=parameters,
-        wrenches=reactions.wrench,
-        free=uncertainty.joint.free if uncertainty.joint else (),
-        moves=moves or marker_moves(problem, motion.nodes, parameters, uncertainty.joint),
-        inertial=uncertainty.inertial,
-        plates=plates,
-        axes=axes,
-    )
-
-
-def axis_deviations(settings: CalibrationSettings) -> Mapping[str, tuple[float, float, float]]:
-    """Segment -> deg, how far its axes may point elsewhere."""
-    return EXACT if settings.segment_axes == "exact" else PALPATED_DEG
+from gaitcal.study.study_trial import StudyTrial, cleaned_trial
 
 
 def analyse(
@@ -255,62 +67,116 @@ def analyse(
     settings : of the calibration (splines, force filter and errors of force plates).
     uncertainty : of the calibration, for standard errors.
     """
-    prepared = prepare_trial(trial, model, settings)
+    segment_of = dict(zip(model.markers.labels, model.markers.segments, strict=True))
+    prepared = prepare_trial(cleaned_trial(trial, segment_of), model, settings)
     if uncertainty.joint is not None:
         tissue = tissue_of_walk(prepared.body, model.nominal, uncertainty.joint.free)
         prepared = replace(prepared, tissue=tissue)
-    nominal = tracked_motion(prepared.body, model.nominal)
-    motion = tracked_motion(prepared.body, model.parameters)
-    reactions, diagnosis = None, ForceDiagnosis()
-    if prepared.recording.plates:
-        reactions = measured_reactions(prepared, model, model.parameters, motion, settings)
-        diagnosis = diagnose_forces([prepared], model, model.parameters, {trial.name: motion}, {trial.name: reactions})
-    result = trial_result(
-        prepared,
-        {Stage.NOMINAL: (model.nominal, nominal), Stage.JP_IP: (model.parameters, motion)},
-        motion,
-        fitted=fitted_motion(prepared, model.parameters, model.parameters, motion),
-        scores=whole_body_scores(prepared.with_skin, motion.nodes, model.parameters, uncertainty.joint),
-        reactions=reactions,
-        uncertainty=uncertainty,
-        plates=PlateErrors.of(settings.plate_error),
-        axes=axis_deviations(settings),
-        model=model,
+    session = Session(
+        model=model, settings=settings, parameters=model.parameters, trials=(prepared,), uncertainty=uncertainty
     )
-    return replace(result, doubts=(*result.doubts, *diagnosis.findings))
+    session = replace(session, trials=(tracked(prepared, session, Stage.JP_IP),))
+    result = trial_result(session.trials[0], session)
+    return replace(result, doubts=(*result.doubts, *diagnose_forces(session).findings))
 
 
-@dataclass(frozen=True)
-class Tracked:
-    """By the name of the trial."""
+def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
+    """Assemble the result of a tracked trial of a session."""
+    moves = None
+    if trial.joint is None:
+        joint, nodes = session.uncertainty.joint, trial.motion.nodes
+        moves = marker_moves(trial.with_skin, nodes, trial.parameters, joint, trial.scores)
+    axes = AxisErrors(trial.parameters, axis_deviations(session.settings))
+    erring = _erring_forces(trial, session, axes, moves)
+    if erring is None:
+        return _without_torque_errors(trial, session, axes, moves)
+    with ThreadPoolExecutor() as pool:  # products of large matrices, which let other threads compute meanwhile
+        parts = list(pool.map(with_one_blas_thread(erring.variances), erring.parts))
+    result = _without_torque_errors(trial, session, axes, moves)
+    return _with_torque_errors(result, joined(parts), session.model.subject.weight)
 
-    before: Mapping[str, Motion]
-    """With the nominal model: the whole body in gait, the segments of its joint in an isolated trial."""
-    motions: Mapping[str, Motion]
-    """Of the whole body, with the fitted joint parameters."""
-    reactions: Mapping[str, GroundReactions]
-    """On the feet of these motions; of gait trials with force plates."""
+
+def _without_torque_errors(
+    trial: MovingTrial, session: Session, axes: AxisErrors, moves: MotionSensitivity | None
+) -> TrialResult:
+    """All but the errors of torques."""
+    body, final, reactions, subject = trial.motion, trial.parameters, trial.reactions, session.model.subject
+    model = session.model.with_parameters(final)
+    variances = {} if moves is None else coordinate_variances(trial.body, moves)
+    events = TrialEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
+    feet = foot_points(model, body, final) if has_feet(model) else None
+    faced = None if trial.joint else facing(pelvis_angles(body))
+    strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
+    loads = None
+    if reactions is not None:
+        moments = {
+            stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in trial.stages.items()
+        }
+        loads = LoadedTrial(reactions, moments, None, kinetics_of(final, body, reactions.wrench))
+    calibrated, last = body, body
+    own = parameters_for(session.joint, trial.name, final)
+    if trial.joint is not None:
+        last = tracked_motion(trial.fitted, final)
+        calibrated = last if own is final else tracked_motion(trial.fitted, own)
+    return TrialResult(
+        name=trial.name,
+        role=trial.role,
+        joint=trial.joint,
+        recording=trial.recording,
+        nominal=trial.nominal,
+        calibrated=calibrated,
+        final=last,
+        floor=rigid_floor(trial.fitted),
+        joint_floor=joint_floor(trial.fitted, final if trial.joint is None else own, calibrated.q),
+        body=body,
+        loads=loads,
+        coordinate_errors=None
+        if moves is None
+        else coordinate_standard_errors(trial.body, moves, axes.coordinate_errors(body.q), variances),
+        own_coordinate_errors=None if ErrorSource.MOTION not in variances else np.sqrt(variances[ErrorSource.MOTION]),
+        held_out=trial.held_out,
+        bandwidth=trial.bandwidth,
+        events=events,
+        strides=strides,
+        doubts=(*trial_findings(trial, loads, subject.weight), *stride_findings(trial.name, strides)),
+    )
 
 
-def tracked_trials(
-    trials: Sequence[PreparedTrial], nominal: SubjectModel, parameters: Parameters, settings: CalibrationSettings
-) -> Tracked:
-    """Track all trials with both models."""
+def axis_deviations(settings: CalibrationSettings) -> Mapping[str, tuple[float, float, float]]:
+    """Segment -> deg, how far its axes may point elsewhere."""
+    return EXACT if settings.segment_axes == "exact" else PALPATED_DEG
 
-    def loaded(trial: PreparedTrial) -> tuple[Motion, GroundReactions | None]:
-        motion = tracked_motion(trial.body, parameters)
-        if trial.role is not Role.GAIT or not trial.recording.plates:
-            return motion, None
-        return motion, measured_reactions(trial, nominal, parameters, motion, settings)
 
-    names = [trial.name for trial in trials]
-    parts = [trial.fitted if trial.joint else trial.body for trial in trials]
-    after = [loaded(trial) for trial in trials]
-    before = [tracked_motion(part, nominal.parameters) for part in parts]
-    return Tracked(
-        before=dict(zip(names, before, strict=True)),
-        motions={name: motion for name, (motion, _) in zip(names, after, strict=True)},
-        reactions={name: r for name, (_, r) in zip(names, after, strict=True) if r is not None},
+def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float) -> TrialResult:
+    """The result with its errors of torques, and with what they say of its pelvis residual. `weight`: N."""
+    if result.loads is None:
+        return result
+    body, reactions = result.body, result.loads.reactions
+    expected = expected_residual(result.loads.final, errors, reactions, body, weight)
+    beyond = () if expected is None else beyond_expected(result.name, expected, not is_trunk_unmeasured(body))
+    loads = replace(result.loads, errors=errors, expected=expected)
+    return replace(result, loads=loads, doubts=(*result.doubts, *beyond))
+
+
+def _erring_forces(
+    trial: MovingTrial, session: Session, axes: AxisErrors, moves: MotionSensitivity | None
+) -> ErringForces | None:
+    """The final moments with what may be wrong; None without forces, and for impossible bodies, whose mass matrix has
+    no meaning.
+    """
+    if trial.reactions is None or impossible_bodies(trial.parameters.inertial):
+        return None
+    joint, nodes = session.uncertainty.joint, trial.motion.nodes
+    return ErringForces(
+        problem=trial.body,
+        nodes=nodes,
+        parameters=trial.parameters,
+        wrenches=trial.reactions.wrench,
+        free=joint.free if joint else (),
+        moves=moves or marker_moves(trial.body, nodes, trial.parameters, joint),
+        inertial=session.uncertainty.inertial,
+        plates=PlateErrors.of(session.settings.plate_error),
+        axes=axes,
     )
 
 
@@ -389,26 +255,16 @@ def counted_from_static(model: SubjectModel, parameters: Parameters, static: Rec
     after, before = (static_angles(model, p, static) for p in (parameters, model.nominal))
     zero, moved = parameters.zero_angles.copy(), {}
     for joint in JOINTS:
-        for name, coordinate, sign in _zeroed(joint):
-            moved[coordinate] = after[coordinate] - before[coordinate]
-            zero[ZERO_ANGLES.index(name)] += sign * moved[coordinate]
+        turns = {e.axis: e for e in joint.elements if e.source is Source.COORDINATE}
+        for e in joint.elements:
+            if e.source is Source.ZERO_ANGLE and (turn := turns.get(e.axis)) is not None:
+                moved[turn.name] = after[turn.name] - before[turn.name]
+                zero[ZERO_ANGLES.index(e.name)] += e.sign * turn.sign * moved[turn.name]
     here = after | {name: before[name] for name in moved}
     return Counted(replace(parameters, zero_angles=zero), moved, here)
-
-
-def as_fitted(model: SubjectModel, parameters: Parameters, static: Recording) -> Counted:
-    """The same where the ankles keep the zero of the nominal model: nothing moves."""
-    return Counted(parameters, {}, static_angles(model, parameters, static))
 
 
 def shifted(nodes: Array, coordinates: tuple[str, ...], moved: Mapping[str, float]) -> Array:
     """The nodes (nn, nq) of a motion after `counted_from_static`: B-splines sum to one, so they move as the angle."""
     out: Array = nodes - np.array([moved.get(name, 0.0) for name in coordinates])
     return out
-
-
-def _zeroed(joint: Joint) -> list[tuple[str, str, float]]:
-    """Zero angle, coordinate about the same axis and the sign of one against the other, of a joint that has one."""
-    zeros = [e for e in joint.elements if e.source is Source.ZERO_ANGLE]
-    turns = [e for e in joint.elements if e.source is Source.COORDINATE]
-    return [(z.name, q.name, z.sign * q.sign) for z in zeros for q in turns if z.axis == q.axis]

@@ -1,33 +1,24 @@
 """What speaks against a finished calibration: one finding for each thing that its own figures put in doubt.
 
-What a tracked trial says against itself: residuals with structure, and what no body can do.
-
-How much of the body's mass moves in a way that markers do not determine, and what that does to the pelvis residual.
-
 A segment without the markers it needs moves as a prior has it (`motion/undetermined.py`). What its mass does otherwise
 appears at the pelvis as force and moment that nothing explains: so long as the trunk is such a segment, the pelvis
 residual says how it moves, and nothing of masses. Torques of the legs are summed from the feet upwards and do not
 depend on it.
 
-Which trials of a study have forces that are at fault: asked before any force moves a parameter.
-
-It is the residual after the joint parameters and with nominal masses that tells: inertial parameters, and joint ones
-fitted with them, take a fault of the forces up (a clock 66 ms late leaves 96 N before and 7 N after).
+Forces are judged after the joint parameters and with nominal masses: inertial parameters, and joint ones fitted with
+them, take a fault of the forces up (a clock 66 ms late leaves 96 N before and 7 N after).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from gaitcal.arrays import BoolArray
-from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.calibration.joint_prior import prior_of_study
+from gaitcal.calibration.joint_phases import Phase
 from gaitcal.codes import Code
-from gaitcal.dynamics.ground_contact import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.faults.after_fit import TrackedMarkers, impossible, large_changes, marker_findings
 from gaitcal.faults.force_diagnosis import ForceDiagnosis, force_findings
 from gaitcal.faults.force_evidence import force_evidence
@@ -37,41 +28,34 @@ from gaitcal.faults.verdict import touches_model
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.linkage import JOINT_OF_CHILD, LOWER_BODY
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, impossible_bodies, table
-from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.session.prepare import PreparedTrial
-from gaitcal.session.result import TrialResult
-from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study
+from gaitcal.session.result import LoadedTrial, TrialResult
+from gaitcal.session.session import MovingTrial, Session
 
 WORSE_M, WORSE = 5e-4, 0.02
 """m, and share of the nominal error, by how much markers are met worse before it is told."""
 
 
 def calibration_findings(
-    study: Study,
-    results: Sequence[TrialResult],
-    parameters: Parameters,
-    phases: Sequence[Phase],
-    nominal: SubjectModel,
-    joint: JointCalibration | None,
+    session: Session, results: Sequence[TrialResult], phases: Sequence[Phase]
 ) -> tuple[Finding, ...]:
-    """What the figures of a calibration that ended with `parameters` put in doubt."""
-    isolated = {t.joint for t in results if t.joint is not None}
-    settings, places = study.settings, tuple[Finding, ...]()
-    if joint is not None:
-        prior = prior_of_study(settings.joint_prior, study.joint_prior)
-        places = tuple(joint_place_findings(nominal, parameters, joint.influence, prior, isolated))
-    return (*bodies_that_cannot_be(settings, parameters), *disagreements(results), *unfinished(phases), *places)
+    """What the figures of a finished calibration put in doubt."""
+    places = tuple[Finding, ...]()
+    if session.joint is not None:
+        isolated = {t.joint for t in results if t.joint is not None}
+        found = joint_place_findings(
+            session.model, session.parameters, session.joint.influence, session.prior, isolated
+        )
+        places = tuple(found)
+    return (*bodies_that_cannot_be(session), *disagreements(results), *unfinished(phases), *places)
 
 
-def bodies_that_cannot_be(settings: CalibrationSettings, parameters: Parameters) -> Iterator[Finding]:
+def bodies_that_cannot_be(session: Session) -> Iterator[Finding]:
     """Inertial parameters that no real body has, which only the published cost can find."""
-    bodies = impossible_bodies(parameters.inertial)
+    bodies = impossible_bodies(session.parameters.inertial)
     if not bodies:
         return
-    left_out = "; the third step needs possible ones and was left out" if settings.joint_step else ""
+    left_out = "; the third step needs possible ones and was left out" if session.settings.joint_step else ""
     yield Finding(
         severity=Severity.WARNING,
         topic="inertial parameters",
@@ -116,42 +100,25 @@ def unfinished(phases: Sequence[Phase]) -> Iterator[Finding]:
             )
 
 
-def trial_findings(
-    problem: TrialProblem,
-    parameters: Parameters,
-    motion: Motion,
-    nominal: Motion,
-    weight: float,
-    moments: Moments | None,
-    reactions: GroundReactions | None,
-) -> tuple[Finding, ...]:
-    """Findings on one trial whose whole body was tracked with the final `parameters`.
-
-    Parameters
-    ----------
-    problem, motion : the whole body.
-    nominal : the motion with the nominal model, of the whole body or a part.
-    weight : of the body, N.
-    moments, reactions : final generalised forces, and where they mean something; None without force plates.
-    """
-    valid, legs = (None, None) if reactions is None else (reactions.valid, reactions.valid_legs)
-    markers = marker_findings(tracked_markers(problem, parameters, motion))
-    return (*markers, *impossible(motion, weight, moments, valid, legs), *large_changes(nominal, motion, valid))
-
-
-def tracked_markers(problem: TrialProblem, parameters: Parameters, motion: Motion) -> TrackedMarkers:
-    """Measured markers beside the model's."""
+def trial_findings(trial: MovingTrial, loads: LoadedTrial | None, weight: float) -> tuple[Finding, ...]:
+    """Findings on one tracked trial: residuals with structure, and what no body can do. `weight`: of the body, N."""
+    problem, motion = trial.body, trial.motion
     measured = problem.data.measured.transpose(2, 0, 1)
     seen: BoolArray = np.any(measured != 0.0, axis=2)
-    return TrackedMarkers(
+    tracked = TrackedMarkers(
         name=motion.name,
         time=motion.time,
         labels=problem.labels,
         segments=motion.errors.segments,
         weight=motion.errors.weight,
         measured=np.where(seen[:, :, None], measured, np.nan),
-        model=problem.positions(motion.nodes, problem.constants(parameters)).transpose(2, 0, 1),
+        model=problem.positions(motion.nodes, problem.constants(trial.parameters)).transpose(2, 0, 1),
     )
+    moments, valid, legs = None, None, None
+    if loads is not None:
+        moments, valid, legs = loads.final, loads.reactions.valid, loads.reactions.valid_legs
+    bounds = impossible(motion, weight, moments, valid, legs)
+    return (*marker_findings(tracked), *bounds, *large_changes(trial.nominal, motion, valid))
 
 
 TRUNK = "head_trunk"
@@ -208,37 +175,31 @@ def spoilt_motions(checked: Sequence[Finding]) -> frozenset[str]:
     return frozenset(f.where for f in checked if f.leg and f.severity is Severity.ERROR and touches_model(f.topic))
 
 
-def diagnose_forces(
-    trials: Sequence[PreparedTrial],
-    model: SubjectModel,
-    parameters: Parameters,
-    motions: Mapping[str, Motion],
-    reactions: Mapping[str, GroundReactions],
-    checked: Sequence[Finding] = (),
-) -> ForceDiagnosis:
-    """What is wrong with the forces of the trials that have `reactions`, by motions with `parameters`.
+def diagnose_forces(session: Session) -> ForceDiagnosis:
+    """What is wrong with the forces of the tracked trials, by their motions and nominal inertial parameters.
 
-    Inertial parameters are those of `model.nominal`, whatever `parameters` has. What the checks said of the markers
-    tells whose motion is doubtful.
+    What the checks said of the markers tells whose motion is doubtful.
     """
+    model, checked = session.model, session.checked
     doubtful = spoilt_motions(checked) | {f.where for f in checked if f.topic == ONE_MARKER and f.cause}
-    parameters = parameters.with_inertial(model.nominal.inertial)
+    parameters = session.parameters.with_inertial(model.nominal.inertial)
     if impossible_bodies(parameters.inertial):
         return ForceDiagnosis()
     evidence = (
-        force_evidence(t.trial, t.recording, model, parameters, motions[t.name], reactions[t.name])
-        for t in trials
-        if t.name in reactions
+        force_evidence(t, t.recording, model, parameters, t.motion, t.reactions)
+        for t in session.trials
+        if t.reactions is not None
     )
     return force_findings([replace(one, doubtful=one.name in doubtful) for one in evidence if one is not None])
 
 
-def left_out_of_masses(trials: Sequence[PreparedTrial], faulty: Collection[str], spoilt: Collection[str]) -> list[str]:
+def left_out_of_masses(session: Session) -> list[str]:
     """Notes on the trials that say nothing of masses."""
+    faulty, spoilt = session.forces.faulty, spoilt_motions(session.checked)
     words = {
-        "forces at fault say nothing of masses": [t.name for t in trials if t.name in faulty],
+        "forces at fault say nothing of masses": [t.name for t in session.trials if t.name in faulty],
         "a leg that its markers do not show says nothing of masses": [
-            t.name for t in trials if t.joint is None and t.name in spoilt and t.name not in faulty
+            t.name for t in session.walks if t.name in spoilt and t.name not in faulty
         ],
     }
     return [f"inertial parameters: {why}; left out: {', '.join(names)}" for why, names in words.items() if names]

@@ -1,14 +1,21 @@
 """What is known of a person's joint parameters before any recording is looked at: anatomy, study file, cohort.
 
-The type that all three share, and what a study file may say of it (`[calibration] joint_prior`); anatomy's own table is
-`calibration/joint_prior.py`, where the three are put together.
+The type that all three share, what a study file may say (`[calibration] joint_prior`), and the `priors.json` of a
+cohort; anatomy's table is in `calibration/joint_prior.py`, where the three are put together.
 
-What a cohort says of a person's joint parameters before any of their recordings is looked at: `priors.json`.
+`priors.json` is written by `gaitcal cohort --learn-priors`, read by `gaitcal calibrate --priors`, or where a study file
+names it (`[calibration] priors`). It holds what was learnt of everybody, and of everybody but each fold of people: who
+is among the people of the file leans on what was learnt without their fold. Persons are recognised by their recordings,
+or by their name; the file holds hashes of both, no name.
 
-Written by `gaitcal cohort --learn-priors` (`gaitcal/cohort`), read by `gaitcal calibrate --priors`, or where a
-study file names it (`[calibration] priors`). The file holds what was learnt of everybody, and of everybody but each
-fold of people: whoever is among the people of the file leans on what was learnt without their fold. Persons are
-recognised by their recordings, or by their name; the file holds hashes of both, no name.
+The deviations d of a person's joint parameters from their nominal values, in units of what is known of anybody (mean
+m0, covariance F F^T), are those of people of that size and sex, and the person's own:
+
+    y = F^-1 (d - m0) = X w + u,    u ~ N(0, Sigma),    X = [D B, z D B, x D B],
+
+D positions by body height over `HEIGHT`, z the height in steps of `STEP` (within that of the people it was learnt of),
+x half a sex, B the directions in which both sides deviate alike. Without z and x, X = D B. F leaves a mirror image a
+mirror image, and mixes no positions with orientations.
 """
 
 from __future__ import annotations
@@ -27,11 +34,9 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.io.snapshot import sha256_of
-from gaitcal.io.toml import package_version
-from gaitcal.io.validation import Table, shown, validated
-from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from gaitcal.study.people_design import Person, design
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.toml import Table, package_version, shown, validated
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.study.settings import CalibrationSettings
 
 if TYPE_CHECKING:
@@ -103,6 +108,66 @@ def require_joint_prior(settings: CalibrationSettings, source: Path | str) -> No
         raise InputError(message, source=source, field=field, code=Code.PRIORS)
 
 
+HEIGHT, STEP = 1.70, 0.10
+"""m."""
+SEXES = {"female": -0.5, "male": 0.5}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Person:
+    """What deviations may depend on."""
+
+    height: float
+    """m."""
+    sex: str
+
+
+def mirror(names: Sequence[str]) -> Array:
+    """(n, n) M: M y are the deviations of a person seen in a mirror. Every name's other side is among the names."""
+    place = {name: k for k, name in enumerate(names)}
+    out = np.zeros((len(names), len(names)))
+    for name, k in place.items():
+        parameter = JOINT_PARAMETERS[JP_INDEX[name]]
+        out[place[other_side(name)], k] = -1.0 if parameter.mirrored else 1.0
+    return out
+
+
+def other_side(name: str) -> str:
+    """The same parameter of the other leg or arm; itself of the back."""
+    parameter = JOINT_PARAMETERS[JP_INDEX[name]]
+    if parameter.joint[-2:] not in ("_r", "_l"):
+        return name
+    swapped = parameter.joint[:-1] + ("l" if parameter.joint[-1] == "r" else "r")
+    return name.replace(parameter.joint, swapped, 1)
+
+
+def sided_directions(names: Sequence[str]) -> tuple[Array, Array]:
+    """(n, a) and (n, b) orthonormal directions in which both sides deviate alike, and by the opposite."""
+    reflected = mirror(names)
+    alike, opposite = list[Array](), list[Array]()
+    for k in range(len(names)):
+        other = int(np.flatnonzero(reflected[:, k])[0])
+        if other < k:
+            continue
+        for sign, found in ((1.0, alike), (-1.0, opposite)):
+            direction = np.eye(len(names))[k] + sign * reflected[:, k]
+            length = np.linalg.norm(direction)
+            if length > 0.0:
+                found.append(direction / length)
+    return np.array(alike).reshape(-1, len(names)).T, np.array(opposite).reshape(-1, len(names)).T
+
+
+def design(names: Sequence[str], person: Person, heights: tuple[float, float], *, by_size: bool) -> Array:
+    """(n, k) X of a person. `heights`: m, those of the people it is learnt of; beyond them nothing changes."""
+    alike, _ = sided_directions(names)
+    position = np.array([JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names])
+    sized = np.where(position, person.height / HEIGHT, 1.0)[:, None] * alike
+    if not by_size:
+        return sized
+    height = float(np.clip(person.height, *heights))
+    return np.hstack([sized, (height - HEIGHT) / STEP * sized, SEXES.get(person.sex, 0.0) * sized])
+
+
 FORMAT = 2
 KIND = "joint parameters of a cohort"
 UNLEARNT = "nothing"
@@ -169,47 +234,35 @@ def read_cohort_priors(path: Path) -> CohortPriors:
     InputError
         It is none, of another format, or its matrices are no covariances.
     """
+
+    def fault(message: str, field: str | None = None) -> InputError:
+        return InputError(message, source=path, field=field, code=Code.PRIORS)
+
+    allowed = "allowed: priors.json of 'gaitcal cohort --learn-priors'"
     try:
         if path.stat().st_size > MOST_BYTES:
-            raise InputError(
-                f"over {MOST_BYTES // 1_000_000} MB: no file of priors is that long", source=path, code=Code.PRIORS
-            )
+            raise fault(f"over {MOST_BYTES // 1_000_000} MB: no file of priors is that long")
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE) from None
     except (ValueError, RecursionError):
-        raise InputError(
-            "is no JSON; allowed: priors.json of 'gaitcal cohort --learn-priors'", source=path, code=Code.PRIORS
-        ) from None
+        raise fault(f"is no JSON; {allowed}") from None
     if not isinstance(content, dict) or content.get("kind") != KIND:
-        raise InputError(
-            "holds no priors; allowed: priors.json of 'gaitcal cohort --learn-priors'", source=path, code=Code.PRIORS
-        )
+        raise fault(f"holds no priors; {allowed}")
     if content.get("format") != FORMAT:
-        raise InputError(
-            f"found format {shown(content.get('format'))}; allowed: {FORMAT}", source=path, code=Code.PRIORS
-        )
+        raise fault(f"found format {shown(content.get('format'))}; allowed: {FORMAT}")
     priors = validated(CohortPriors, content, path)
-    low, high = priors.heights_m
+    person = Person(height=0.5 * sum(priors.heights_m), sex="female")
     for part in priors.parts:
         if unknown := [name for name in part.parameters if name not in JP_INDEX]:
-            raise InputError(
-                f"found {shown(unknown[0])}, which is no joint parameter",
-                source=path,
-                field=part.part,
-                code=Code.PRIORS,
-            )
+            raise fault(f"found {shown(unknown[0])}, which is no joint parameter", part.part)
         if not {p.fold for p in priors.people} <= set(range(len(part.populations) - 1)):
-            raise InputError(
-                "found a fold of people without its priors", source=path, field=part.part, code=Code.PRIORS
-            )
-        person = Person(height=0.5 * (low + high), sex="female")
+            raise fault("found a fold of people without its priors", part.part)
         try:
             for number in range(len(part.populations)):
-                expected(part, number, person, (low, high))
+                expected(part, number, person, (priors.heights_m[0], priors.heights_m[1]))
         except (ValueError, np.linalg.LinAlgError):
-            message = "found matrices that are no covariances of its parameters"
-            raise InputError(message, source=path, field=part.part, code=Code.PRIORS) from None
+            raise fault("found matrices that are no covariances of its parameters", part.part) from None
     return priors
 
 
@@ -231,11 +284,19 @@ def with_cohort_priors(study: Study, path: Path, priors: CohortPriors | None = N
 
 
 def joint_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
-    """What the cohort says of the person of a study."""
-    _require_same_rules(priors, study.settings, study.marker_set.name, path)
-    person = Person(height=study.subject.height, sex=study.subject.sex)
-    fold = _fold(priors, study.subject.name, study.inputs.values())
-    return prior_of_person(priors, person, path, fold)
+    """What the cohort says of the person of a study, without the fold of the people that the person is among."""
+    settings, subject = study.settings, study.subject
+    if not settings.takes_priors:
+        message = "priors of a cohort need joint parameters fitted with protocol = 'evidence'"
+        raise InputError(message, source=path, code=Code.PRIORS)
+    used = {"marker_set": study.marker_set.name, "hip_centre": settings.hip_rule, "ankle_zero": settings.ankle_rule}
+    for rule, value in used.items():
+        if (learnt := getattr(priors, rule)) != value:
+            message = f"learnt with '{learnt}', and the study uses '{value}', whose nominal joints are others"
+            raise InputError(message, source=path, field=rule, code=Code.PRIORS)
+    name, recordings = name_hash(priors.cohort, subject.name), set(study.inputs.values())
+    folds = (p.fold for p in priors.people if p.name_sha256 == name or recordings & set(p.recordings_sha256))
+    return prior_of_person(priors, Person(height=subject.height, sex=subject.sex), path, next(folds, None))
 
 
 def prior_of_person(priors: CohortPriors, person: Person, path: Path, fold: int | None = None) -> JointPrior:
@@ -254,24 +315,6 @@ def prior_of_person(priors: CohortPriors, person: Person, path: Path, fold: int 
         left_out=left_out,
         notes=tuple(_notes(priors, person, left_out, path)),
     )
-
-
-def _require_same_rules(priors: CohortPriors, settings: CalibrationSettings, marker_set: str, path: Path) -> None:
-    if not settings.takes_priors:
-        raise InputError(
-            "priors of a cohort need joint parameters fitted with protocol = 'evidence'", source=path, code=Code.PRIORS
-        )
-    used = {"marker_set": marker_set, "hip_centre": settings.hip_rule, "ankle_zero": settings.ankle_rule}
-    for rule, value in used.items():
-        if (told := getattr(priors, rule)) != value:
-            message = f"learnt with '{told}', and the study uses '{value}', whose nominal joints are others"
-            raise InputError(message, source=path, field=rule, code=Code.PRIORS)
-
-
-def _fold(priors: CohortPriors, name: str, inputs: Iterable[str]) -> int | None:
-    """The fold of a person who is among those that the file was learnt of."""
-    known, own = name_hash(priors.cohort, name), set(inputs)
-    return next((p.fold for p in priors.people if p.name_sha256 == known or own & set(p.recordings_sha256)), None)
 
 
 def expected(part: StoredPart, number: int, person: Person, heights: tuple[float, float]) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.validation import Table, shown
+from gaitcal.io.toml import Table, shown
 
 AUTOMATIC: Final = "auto"
 

@@ -1,7 +1,4 @@
-"""A study: one person's recordings, read and checked, ready to be calibrated.
-
-The static trial of a study with the markers that it lost and other trials show.
-"""
+"""A study: one person's recordings, read and checked, ready to be calibrated."""
 
 from __future__ import annotations
 
@@ -12,33 +9,38 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.io.external_loads import loads_tables
-from gaitcal.io.labels import Facts
+from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording
-from gaitcal.io.snapshot import Snapshot, sha256_of
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.snapshot import Snapshot
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
-from gaitcal.model.outliers import without_strays
 from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
-from gaitcal.study.study_trial import Role, StudyTrial, model_with_trunk, read_trial
+from gaitcal.study.study_trial import Role, StudyTrial, cleaned_trial, model_with_trunk, read_trial
 from gaitcal.study.truth import Truth, other_landmarks, read_truth, truth_files
 
 
 @remembered
+def cleaned(study: Study) -> Study:
+    """The study without markers metres away from the body in its trials."""
+    return replace(study, trials=tuple(cleaned_trial(t, study.marker_set.segment_of) for t in study.trials))
+
+
+@remembered
 def completed_static(study: Study) -> Rebuilding:
-    """The first static trial, without markers metres away, and with what the study's other trials give back to it."""
-    segment_of = study.marker_set.segment_of
-    static, _ = without_strays(study.static.recording, segment_of)
-    others = [(t.name, without_strays(t.recording, segment_of)[0]) for t in (*study.further_statics, *study.moving)]
-    return rebuild_lost(static, study.marker_set.with_weights(study.weights), others, study.static.name)
+    """The first static trial, cleaned, and with what the study's other trials give back to it."""
+    study = cleaned(study)
+    others = [(t.name, t.recording) for t in (*study.further_statics, *study.moving)]
+    marker_set = study.marker_set.with_weights(study.weights)
+    return rebuild_lost(study.static.recording, marker_set, others, study.static.name)
 
 
 def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
@@ -46,36 +48,25 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
 
     A file that names another person than the first one is not asked.
     """
-    told = _told([recording.facts for recording in recordings])
-    given_mm = table.marker_diameter_mm
+    facts = [r.facts for r in recordings if r.facts.name == recordings[0].facts.name]
+    knees, ankles = dict[str, float](), dict[str, float]()
+    for one in reversed(facts):
+        knees |= one.knee_width
+        ankles |= one.ankle_width
+    asis = next((f.asis_distance for f in facts if f.asis_distance), None)
+    diameter = next((f.marker_diameter for f in facts if f.marker_diameter), None)
     return Subject(
         table.name,
         table.mass_kg,
         table.height_m,
         table.sex,
         age=table.age_years,
-        knee_width=told.knee_width | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
-        ankle_width=told.ankle_width | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
-        asis_distance=told.asis_distance if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
-        marker_diameter=told.marker_diameter if given_mm is None else 1e-3 * given_mm,
+        knee_width=knees | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
+        ankle_width=ankles | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
+        asis_distance=asis if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
+        marker_diameter=diameter if table.marker_diameter_mm is None else 1e-3 * table.marker_diameter_mm,
         session=table.session,
     )
-
-
-def _told(facts: Sequence[Facts]) -> Facts:
-    """Widths, distance between the ASIS and marker diameter: each from the first file that tells it and names the
-    person of the first file.
-    """
-    out = Facts()
-    for told in reversed([f for f in facts if f.name == facts[0].name]):
-        out = replace(
-            out,
-            knee_width=out.knee_width | told.knee_width,
-            ankle_width=out.ankle_width | told.ankle_width,
-            asis_distance=told.asis_distance or out.asis_distance,
-            marker_diameter=told.marker_diameter or out.marker_diameter,
-        )
-    return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +94,7 @@ class Study:
     truth: Truth | None = None
     """What is known to be true of a made-up person, where the study file names it (`[truth]`)."""
     joint_prior: JointPrior | None = None
-    """What a cohort says of the joint parameters (`cohort_prior.py`), if one is asked."""
+    """What a cohort says of the joint parameters (`priors.json`), if one is asked."""
 
     @classmethod
     @with_one_blas_thread
@@ -122,7 +113,7 @@ class Study:
         marker_set = load_marker_set(file.markers.set)
         trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
         study = cls.assemble(file, marker_set, trials, path)
-        for name, f in _file_words(study.files, path.parent).items():
+        for name, f in study._named_files.items():
             if study.inputs[name] != before[f]:
                 raise InputError(
                     f"'{name}' changed while the study was read; run again", source=path, code=Code.CHANGED_FILE
@@ -134,10 +125,9 @@ class Study:
     def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[StudyTrial, ...], path: Path) -> Study:
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
         files = input_files(file, path)
-        _check_weights(file, marker_set, path)
+        _require_labels(file, marker_set, trials, path)
         require_joint_prior(file.calibration, path)
         marker_set, trials = _worn(marker_set, trials)
-        _check_renamed(file, trials, path)
         study = cls(
             subject=subject_of(
                 file.subject, [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
@@ -185,29 +175,31 @@ class Study:
         return tuple(trial.name for trial in self.trials if trial.role is Role.GAIT)
 
     @property
+    def _named_files(self) -> dict[str, Path]:
+        return _file_words(self.files, Path(self.source).parent)
+
+    @property
     def as_read(self) -> Snapshot:
         """The inputs as they were when they were read."""
-        folder = Path(self.source).parent
-        files = _file_words(self.files, folder)
-        return Snapshot(folder, {str(f.resolve()): self.inputs[name] for name, f in files.items()})
+        hashes = {str(f.resolve()): self.inputs[name] for name, f in self._named_files.items()}
+        return Snapshot(Path(self.source).parent, hashes)
 
     def with_input(self, path: Path, sha256: str) -> Study:
         """The same with one more file among its inputs, if it is not there already."""
         if path in self.files:
             return self
-        files = (*self.files, path)
-        names = [name for name, f in _file_words(files, Path(self.source).parent).items() if f == path]
-        return replace(self, files=files, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
+        more = replace(self, files=(*self.files, path))
+        names = [name for name, f in more._named_files.items() if f == path]
+        return replace(more, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
 
     def input_names(self, trial: StudyTrial) -> dict[str, str]:
         """The files of a trial (`file`, `forces`), as `inputs` names them."""
-        words = {f: name for name, f in _file_words(self.files, Path(self.source).parent).items()}
+        words = {f: name for name, f in self._named_files.items()}
         return {kind: words[f] for kind, f in trial.files.items() if f in words}
 
     def changed_inputs(self) -> tuple[str, ...]:
         """Inputs that are no longer what was read, as `inputs` names them."""
-        files = _file_words(self.files, Path(self.source).parent)
-        return tuple(name for name, f in files.items() if self.inputs.get(name) != sha256_of(f))
+        return tuple(name for name, f in self._named_files.items() if self.inputs.get(name) != sha256_of(f))
 
 
 def _worn(marker_set: MarkerSet, trials: tuple[StudyTrial, ...]) -> tuple[MarkerSet, tuple[StudyTrial, ...]]:
@@ -249,29 +241,21 @@ def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
     return out
 
 
-def _check_weights(study: StudyFile, marker_set: MarkerSet, path: Path) -> None:
+def _require_labels(file: StudyFile, marker_set: MarkerSet, trials: Sequence[StudyTrial], path: Path) -> None:
+    """InputError for weights of labels that the set does not know, and for labels to be renamed that no trial has."""
+
+    def fault(message: str, field: str) -> InputError:
+        return InputError(message, source=path, field=f"markers.{field}", code=Code.UNKNOWN_LABEL)
+
     known = set(marker_set.labels)
-    for label in study.markers.weights:
+    for label in file.markers.weights:
         if label not in known:
-            raise InputError(
-                f"found a weight for '{label}', which the marker set does not know{nearest(label, known)}",
-                source=path,
-                field="markers.weights",
-                code=Code.UNKNOWN_LABEL,
-            )
-
-
-def _check_renamed(study: StudyFile, trials: tuple[StudyTrial, ...], path: Path) -> None:
-    """A label to be renamed may be worn in some trials only, but not in none."""
-    worn = {label for trial in trials for label in trial.file_labels}
-    for old, new in study.markers.rename.items():
-        if old not in worn:
-            raise InputError(
-                f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, worn)}",
-                source=path,
-                field="markers.rename",
-                code=Code.UNKNOWN_LABEL,
-            )
+            message = f"found a weight for '{label}', which the marker set does not know{nearest(label, known)}"
+            raise fault(message, "weights")
+    present = {label for trial in trials for label in trial.file_labels}
+    for old, new in file.markers.rename.items():
+        if old not in present:
+            raise fault(f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, present)}", "rename")
 
 
 @remembered
@@ -288,7 +272,7 @@ def nominal_of(study: Study) -> SubjectModel:
         ankle_zero=AnkleZero(study.settings.ankle_rule),
         weights=study.weights,
     )
-    walks = [trial.recording for trial in study.trials if trial.role is Role.GAIT]
+    walks = [trial.recording for trial in cleaned(study).trials if trial.role is Role.GAIT]
     try:
         return model_with_trunk(model_of, completed.static, study.marker_set, walks)
     except InputError as fault:

@@ -15,12 +15,10 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator
 
-from gaitcal.io.toml import require_file, toml_table
-from gaitcal.io.validation import Table, read_validated, shown
+from gaitcal.io.toml import Table, read_validated, require_file, shown, toml_table
 from gaitcal.study.settings import CalibrationSettings, frequency
-from gaitcal.study.truth_table import TruthTable
 
-__all__ = ["CalibrationSettings", "Markers", "StudyFile", "SubjectTable", "Trial", "load_study_file"]
+__all__ = ["CalibrationSettings", "Markers", "StudyFile", "SubjectTable", "Trial", "TruthTable", "load_study_file"]
 
 Joint: TypeAlias = Literal["hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l"]
 Side: TypeAlias = Literal["r", "l", "none"]
@@ -199,6 +197,34 @@ class Trial(Table):
         if role != "joint" and joint is not None:
             raise ValueError(f"found {shown(joint)} with role = '{role}'; allowed only with role = 'joint'")
         return joint
+
+
+class TruthTable(Table):
+    """`[truth]`: only where somebody knows it, as the program that made the recordings does."""
+
+    parameters: Path = Field(strict=False, description="CSV of the true parameters: name,unit,value")
+    folder: Path | None = Field(
+        default=None, strict=False, description="folder of TRIAL_motion.csv and TRIAL_moments.csv, the true curves"
+    )
+    landmarks: Path = Field(
+        strict=False,
+        description="CSV of the static trial's landmarks, which make the truth's segment frames: name,x,y,z, m",
+    )
+    markers: str = Field(description="name of the marker set whose landmarks make the truth's segment frames")
+    hip_centre: Literal["bell", "orthotrak", "harrington", "given"] = Field(
+        description="the nominal hip centre whose segment frames the truth is told in; that of the calibration"
+    )
+    ankle_zero: Literal["auto", "sole", "markers", "file"] = Field(
+        description="what the true ankle angles are counted from; that of the calibration"
+    )
+
+    def found(self, at: Callable[[Path], Path], source: Path) -> TruthTable:
+        """The same with paths that `at` makes absolute, and a file there."""
+        files = {
+            field: require_file(at(getattr(self, field)), source=source, field=f"truth.{field}")
+            for field in ("parameters", "landmarks")
+        }
+        return self.model_copy(update=files | ({"folder": at(self.folder)} if self.folder else {}))
 
 
 class StudyFile(Table):

@@ -1,11 +1,10 @@
 """One trial of a study: read, its labels put into those of the marker set, cut to the time that the study asks for.
 
-Markers of the trunk that walks have and the static trial lacks, put where they belong by the walks themselves.
-
-In every frame the markers of the pelvis tell where the lumbar joint is and where the pelvis faces. The mean of a
-trunk marker in axes through that joint, y up and z along the pelvis's lateral direction made horizontal, is its place
-in a person whose trunk stands as it is carried on average while walking: the static trial gets it there. What that
-assumes is told: the trunk's angles count from its mean posture in those walks.
+Markers of the trunk that walks have and the static trial lacks are put where they belong by the walks themselves: in
+every frame the markers of the pelvis tell where the lumbar joint is and where the pelvis faces. The mean of a trunk
+marker in axes through that joint, y up and z along the pelvis's lateral direction made horizontal, is its place in a
+person whose trunk stands as it is carried on average while walking. A note says that the trunk's angles count from its
+mean posture in those walks.
 """
 
 from __future__ import annotations
@@ -20,14 +19,15 @@ import numpy as np
 from gaitcal.arrays import Array, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.external_loads import loads_tables
 from gaitcal.io.formats import read_recording
+from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.segment_frames import unit
+from gaitcal.model.outliers import Outlier, without_outliers
+from gaitcal.model.segment_frames import off_line, unit
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.model.trunk import IN_A_PLANE, spread_off_line
+from gaitcal.model.trunk import IN_A_PLANE
 from gaitcal.study.study_file import Trial
 
 OTHER_UNIT = 100.0
@@ -63,6 +63,16 @@ class StudyTrial:
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
     """`file` and, where forces have one of their own, `forces`."""
+    strays: tuple[Outlier, ...] | None = None
+    """Markers that were left out where they were metres away from the body; None: not looked for yet."""
+
+
+def cleaned_trial(trial: StudyTrial, segment_of: Mapping[str, str]) -> StudyTrial:
+    """The trial without markers metres away from the body; `segment_of`: label -> segment."""
+    if trial.strays is not None:
+        return trial
+    recording, strays = without_outliers(trial.recording, segment_of)
+    return replace(trial, recording=recording, strays=strays)
 
 
 def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -> StudyTrial:
@@ -75,20 +85,24 @@ def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -
     InputError
         One line: file, field, what was found, what is allowed.
     """
-    recording = read_recording(trial.file, forces=trial.forces)
-    file_labels = recording.labels
-    recording = marker_set.renamed(_rename(recording, rename))
+    whole = read_recording(trial.file, forces=trial.forces)
+    recording = marker_set.renamed(_rename(whole, rename))
+    known = [plate.name for plate in recording.plates]
     for name in trial.plates:
-        known = [plate.name for plate in recording.plates]
         if name not in known:
-            raise InputError(
-                f"found plate '{name}'; the recording has {', '.join(known) or 'none'}",
-                source=trial.file,
-                field=f"trial '{trial.name}'.plates",
-                code=Code.PART_OF_TRIAL,
-            )
-    recording = _window(recording, trial)
+            message = f"found plate '{name}'; the recording has {', '.join(known) or 'none'}"
+            raise _fault(message, trial.file, f"trial '{trial.name}'.plates")
+    if trial.time is not None:
+        time, (low, high) = recording.time, trial.time
+        inside = (time >= low - 1e-9) & (time <= high + 1e-9)
+        if inside.sum() < 2:
+            message = f"found [{low:g}, {high:g}]; the recording runs from {time[0]:g} to {time[-1]:g} s"
+            raise _fault(message, trial.file, f"trial '{trial.name}'.time")
+        recording = recording.frames(inside)
     _check_forces_cover(recording, trial)
+    files = {"file": trial.file}
+    if trial.forces is not None:
+        files |= {"forces": trial.forces} | {f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))}
     return StudyTrial(
         name=trial.name,
         role=Role(trial.role),
@@ -96,22 +110,19 @@ def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -
         recording=recording,
         plates={**recording.feet, **trial.plates},
         filter_hz=trial.filter_hz,
-        file_labels=file_labels,
-        files={"file": trial.file} | _forces_files(trial),
+        file_labels=whole.labels,
+        files=files,
     )
 
 
-def _forces_files(trial: Trial) -> dict[str, Path]:
-    if trial.forces is None:
-        return {}
-    return {"forces": trial.forces} | {f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))}
+def _fault(message: str, source: object, field: str) -> InputError:
+    return InputError(message, source=source, field=field, code=Code.PART_OF_TRIAL)
 
 
 def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
-    if not rename:
-        return recording
     labels = tuple(rename.get(label, label) for label in recording.labels)
-    doubled = sorted({label for label in labels if labels.count(label) > 1})
+    changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
+    doubled = sorted({label for label in labels if labels.count(label) > 1}) if changed else ()
     if doubled:
         raise InputError(
             f"found '{doubled[0]}' twice after renaming; a label names one marker",
@@ -119,51 +130,28 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
             field="markers.rename",
             code=Code.UNKNOWN_LABEL,
         )
-    changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
-    return replace(recording, labels=labels).with_notes(
-        *([f"markers renamed: {', '.join(changed)}"] if changed else [])
-    )
-
-
-def _window(recording: Recording, trial: Trial) -> Recording:
-    if trial.time is None:
-        return recording
-    low, high = trial.time
-    inside = (recording.time >= low - 1e-9) & (recording.time <= high + 1e-9)
-    if inside.sum() < 2:
-        raise InputError(
-            f"found [{low:g}, {high:g}]; the recording runs from {recording.time[0]:g} to {recording.time[-1]:g} s",
-            source=trial.file,
-            field=f"trial '{trial.name}'.time",
-            code=Code.PART_OF_TRIAL,
-        )
-    return recording.frames(inside)
+    renamed = replace(recording, labels=labels)
+    return renamed.with_notes(f"markers renamed: {', '.join(changed)}") if changed else renamed
 
 
 def _check_forces_cover(recording: Recording, trial: Trial) -> None:
     if trial.role != "gait":
         return
-    step = float(np.median(np.diff(recording.time)))
-    whole = float(np.ptp(recording.time))
+    time, source = recording.time, trial.forces or trial.file
+    step, whole = float(np.median(np.diff(time))), float(np.ptp(time))
     for plate in recording.plates:
         lasts = float(np.ptp(plate.time))
         if lasts > OTHER_UNIT * whole and trial.time is None:
-            raise InputError(
+            message = (
                 f"found forces that last {lasts:g} s and markers that last {whole:g} s; one of the two times is in "
-                "another unit (ms?); both must be in s",
-                source=trial.forces or trial.file,
-                field=f"plate {plate.name}",
-                code=Code.PART_OF_TRIAL,
             )
-        if plate.time[0] > recording.time[0] + step or plate.time[-1] < recording.time[-1] - step:
-            raise InputError(
-                f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from "
-                f"{recording.time[0]:g} to {recording.time[-1]:g} s; forces must cover the markers: shorten the trial "
-                "with time = [start, end]",
-                source=trial.forces or trial.file,
-                field=f"plate {plate.name}",
-                code=Code.PART_OF_TRIAL,
+            raise _fault(message + "another unit (ms?); both must be in s", source, f"plate {plate.name}")
+        if plate.time[0] > time[0] + step or plate.time[-1] < time[-1] - step:
+            message = (
+                f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from {time[0]:g} to "
+                f"{time[-1]:g} s; forces must cover the markers: shorten the trial with time = [start, end]"
             )
+            raise _fault(message, source, f"plate {plate.name}")
 
 
 FEWEST_FRAMES = 20
@@ -180,50 +168,41 @@ def model_with_trunk(
     placed = zip(model.markers.segments, model.markers.weight, strict=True)
     if sum(segment == "head_trunk" and weight > 0 for segment, weight in placed) >= IN_A_PLANE:
         return model
-    more = with_trunk_of_walks(marker_set.renamed(static), model, marker_set, walks)
-    return model if more is None else model_of(more)
-
-
-def with_trunk_of_walks(
-    static: Recording, model: SubjectModel, marker_set: MarkerSet, walks: Sequence[Recording]
-) -> Recording | None:
-    """The static trial with markers of head and trunk that only walks have; None where there are none.
-
-    `model`: of the static trial, whose pelvis they are placed on.
-    """
+    static = marker_set.renamed(static)
     in_static = set(model.markers.labels)
     wanted = [m for m in marker_set.tracking.get("head_trunk", ()) if marker_set.weight(m) > 0 and m not in in_static]
     found: dict[str, list[Array]] = {label: [] for label in wanted}
     for walk in (marker_set.renamed(walk) for walk in walks):
-        column = {label: i for i, label in enumerate(walk.labels)}
-        poses = _standing_axes(model, walk)
-        for label in wanted:
-            if label in column:
-                at, axes, origins = poses
-                seen = at[np.isfinite(walk.markers[at, column[label]]).all(axis=1)]
-                here = np.isin(at, seen)
-                away = walk.markers[seen, column[label]] - origins[here]
-                found[label].append(np.einsum("fji,fj->fi", axes[here], away))
+        at, axes, origins = _standing_axes(model, walk)
+        for label in set(wanted) & set(walk.labels):
+            path = walk.markers[at, walk.labels.index(label)]
+            here = np.isfinite(path).all(axis=1)
+            found[label].append(np.einsum("fji,fj->fi", axes[here], path[here] - origins[here]))
     places = {
         label: np.concatenate(parts).mean(axis=0)
         for label, parts in found.items()
-        if parts and sum(len(part) for part in parts) >= FEWEST_FRAMES
+        if sum(map(len, parts)) >= FEWEST_FRAMES
     }
     if not places:
-        return None
-    axes, origin = _of_static(model, static)
-    points = np.array([origin + axes @ place for place in places.values()])
+        return model
+    window = np.zeros(len(static.time), dtype=bool)
+    window[still_window(static, model.markers.labels).frames] = True
+    _, axes, origins = _standing_axes(model, static.frames(window))
+    origin, upright = origins.mean(axis=0), _upright(axes[:, :, 2].mean(axis=0))
+    points = np.array([origin + upright @ place for place in places.values()])
     kept = [i for i, label in enumerate(static.labels) if label not in places]  # columns of nothing but gaps
     added = np.broadcast_to(points, (len(static.time), *points.shape))
     note = (
         f"{', '.join(places)} are not in the static trial and were placed by the walks: the trunk is taken to stand as "
         "it is carried on average while walking"
     )
-    return replace(
-        static,
-        labels=(*(static.labels[i] for i in kept), *places),
-        markers=np.concatenate([static.markers[:, kept], added], axis=1),
-        notes=(*static.notes, note),
+    return model_of(
+        replace(
+            static,
+            labels=(*(static.labels[i] for i in kept), *places),
+            markers=np.concatenate([static.markers[:, kept], added], axis=1),
+            notes=(*static.notes, note),
+        )
     )
 
 
@@ -238,7 +217,7 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
     known = np.flatnonzero(seen_mask(measured).all(axis=1))
-    if len(pelvis) < IN_A_PLANE or spread_off_line(local) < SINGULAR or not len(known):
+    if len(pelvis) < IN_A_PLANE or off_line(local) < SINGULAR or not len(known):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
     centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
     turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))
@@ -252,15 +231,6 @@ def _rotations(moments: Array) -> Array:
     u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     out: Array = u @ vt
     return out
-
-
-def _of_static(model: SubjectModel, static: Recording) -> tuple[Array, Array]:
-    """The same of the static trial, in the mean while the person stands still."""
-    window = np.zeros(len(static.time), dtype=bool)
-    window[still_window(static, model.markers.labels).frames] = True
-    _, axes, origins = _standing_axes(model, static.frames(window))
-    middle: Array = origins.mean(axis=0)
-    return _upright(axes[:, :, 2].mean(axis=0)), middle
 
 
 def _upright(lateral: Array) -> Array:

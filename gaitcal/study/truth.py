@@ -1,24 +1,16 @@
 """The known truth of a made-up person, as files beside the recordings: written by who made them, read with the study.
 
     PARAMETERS            name,unit,value: joint and inertial parameters, names and units of a result's parameters.csv
+    LANDMARKS             name,x,y,z: landmarks of the static trial, m, laboratory, y up
     TRIAL_motion.csv      names and units of a result's motion/TRIAL.csv: time, coordinates, _velocity, _acceleration
     TRIAL_moments.csv     names and units of a result's moments/TRIAL.csv: time, generalised forces, _bwh
 
-All of it is told in the segment frames and from the ankle zero that the calibration makes of the static trial, so that
-the numbers are those of a calibration without error. The study file says with which rules (`[truth]` markers,
-hip_centre, ankle_zero) and of which landmarks (`truth_landmarks.py`); a study that calibrates with others would be
-compared with numbers that mean something else, and is refused. Curves have their units in a comment line, which must
-be there as it is written.
-
-Whether a study's static trial is the one in whose segment frames its truth is told.
-
-Segment frames are made of the landmarks of the static trial: another static trial, or another marker set of the same
-name, makes others, and the true numbers then mean something else. The truth therefore names its landmarks (`[truth]`
-landmarks, a CSV file): their distances from each other, and their heights above their mean, must be those that the
-study finds. Neither changes where the laboratory is turned about the vertical, the floor lies higher, or the recording
-is converted to another format.
-
-Rows of the CSV files of a known truth: a header and cells; what follows a `#` in a line is a comment.
+What follows a `#` in a line is a comment; curves have their units in a comment line, which must be there as it is
+written. All numbers are in the segment frames and from the ankle zero that the calibration makes of the static trial:
+they are those of a calibration without error. The study file says with which rules (`[truth]` markers, hip_centre,
+ankle_zero) and of which landmarks; a study that calibrates with others would be compared with numbers that mean
+something else, and is refused. Landmarks are compared by their distances from each other and their heights above their
+mean, which no turn of the laboratory about the vertical, height of its floor or format of the recording changes.
 """
 
 from __future__ import annotations
@@ -27,6 +19,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,123 +29,17 @@ from gaitcal.errors import InputError, nearest
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.io.text_file import parse_number
-from gaitcal.io.validation import shown
+from gaitcal.io.toml import shown
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, JP_TO_SI
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.truth_table import TruthTable
-
-
-@dataclass(frozen=True)
-class TruthRows:
-    """A header and the lines of text below it, each of as many cells at most."""
-
-    names: tuple[str, ...]
-    lines: tuple[str, ...]
-
-    def cells(self) -> list[list[str]]:
-        """The cells of each row; those that a row lacks are empty."""
-        rows = list(csv.reader(self.lines))
-        return [row + [""] * (len(self.names) - len(row)) for row in rows]
-
-    def numbers(self, names: Sequence[str]) -> Array:
-        """(rows, names) of the columns `names`; NaN where there is no number."""
-        places = [self.names.index(name) for name in names]
-        if not self.lines or not places:
-            return np.empty((len(self.lines), len(places)))
-        try:
-            return np.loadtxt(self.lines, delimiter=",", usecols=places, ndmin=2, comments=None)
-        except ValueError:  # an empty cell, quotation marks, or a real fault
-            return np.array([[number(row[place]) for place in places] for row in self.cells()])
-
-
-def number(cell: str) -> float:
-    """A cell as a number; NaN where it is none."""
-    try:
-        return parse_number(cell)
-    except ValueError:
-        return float("nan")
-
-
-def read_rows(path: Path) -> TruthRows:
-    """The rows of a file; InputError where it is no table."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise _unreadable(path, str(error)) from None
-    lines = [part for line in text.splitlines() if (part := line.split("#", 1)[0]).strip()]
-    if not lines:
-        raise _unreadable(path, "found no header")
-    names = tuple(next(csv.reader(lines[:1])))
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise _unreadable(path, f"found the column {twice[0]} twice")
-    for k, line in enumerate(lines[1:], start=1):
-        if line.count(",") >= len(names) and (count := len(next(csv.reader([line])))) > len(names):
-            raise _unreadable(path, f"found {count} cells in row {k}, below {len(names)} names")
-    return TruthRows(names, tuple(lines[1:]))
-
-
-def _unreadable(path: Path, why: str) -> InputError:
-    return InputError(f"cannot be read as CSV: {why}", source=path, code=Code.TRUTH)
-
+from gaitcal.study.study_file import TruthTable
 
 COLUMNS = ["name", "x", "y", "z"]
 SAME = 1e-4
 """m: files keep a thousandth of this; a tenth of a millimetre turns a segment by less than 0.1 degrees."""
-
-
-def landmarks_text(landmarks: Mapping[str, Array]) -> str:
-    """The content of the landmarks file: name -> (3,) m, laboratory, y up."""
-    import pandas as pd
-
-    rows = [[name, *map(float, place)] for name, place in landmarks.items()]
-    text: str = pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, lineterminator="\n", float_format="%.9g")
-    return f"# landmarks of the static trial in m, laboratory, y up\n{text}"
-
-
-def read_landmarks(path: Path) -> dict[str, Array]:
-    """Landmark -> (3,) m. InputError, one line, where the file is not as `landmarks_text` writes it."""
-    rows = read_rows(path)
-    if list(rows.names) != COLUMNS or not rows.lines:
-        raise InputError(
-            f"found columns {list(rows.names)}; allowed: name,x,y,z and a landmark a row", source=path, code=Code.TRUTH
-        )
-    places = rows.numbers(COLUMNS[1:])
-    if not np.isfinite(places).all():
-        raise InputError(
-            "found a place that is no finite number; allowed: m", source=path, field="x,y,z", code=Code.TRUTH
-        )
-    return dict(zip((row[0] for row in rows.cells()), places, strict=True))
-
-
-def other_landmarks(told: Mapping[str, Array], static: Recording, marker_set: MarkerSet) -> str | None:
-    """Why the landmarks of a static trial, as worn by `marker_set`, are not those of the truth; None: they are."""
-    found = static_posture(static, marker_set, still_window(static, marker_set.labels).frames).landmarks
-    unlike = sorted(set(told) ^ set(found))
-    if unlike:
-        there = "the static trial does not show it" if unlike[0] in told else "the truth does not have it"
-        return f"found other landmarks than those of the static trial: {unlike[0]}, {there}"
-    names = sorted(told)
-    one, other = (np.array([places[name] for name in names]) for places in (told, found))
-    gap = np.abs(_shape(one) - _shape(other))
-    if gap.max() <= SAME:
-        return None
-    worst = names[int(np.argmax(gap.mean(axis=1)))]
-    return (
-        f"found landmarks that the static trial has elsewhere, by up to {1e3 * gap.max():.1f} mm ({worst} most): the "
-        "truth was told in the segment frames of another static trial or marker set"
-    )
-
-
-def _shape(places: Array) -> Array:
-    """(n, n) m: distances from each other, and on the diagonal heights above their mean."""
-    out: Array = np.linalg.norm(places[:, None] - places[None], axis=-1)
-    out[np.diag_indices(len(places))] = places[:, 1] - places[:, 1].mean()
-    return out
-
-
 MOTION, MOMENTS = "_motion.csv", "_moments.csv"
 """Endings of the files of a trial."""
 MOTION_UNITS = "true coordinates in degrees and m, _velocity per s, _acceleration per s^2"
@@ -206,6 +93,10 @@ class Truth:
     """Trial -> generalised forces."""
 
 
+def _fault(message: str, path: Path, field: str | None = None) -> InputError:
+    return InputError(message, source=path, field=field, code=Code.TRUTH)
+
+
 def motion_text(time: Array, q: Array, velocity: Array | None = None, acceleration: Array | None = None) -> str:
     """The content of TRIAL_motion.csv; (nf,) s, then (nf, 27) m and rad, and their derivatives where given."""
     columns, parts = {"time": time}, {"": q, "_velocity": velocity, "_acceleration": acceleration}
@@ -225,7 +116,14 @@ def moments_text(time: Array, forces: Array, bwh: float) -> str:
     return _text(MOMENT_UNITS, columns)
 
 
-def _text(units: str, columns: Mapping[str, Array]) -> str:
+def landmarks_text(landmarks: Mapping[str, Array]) -> str:
+    """The content of the landmarks file: name -> (3,) m, laboratory, y up."""
+    places = np.array(list(landmarks.values())).reshape(-1, 3)
+    columns = {"name": list(landmarks), **{axis: places[:, k] for k, axis in enumerate("xyz")}}
+    return _text("landmarks of the static trial in m, laboratory, y up", columns)
+
+
+def _text(units: str, columns: Mapping[str, Any]) -> str:
     import pandas as pd  # loaded by who writes: it takes a third of a second
 
     rows: str = pd.DataFrame(columns).to_csv(index=False, lineterminator="\n", float_format=DIGITS)
@@ -254,20 +152,14 @@ def read_truth(
         return None
     other = other_rule(table, settings, marker_set)
     if other is not None:
-        message = f"{other.words}; allowed: the same, or no [truth]"
-        raise InputError(message, source=source, field=f"truth.{other.rule}", code=Code.TRUTH)
+        raise _fault(f"{other.words}; allowed: the same, or no [truth]", source, f"truth.{other.rule}")
     motions, moments = (_curves(table.folder, trials, end) for end in (MOTION, MOMENTS))
     if table.folder and not motions and not moments:
         wanted = f"TRIAL{MOTION} or TRIAL{MOMENTS} of a trial of the study"
-        raise InputError(
-            f"found no such file in '{table.folder.name}'; allowed: {wanted}",
-            source=source,
-            field="truth.folder",
-            code=Code.TRUTH,
-        )
+        raise _fault(f"found no such file in '{table.folder.name}'; allowed: {wanted}", source, "truth.folder")
     return Truth(
         told=table,
-        landmarks=read_landmarks(table.landmarks),
+        landmarks=_landmarks(table.landmarks),
         parameters=_parameters(table.parameters),
         motions=motions,
         moments=moments,
@@ -294,71 +186,95 @@ def other_rule(table: TruthTable, settings: CalibrationSettings, marker_set: str
     return next((OtherRule(rule, told, u) for rule, u in used.items() if (told := getattr(table, rule)) != u), None)
 
 
+def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Header and cells of a file; a row has as many as the header. InputError where it is no table."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise _fault(f"cannot be read as CSV: {error}", path) from None
+    lines = (line.split("#", 1)[0] for line in text.splitlines())
+    names, *rows = list(csv.reader(line for line in lines if line.strip())) or [[]]
+    if not names:
+        raise _fault("cannot be read as CSV: found no header", path)
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise _fault(f"cannot be read as CSV: found the column {twice[0]} twice", path)
+    for k, row in enumerate(rows, start=1):
+        if len(row) > len(names):
+            raise _fault(f"cannot be read as CSV: found {len(row)} cells in row {k}, below {len(names)} names", path)
+    return names, [row + [""] * (len(names) - len(row)) for row in rows]
+
+
+def _number(cell: str) -> float:
+    """NaN where it is none."""
+    try:
+        return parse_number(cell)
+    except ValueError:
+        return float("nan")
+
+
+def _landmarks(path: Path) -> dict[str, Array]:
+    """Landmark -> (3,) m."""
+    names, rows = _rows(path)
+    if names != COLUMNS or not rows:
+        raise _fault(f"found columns {names}; allowed: name,x,y,z and a landmark a row", path)
+    out = {name: np.array([_number(cell) for cell in place]) for name, *place in rows}
+    if not all(np.isfinite(place).all() for place in out.values()):
+        raise _fault("found a place that is no finite number; allowed: m", path, "x,y,z")
+    return out
+
+
 def _parameters(path: Path) -> dict[str, float]:
-    rows = read_rows(path)
-    if rows.names != ("name", "unit", "value"):
-        raise InputError(
-            f"found columns {shown(list(rows.names))}; allowed: name,unit,value", source=path, code=Code.TRUTH
-        )
+    names, rows = _rows(path)
+    if names != ["name", "unit", "value"]:
+        raise _fault(f"found columns {shown(names)}; allowed: name,unit,value", path)
     out: dict[str, float] = {}
-    for name, unit, cell in rows.cells():
-        value = number(cell)
+    for name, unit, cell in rows:
+        value = _number(cell)
         if name not in _UNIT:
             hint = nearest(name, _UNIT) or "; allowed: names of a result's parameters.csv"
-            raise InputError(
-                f"found {shown(name)}, which is no parameter{hint}", source=path, field="name", code=Code.TRUTH
-            )
+            raise _fault(f"found {shown(name)}, which is no parameter{hint}", path, "name")
         if unit != _UNIT[name]:
-            raise InputError(
-                f"found {shown(unit)}; allowed: {_UNIT[name]}", source=path, field=f"unit of {name}", code=Code.TRUTH
-            )
+            raise _fault(f"found {shown(unit)}; allowed: {_UNIT[name]}", path, f"unit of {name}")
         if name in out:
-            raise InputError("found twice; a parameter has one true value", source=path, field=name, code=Code.TRUTH)
+            raise _fault("found twice; a parameter has one true value", path, name)
         if not np.isfinite(value):
-            raise InputError(f"found {shown(cell)}; allowed: a finite number", source=path, field=name, code=Code.TRUTH)
+            raise _fault(f"found {shown(cell)}; allowed: a finite number", path, name)
         out[name] = float(value * _TO_SI[name])
     return out
 
 
 def _curves(folder: Path | None, trials: Sequence[str], ending: str) -> dict[str, TrueCurves]:
-    if folder is None:
-        return {}
-    files = {name: folder / (name + ending) for name in trials}
+    files = {} if folder is None else {name: folder / (name + ending) for name in trials}
     return {name: _curve(path, ending) for name, path in files.items() if path.is_file()}
 
 
 def _curve(path: Path, ending: str) -> TrueCurves:
     """One file; columns that follow from others (derivatives, _bwh) are for people and are not read."""
-    units = MOTION_UNITS if ending == MOTION else MOMENT_UNITS
+    units, known, derived = (
+        (MOTION_UNITS, FILE_COORDINATES, ("_velocity", "_acceleration"))
+        if ending == MOTION
+        else (MOMENT_UNITS, FORCE_NAMES, ("_bwh",))
+    )
     first = path.read_text(encoding="utf-8", errors="replace").split("\n", 1)[0].removeprefix("#").strip()
     if first != units:
-        raise InputError(
-            f"found {shown(first)}; allowed: '# {units}'", source=path, field="line 1, the units", code=Code.TRUTH
-        )
-    rows = read_rows(path)
-    known = FILE_COORDINATES if ending == MOTION else FORCE_NAMES
-    derived = ("_velocity", "_acceleration") if ending == MOTION else ("_bwh",)
+        raise _fault(f"found {shown(first)}; allowed: '# {units}'", path, "line 1, the units")
+    names, rows = _rows(path)
     allowed = {"time", *known, *(name + suffix for name in known for suffix in derived)}
-    for column in rows.names:
+    for column in names:
         if column not in allowed:
             hint = nearest(column, allowed) or "; allowed: names of a result's " + ending.strip("_")
-            raise InputError(
-                f"found {shown(column)}, which is no column{hint}", source=path, field="columns", code=Code.TRUTH
-            )
-    read = [name for name in rows.names if name in ("time", *known)]
-    columns = dict(zip(read, rows.numbers(read).T, strict=True))
+            raise _fault(f"found {shown(column)}, which is no column{hint}", path, "columns")
+    columns = {
+        name: np.array([_number(row[k]) for row in rows]) for k, name in enumerate(names) if name in ("time", *known)
+    }
     for column, values in columns.items():
         if not np.isfinite(values).all():
-            raise InputError(
-                "found a value that is no finite number; allowed: numbers", source=path, field=column, code=Code.TRUTH
-            )
-    time = columns.get("time", np.empty(0))
+            raise _fault("found a value that is no finite number; allowed: numbers", path, column)
+    time = columns.pop("time", np.empty(0))
     if len(time) < 2 or (np.diff(time) <= 0).any():
-        raise InputError(
-            "found no increasing times; allowed: two rows or more, in s", source=path, field="time", code=Code.TRUTH
-        )
-    scale = _scale if ending == MOTION else _one
-    return TrueCurves(time=time, values={name: columns[name] * scale(name) for name in known if name in columns})
+        raise _fault("found no increasing times; allowed: two rows or more, in s", path, "time")
+    scale = {name: _scale(name) if ending == MOTION else 1.0 for name in columns}
+    return TrueCurves(time=time, values={name: columns[name] * scale[name] for name in known if name in columns})
 
 
 def _scale(coordinate: str) -> float:
@@ -366,5 +282,27 @@ def _scale(coordinate: str) -> float:
     return 1.0 if is_translation(coordinate) else np.pi / 180.0
 
 
-def _one(_: str) -> float:
-    return 1.0
+def other_landmarks(told: Mapping[str, Array], static: Recording, marker_set: MarkerSet) -> str | None:
+    """Why the landmarks of a static trial, as worn by `marker_set`, are not those of the truth; None: they are."""
+    found = static_posture(static, marker_set, still_window(static, marker_set.labels).frames).landmarks
+    unlike = sorted(set(told) ^ set(found))
+    if unlike:
+        there = "the static trial does not show it" if unlike[0] in told else "the truth does not have it"
+        return f"found other landmarks than those of the static trial: {unlike[0]}, {there}"
+    names = sorted(told)
+    one, other = (np.array([places[name] for name in names]) for places in (told, found))
+    gap = np.abs(_shape(one) - _shape(other))
+    if gap.max() <= SAME:
+        return None
+    worst = names[int(np.argmax(gap.mean(axis=1)))]
+    return (
+        f"found landmarks that the static trial has elsewhere, by up to {1e3 * gap.max():.1f} mm ({worst} most): the "
+        "truth was told in the segment frames of another static trial or marker set"
+    )
+
+
+def _shape(places: Array) -> Array:
+    """(n, n) m: distances from each other, and on the diagonal heights above their mean."""
+    out: Array = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    out[np.diag_indices(len(places))] = places[:, 1] - places[:, 1].mean()
+    return out

@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.atomic import atomic_directory
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.force_plate import point_and_torque
-from gaitcal.io.lock import MANIFEST, ResultKind
 from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters, is_physical, symmetric_set
@@ -27,10 +26,17 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, isolated_motion, standing_pose, static_motion, two_strides
-from gaitcal.synthetic.truth_files import TRUTH, write_truth
+from gaitcal.synthetic.motion import (
+    TrueMotion,
+    isolated_motion,
+    marker_noise,
+    residual_free_wrench,
+    standing_pose,
+    static_motion,
+    synthetic_markers,
+    two_strides,
+)
+from gaitcal.synthetic.truth import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
 
 POSITION_BOUND = 0.010

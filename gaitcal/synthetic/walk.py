@@ -1,5 +1,10 @@
 """A walk that the ground can carry: the nominal gait, changed for one person as little as the ground asks for.
 
+The nominal gait is the coordinates of one person over the gait cycle, as six harmonics each
+(`models/nominal_subject.json`, derived from OpenSim's Gait2392 `subject01`, CC BY 3.0). Feet strike with the heel and
+leave with the toes: the centre of pressure goes along the line from heel to toe marker, quickly over the heel and
+slowly under the forefoot, as in walking people (Perry 1992). The left foot does the same half a stride later.
+
 Motion and masses alone say which force the ground exerts in all, and about which point of the floor, its centre of
 pressure, it has no tipping moment. A person walks where that point lies under the foot that stands, or between both
 feet; curves that were measured on somebody else and smoothed do not. So the nodes of the motion are moved, by least
@@ -16,22 +21,185 @@ what they then are. It holds for any linkage; the nominal person's angles change
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import root_residual
-from gaitcal.model.coordinates import group_of
-from gaitcal.model.linkage import COORDINATES, is_translation
+from gaitcal.dynamics.inverse_dynamics import FEET
+from gaitcal.dynamics.plate_errors import FOOT_LENGTH
+from gaitcal.io.toml import models_path
+from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
+from gaitcal.model.coordinates import group_of, split_side
+from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, SIDES, is_translation
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.motion.spline import ORDER, SplineBasis
-from gaitcal.synthetic.feet import DOUBLE_SUPPORT, FeetOnGround, feet_of, resting, right_share, rolled
-from gaitcal.synthetic.gait_curves import gait_accelerations, gait_curves
+
+STANCE = 0.62
+"""Share of a stride in which a foot is on the ground; double support is 0.12 of it, twice."""
+DOUBLE_SUPPORT = STANCE - 0.5
+POINTS = ("Heel", "Toe.Tip", "Toe.Lat", "Toe.Med")
+"""Markers of a foot; the second ends the line along which its load rolls, the last two are at the ball of the foot."""
+_ROLL = ((0.0, 0.12, 0.3, 0.55, 0.8, 1.0), (0.10, 0.28, 0.42, 0.58, 0.72, 0.86))
+"""Part of stance, and where the centre of pressure is then between the back of the heel and the tip of the foot."""
+HEEL_RESTS, BALL_RESTS, SETTLING = (0.01, 0.35), (0.1, 0.54), 0.06
+"""Phases of the foot's own stride between which heel and ball do not move, and the time to come to rest and leave."""
+
+
+@dataclass(frozen=True)
+class FeetOnGround:
+    """Points of both feet of one linkage in some frames."""
+
+    points: Array
+    """(nf, 2, 4, 3) m, of the right and the left foot, in the order of `POINTS`."""
+    slopes: Array
+    """(nf, 2, 4, 3, nq) their derivatives by the coordinates."""
+
+    def along(self, part: Array) -> tuple[Array, Array]:
+        """Points on the floor (nf, 2, 3) m, at parts (nf, 2) of the way from heel to tip, and their derivatives."""
+        share = (part * _tip_beyond_marker())[..., None]
+        of = [(1.0 - share) * self.points[:, :, 0] + share * self.points[:, :, 1]]
+        share = share[..., None]
+        of.append((1.0 - share) * self.slopes[:, :, 0] + share * self.slopes[:, :, 1])
+        for values in of:
+            values[:, :, 1] = 0.0
+        return of[0], of[1]
+
+
+def feet_of(parameters: Parameters, q: Array) -> FeetOnGround:
+    """Where the points of the feet are at coordinates (nf, nq)."""
+    chain = Chain()
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    poses = forward(chain, constants, q)
+    axes, origins = segment_poses(chain, constants, poses)
+    columns = jacobian(chain, constants, poses).transpose(2, 1, 0)  # (nf, 6, nq)
+    points = np.empty((len(q), len(FEET), len(POINTS), 3))
+    slopes = np.zeros((*points.shape, q.shape[1]))
+    for foot, segment in enumerate(FEET):
+        k = chain.segments.index(segment)
+        moved = np.flatnonzero(chain.support[:, k])
+        for n, local in enumerate(_local_points()[foot]):
+            place = np.einsum("j,jif->fi", local, axes[k]) + origins[k].T
+            turned = np.cross(columns[:, 3:, moved], place[:, :, None], axis=1)
+            points[:, foot, n] = place
+            slopes[:, foot, n][:, :, moved] = columns[:, :3, moved] + turned
+    return FeetOnGround(points, slopes)
+
+
+def stride_of(phase: Array) -> Array:
+    """(nf, 2) phase of the right and the left foot's own stride, 0 to 1 from its strike on."""
+    return np.stack([phase % 1.0, (phase - 0.5) % 1.0], axis=1)
+
+
+def rolled(phase: Array) -> Array:
+    """(nf, 2) part of the way from heel to tip to which the load of each foot has rolled; in swing it stays."""
+    part: Array = PchipInterpolator(*_ROLL)(np.minimum(stride_of(phase) / STANCE, 1.0))
+    return part
+
+
+def right_share(phase: Array) -> Array:
+    """(nf,) share of the right foot in the vertical load over the gait cycle (0: right heel strike)."""
+    own = phase % 1.0
+    rise, fall = _ramp(own / DOUBLE_SUPPORT), 1.0 - _ramp((own - 0.5) / DOUBLE_SUPPORT)
+    return np.where(own < DOUBLE_SUPPORT, rise, np.where(own < 0.5, 1.0, np.where(own < STANCE, fall, 0.0)))
+
+
+def resting(phase: Array) -> Array:
+    """(nf, 2, 4) how much of the points of the feet stands still on the ground: 0 to 1, smooth in time."""
+    own = stride_of(phase)
+    heel, ball = (
+        _ramp((own - begin) / SETTLING) * (1.0 - _ramp((own - end + SETTLING) / SETTLING))
+        for begin, end in (HEEL_RESTS, BALL_RESTS)
+    )
+    out = np.zeros((len(phase), len(FEET), len(POINTS)))
+    out[:, :, 0], out[:, :, 2], out[:, :, 3] = heel, ball, ball
+    return out
+
+
+@cache
+def _local_points() -> Array:
+    """(2, 4, 3) m, points of the right and the left foot in their segments: those of every built-in person."""
+    markers = published_model().markers
+    rows = [[markers.labels.index(f"{side.upper()}.{name}") for name in POINTS] for side in SIDES]
+    out: Array = markers.local[rows]
+    return out
+
+
+@cache
+def _tip_beyond_marker() -> float:
+    """The length of a foot, as a part of the distance from its heel to its toe marker."""
+    heel, toe = _local_points()[0, :2]
+    marked = float(np.linalg.norm(toe - heel))
+    return max(1.0, FOOT_LENGTH * published_model().subject.height / marked)
+
+
+def _ramp(x: Array) -> Array:
+    x = np.clip(x, 0.0, 1.0)
+    out: Array = x**3 * (10.0 + x * (-15.0 + 6.0 * x))
+    return out
+
+
+GAIT_CYCLE = 1.035
+"""s, `cycle_s` of the nominal gait."""
+
+_CURVE_OF = {
+    "pelvis_tx": ("tx", 1.0),
+    "pelvis_ty": ("ty", 1.0),
+    "pelvis_tz": ("tz", 1.0),
+    "pelvis_tilt": ("tilt", 1.0),
+    "pelvis_list": ("list", 1.0),
+    "pelvis_rotation": ("prot", 1.0),
+    "hip_flexion": ("hflex", 1.0),
+    "hip_adduction": ("hadd", 1.0),
+    "hip_rotation": ("hrot", 1.0),
+    "knee_angle": ("knee", -1.0),
+    "ankle_angle": ("tc", 1.0),
+    "subtalar_angle": ("st", 1.0),
+    "lumbar_extension": ("lext", 1.0),
+    "lumbar_bending": ("lbend", 1.0),
+    "lumbar_rotation": ("lrot", 1.0),
+    "arm_flex": ("sflex", 1.0),
+    "arm_add": ("sabd", -1.0),
+    "elbow_flex": ("elb", 1.0),
+}
+"""Coordinate without its side -> its curve in the file, and the factor of its sign, where it is not there by name."""
+
+
+@cache
+def _nominal_gait() -> dict[str, Any]:
+    content = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
+    gait: dict[str, Any] = content["nominal_gait"]
+    return gait
+
+
+def gait_curves(phase: Array) -> tuple[Array, Array]:
+    """Coordinates (nf, nq) m, rad, at phases (nf,) in strides, 0: right heel strike; and their accelerations.
+
+    Knee flexion is negative and shoulder abduction positive in the file.
+    """
+    data = _nominal_gait()
+    q, acceleration = np.empty((2, len(phase), len(COORDINATES)))
+    for i, name in enumerate(COORDINATES):
+        stem = split_side(name)[0]
+        curve, sign = _CURVE_OF.get(stem, (stem, 1.0))
+        harmonics = data["curves"][curve]
+        a, b = (np.array(harmonics[part], dtype=float) for part in "ab")
+        angle = 2 * np.pi * np.outer(phase + (0.5 if name.endswith("_l") else 0.0), np.arange(len(a)))
+        omega = 2 * np.pi * np.arange(len(a)) / GAIT_CYCLE
+        for out, factor in ((q, np.ones(len(a))), (acceleration, -(omega**2))):
+            values = np.cos(angle) @ (factor * a) + np.sin(angle) @ (factor * b)
+            out[:, i] = sign * (values if harmonics["unit"] == "m" else np.deg2rad(values))
+    q[:, COORDINATE_INDEX["pelvis_tx"]] += data["stride_m"] * phase
+    return q, acceleration
+
 
 CENTRE_M = 0.006
 """m, of the centre of pressure from where the load rolls; times body weight, of every moment about that point."""
@@ -52,16 +220,9 @@ SMALLEST_STEP = 1e-3
 MOST_STEPS = 30
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Rows:
-    """Residuals of every frame in units of their standard deviations, with their derivatives."""
-
-    value: Array
-    """(nf, n)."""
-    by_position: Array | None = None
-    """(nf, n, nq)."""
-    by_velocity: Array | None = None
-    by_acceleration: Array | None = None
+_Rows = tuple[Array, dict[int, Array]]
+"""Residuals (nf, n) of every frame in units of their standard deviations, and their derivatives (nf, n, nq) by the
+coordinates, 0, their velocities, 1, or accelerations, 2."""
 
 
 @dataclass(frozen=True)
@@ -95,63 +256,50 @@ def walking_nodes(parameters: Parameters, basis: SplineBasis, phase: Array, mean
 
 def nominal_curves(phase: Array) -> Meant:
     """The nominal gait with the nominal person's feet on the floor, y = 0."""
-    q = gait_curves(phase)
+    q, acceleration = gait_curves(phase)
     q[:, COORDINATES.index("pelvis_ty")] += _floor_shift()
-    return Meant(q, gait_accelerations(phase))
+    return Meant(q, acceleration)
 
 
 @cache
 def _floor_shift() -> float:
-    heights = feet_of(published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))).points[..., 1]
+    heights = feet_of(published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))[0]).points[..., 1]
     return CLEARANCE - float(heights.min())
 
 
 def _carried(parameters: Parameters, basis: SplineBasis, nodes: Array, phase: Array, footsteps: Array) -> list[_Rows]:
     """What the ground asks for: balance, a force like that of walking people, feet that stand where they stand."""
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
-    feet = feet_of(parameters, q)
-    weight = parameters.mass * GRAVITY
+    feet, (nf, nq) = feet_of(parameters, q), q.shape
     still = resting(phase)[..., None] / FOOT_SPEED
-    nf = len(q)
     speed = np.einsum("fknic,fc->fkni", feet.slopes, v)
-    return [
-        *_forces(parameters, (q, v, a), phase, feet, weight),
-        _Rows(
-            value=((feet.points - footsteps) / FOOT_PLACE_M).reshape(nf, -1),
-            by_position=(feet.slopes / FOOT_PLACE_M).reshape(nf, -1, q.shape[1]),
-        ),
-        # how the slopes change with the posture is left out: resting points hardly move
-        _Rows(
-            value=(speed * still).reshape(nf, -1),
-            by_velocity=(feet.slopes * still[..., None]).reshape(nf, -1, q.shape[1]),
-        ),
-    ]
+    places = (
+        ((feet.points - footsteps) / FOOT_PLACE_M).reshape(nf, -1),
+        (feet.slopes / FOOT_PLACE_M).reshape(nf, -1, nq),
+    )
+    # how the slopes change with the posture is left out: resting points hardly move
+    rests = (speed * still).reshape(nf, -1), (feet.slopes * still[..., None]).reshape(nf, -1, nq)
+    return [*_forces(parameters, (q, v, a), phase, feet), (places[0], {0: places[1]}), (rests[0], {1: rests[1]})]
 
 
-def _forces(
-    parameters: Parameters, state: tuple[Array, Array, Array], phase: Array, feet: FeetOnGround, weight: float
-) -> list[_Rows]:
+def _forces(parameters: Parameters, state: tuple[Array, Array, Array], phase: Array, feet: FeetOnGround) -> list[_Rows]:
     """The total ground reaction: its moment about where the load rolls, and its force."""
-    q = state[0]
+    q, weight = state[0], parameters.mass * GRAVITY
     total = root_residual(parameters, (), *state, np.zeros((len(q), 2, 6)))
     force, moment = total.value[:, :3], total.value[:, 3:]
     share = right_share(phase)[:, None]
     points, slopes = feet.along(rolled(phase))
-    centre = share * points[:, 0] + (1.0 - share) * points[:, 1]
-    arm = q[:, :3] - centre
+    arm = q[:, :3] - (share * points[:, 0] + (1.0 - share) * points[:, 1])
     by_arm = -(share[..., None] * slopes[:, 0] + (1.0 - share[..., None]) * slopes[:, 1])
     by_arm[:, :, :3] += np.eye(3)
-
-    def about_centre(wrench: Array) -> Array:
-        return wrench[:, 3:] + np.cross(arm[:, :, None], wrench[:, :3], axis=1)
-
-    slopes_of = (total.by_position, total.by_velocity, total.by_acceleration)
-    tipping = [about_centre(by) / (CENTRE_M * weight) for by in slopes_of]
+    tipping, pushing = {}, {}
+    for order, by in enumerate((total.by_position, total.by_velocity, total.by_acceleration)):
+        tipping[order] = (by[:, 3:] + np.cross(arm[:, :, None], by[:, :3], axis=1)) / (CENTRE_M * weight)
+        pushing[order] = by[:, :3] / (FORCE * weight)[:, None]
     tipping[0] += np.cross(by_arm, force[:, :, None], axis=1) / (CENTRE_M * weight)
-    pushing = [by[:, :3] / (FORCE * weight)[:, None] for by in slopes_of]
     return [
-        _rows((moment + np.cross(arm, force)) / (CENTRE_M * weight), tipping),
-        _rows((force / weight - _usual_force(phase)) / FORCE, pushing),
+        ((moment + np.cross(arm, force)) / (CENTRE_M * weight), tipping),
+        ((force / weight - _usual_force(phase)) / FORCE, pushing),
     ]
 
 
@@ -179,41 +327,26 @@ def _near(basis: SplineBasis, nodes: Array, meant: Meant) -> list[_Rows]:
     arms = np.array([group_of(name) == "arm" for name in COORDINATES])
     place = meant.spread * np.where(slides, PLACE_M, np.where(arms, ARM_ANGLE, ANGLE))
     acceleration = meant.spread * np.where(slides, ACCELERATION, ANGULAR_ACCELERATION)
-    nf, nq = len(basis.time), nodes.shape[1]
-
-    def identity(scale: Array) -> Array:
-        return np.broadcast_to(np.diag(1.0 / scale), (nf, nq, nq))
-
-    return [
-        _Rows(value=(basis.evaluate(nodes) - meant.q) / place, by_position=identity(place)),
-        _Rows(
-            value=(basis.evaluate(nodes, 2) - meant.acceleration) / acceleration, by_acceleration=identity(acceleration)
-        ),
-    ]
-
-
-def _rows(value: Array, slopes: list[Array]) -> _Rows:
-    return _Rows(value=value, by_position=slopes[0], by_velocity=slopes[1], by_acceleration=slopes[2])
+    rows: list[_Rows] = []
+    for order, wanted, scale in ((0, meant.q, place), (2, meant.acceleration, acceleration)):
+        slope = np.broadcast_to(np.diag(1.0 / scale), (len(basis.time), len(scale), len(scale)))
+        rows.append(((basis.evaluate(nodes, order) - wanted) / scale, {order: slope}))
+    return rows
 
 
 def _step(basis: SplineBasis, rows: list[_Rows]) -> Array:
     """(nn, nq) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations are a band."""
-    nq = len(COORDINATES)
+    nq, nf = len(COORDINATES), len(basis.time)
     width = ORDER * nq
-    nf = len(basis.time)
-    value = np.concatenate([r.value for r in rows], axis=1)
+    value = np.concatenate([values for values, _ in rows], axis=1)
     by_node = np.zeros((nf, value.shape[1], ORDER, nq))
     first = 0
-    for r in rows:
-        part = slice(first, first + r.value.shape[1])
+    for values, derivatives in rows:
+        part = slice(first, first + values.shape[1])
         first = part.stop
-        for weights, by in (
-            (basis.value, r.by_position),
-            (basis.rate, r.by_velocity),
-            (basis.acceleration, r.by_acceleration),
-        ):
-            if by is not None:
-                by_node[:, part] += weights[:, None, :, None] * by[:, :, None, :]
+        for order, by in derivatives.items():
+            weights = (basis.value, basis.rate, basis.acceleration)[order]
+            by_node[:, part] += weights[:, None, :, None] * by[:, :, None, :]
     slopes = by_node.reshape(nf, -1, width)
     band, right = np.zeros((width, basis.nodes * nq)), np.zeros(basis.nodes * nq)
     for node, frames in basis.spans:

@@ -14,8 +14,8 @@ from pathlib import Path
 from distributed import LocalCluster
 
 from gaitcal.published.case import nominal_case
-from gaitcal.published.claims import conclusions
-from gaitcal.published.settings import Plan
+from gaitcal.published.disturbance_claims import conclusions
+from gaitcal.published.protocol import Plan
 from gaitcal.published.study import MonteCarloStudy, monte_carlo
 from gaitcal.published.workers import Cluster
 

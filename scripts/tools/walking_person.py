@@ -53,8 +53,7 @@ from gaitcal.io.toml import models_path
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import Motion
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.motion import two_strides
+from gaitcal.synthetic.motion import residual_free_wrench, two_strides
 from gaitcal.synthetic.subject import true_gait
 
 LOADED_N = 20.0

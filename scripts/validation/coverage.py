@@ -30,9 +30,14 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import NODES, gait_motion, isolated_motion
+from gaitcal.synthetic.motion import (
+    NODES,
+    gait_motion,
+    isolated_motion,
+    marker_noise,
+    residual_free_wrench,
+    synthetic_markers,
+)
 from scripts.validation.harness import side_by_side
 
 Array = NDArray[np.float64]

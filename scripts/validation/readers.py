@@ -27,22 +27,19 @@ import numpy as np
 from gaitcal.errors import GaitcalError, InputError
 from gaitcal.export.motion_files import write_external_loads
 from gaitcal.faults.study import check_file
-from gaitcal.io.c3d.supplement import AddedPoint, PointKind, c3d_original, supplement_c3d
-from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d, write_c3d
 from gaitcal.io.csv import with_corners, write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.force_plate import plate_from_moment
 from gaitcal.io.formats import read_forces, read_recording
 from gaitcal.io.labels import FootEvent, FootMoment
+from gaitcal.io.opensim_files import write_forces_mot, write_trc
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import models_path
-from gaitcal.io.trc_mot import write_forces_mot, write_trc
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model, save_model
 from gaitcal.model.nominal import published_model
 from gaitcal.study.study_file import load_study_file
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import synthetic_markers
-from gaitcal.synthetic.motion import gait_motion, static_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, static_motion, synthetic_markers
 from scripts.validation.harness import side_by_side
 
 SHARED = ("--jobs", "--seed")

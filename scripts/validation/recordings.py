@@ -12,7 +12,7 @@ from pathlib import Path
 
 from gaitcal import Study
 from gaitcal.cli.console import Console
-from gaitcal.cli.init import options_of, study_or_draft
+from gaitcal.cli.folder import options_of, study_or_draft
 from gaitcal.session.draft import study_of
 from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, Trial
 from gaitcal.study.study_trial import Role

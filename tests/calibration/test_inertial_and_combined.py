@@ -29,9 +29,7 @@ from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Stage
 from gaitcal.study.study import Study
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, marker_noise, residual_free_wrench, synthetic_markers
 from tests.derivatives import Array, assert_derivative
 from tests.real_studies import write_study
 

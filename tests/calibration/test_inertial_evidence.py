@@ -28,8 +28,7 @@ from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, Parameters, ful
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.spline import NodeRule, frame_rate, spline_basis
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from tests.synthetic_studies import made_recording
 
 MODEL, MOTION = published_model(), gait_motion()

@@ -22,8 +22,7 @@ from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
 from gaitcal.published.joint_recovery import step_together
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, marker_noise, synthetic_markers
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
 KNEE = isolated_parameters("knee_r")

@@ -11,7 +11,7 @@ from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, TABLE, prior_devia
 from gaitcal.model.chain import Chain, forward, segment_transforms
 from gaitcal.model.linkage import JOINT_OF_CHILD, Source
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters, published_subject
-from gaitcal.study.people_design import other_side
+from gaitcal.study.joint_prior import other_side
 
 TWICE = [row for row in TABLE if len(row.parameters) == 2]
 

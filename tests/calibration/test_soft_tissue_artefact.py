@@ -28,11 +28,10 @@ from gaitcal.calibration.soft_tissue_artefact import (
 )
 from gaitcal.model.chain import forward, jacobian, segment_transforms
 from gaitcal.model.parameters import Parameters, isolated_parameters
-from gaitcal.motion.arrow import eliminate
+from gaitcal.motion.banded import eliminate
 from gaitcal.motion.marker_residual import PlacedMarkers
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, together
-from gaitcal.motion.spline import basis_matrix
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from tests.derivatives import Array, perturbed_parameters, random_trial
@@ -131,7 +130,7 @@ def velocities(problem: TrialProblem, nodes: Array, parameters: Parameters) -> t
             spatial[:, :3] + np.cross(spatial[:, 3:], x[m][None], axis=1)
         )
         slope[m] = moved.transpose(1, 2, 0)
-    by_nodes = slope[..., None, :nq] * basis_matrix(problem.basis).toarray()[:, :, None]
+    by_nodes = slope[..., None, :nq] * problem.basis.matrices[0].toarray()[:, :, None]
     flat = np.concatenate([by_nodes.reshape(*x.shape, -1), slope[..., nq:]], axis=-1).reshape(x.size, -1)
     axes = segment_transforms(problem.chain, constants, poses)[problem.data.segment, :3]
     return flat, axes.transpose(0, 2, 1, 3)

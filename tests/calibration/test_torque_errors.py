@@ -32,9 +32,7 @@ from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parame
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import NODES, gait_motion
+from gaitcal.synthetic.motion import NODES, gait_motion, marker_noise, residual_free_wrench, synthetic_markers
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
 DIFFERENCES = 1e-6

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gaitcal.codes import Code
-from gaitcal.cohort import task as tasks
+from gaitcal.cohort import outcome as tasks
 from gaitcal.cohort.one_person import CommonSettings, PersonError
 from gaitcal.cohort.people import CohortPerson
 from tests.cohort.stubs import write_result

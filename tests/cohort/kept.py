@@ -11,13 +11,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from gaitcal.cohort.mean_curves import GAP, SHAPE
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Outcome, Outcomes, keep, state_file
+from gaitcal.cohort.outcome import STRIDES, Outcome, Outcomes, keep, state_file
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.tables import mark, write_tables
-from gaitcal.cohort.task import STRIDES
+from gaitcal.cohort.row import GAP, SHAPE
+from gaitcal.cohort.run import mark, write_tables
 
 KNEE = ("warning", "the knee axis passes far from the epicondyles", "look at the static trial")
 FORCES = ("error", "the forces do not fit the motion", "look at the plates")

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.cohort.person_evidence import PARTS, PartEvidence, PersonEvidence
-from gaitcal.study.people_design import Person
+from gaitcal.cohort.learn_priors import PARTS
+from gaitcal.cohort.learning import PartEvidence, PersonEvidence
+from gaitcal.study.joint_prior import Person
 
 Array = NDArray[np.float64]
 NAMES = PARTS["legs"]

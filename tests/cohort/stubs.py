@@ -12,10 +12,9 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.cohort.one_person import CommonSettings
-from gaitcal.cohort.outcome import Outcome
+from gaitcal.cohort.outcome import Outcome, Task
 from gaitcal.cohort.people import CohortPerson, people_in
 from gaitcal.cohort.run import Ended, run_cohort
-from gaitcal.cohort.task import Task
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.results.table_file import write_csv

@@ -1,4 +1,4 @@
-"""From people to a file of priors, and from the file to a person."""
+"""From recordings to evidence, from people to a file of priors, and from the file to a person."""
 
 from __future__ import annotations
 
@@ -10,25 +10,40 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_prior import prior_of, prior_root
-from gaitcal.cohort.cohort_priors import Rules, learn_cohort, priors_rows, priors_text, priors_words
-from gaitcal.cohort.person_evidence import PersonEvidence
-from gaitcal.cohort.result_evidence import Found, one_each
+from gaitcal.calibration.error_sources import ErrorSources, nominal_influence
+from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
+from gaitcal.cohort.learn_priors import (
+    PARTS,
+    Found,
+    Rules,
+    learn_cohort,
+    one_each,
+    parts_of,
+    priors_rows,
+    priors_text,
+    priors_words,
+)
+from gaitcal.cohort.learning import Evidence, PersonEvidence, Structure, learn, log_density
 from gaitcal.errors import InputError
 from gaitcal.io.toml import package_version
-from gaitcal.model.parameters import JP_NAMES
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.joint_prior import (
     CohortPriors,
+    JointPrior,
+    Person,
     expected,
     joint_prior,
+    mirror,
+    other_side,
     prior_of_person,
     read_cohort_priors,
+    sided_directions,
     symmetric,
     with_cohort_priors,
 )
-from gaitcal.study.people_design import Person, mirror, other_side, sided_directions
+from gaitcal.study.settings import ParameterPriorTable
 from gaitcal.study.study import Study
-from tests.cohort.made_people import NAMES, Array, people
+from tests.cohort.made_people import KNEES, NAMES, Array, people, some_information, told
 from tests.synthetic_studies import write_synthetic_study
 
 RULES = Rules(marker_set="published", hip_centre="bell", ankle_zero="markers")
@@ -217,3 +232,194 @@ def test_of_several_sessions_the_one_that_tells_most_counts_and_most_rules_win()
     assert [p.name for p in used] == [p.name for p in loud]
     np.testing.assert_array_equal(used[0].parts["legs"].right, loud[0].parts["legs"].right)
     assert used[0].recordings == {"file 0", "again P000"}
+
+
+CLOSE = 1e-6
+"""Relative: of matrices of 1e-4 to 1e4 in m, rad that are inverted twice."""
+LEGS = PARTS["legs"]
+UNSEEN = 10
+OTHER = prior_of_study(
+    {
+        "hip.pelvis.ant": ParameterPriorTable(mean=-7.0, deviation=6.0),
+        "hip_l.thigh.ant": ParameterPriorTable(deviation=5.0),
+        "knee.thigh.trans": ParameterPriorTable(mean=2.0),
+    }
+)
+
+
+def fitted(names: tuple[str, ...], prior: JointPrior | None) -> tuple[ErrorSources, np.ndarray, np.ndarray, np.ndarray]:
+    """Errors and deviations (98,) of a fit, all other parameters nominal; and S, S m of its markers."""
+    rng, (mean, covariance) = np.random.default_rng(4), prior_of(names, prior)
+    half = np.linalg.inv(prior_root(names, None)).T @ rng.normal(0.0, 2.0, (len(names), len(names) - UNSEEN))
+    information, at = half @ half.T, rng.normal(0.0, 0.01, len(names))
+    precision = information + np.linalg.inv(covariance)
+    found = np.linalg.solve(precision, information @ at + np.linalg.solve(covariance, mean))
+    others = tuple(name for name in JP_NAMES if name not in names)
+    left = nominal_influence(others, prior)
+    errors = np.zeros((len(JP_NAMES),) * 2)
+    errors[: len(names), : len(names)] = np.linalg.cholesky(np.linalg.inv(precision))
+    errors[len(names) :, len(names) :] = left.parameters
+    influence = ErrorSources(
+        (*names, *others), errors, (*(f"markers/walk/{k}" for k in range(len(names))), *left.clusters)
+    )
+    deviation = np.zeros(len(JP_NAMES))
+    deviation[[JP_INDEX[name] for name in names]] = found
+    return influence, deviation, information, information @ at
+
+
+@pytest.mark.parametrize("prior", [None, OTHER], ids=["anatomy", "study"])
+@pytest.mark.parametrize("names", [LEGS, tuple(n for n in LEGS if "_r." in n)], ids=["both legs", "one"])
+def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing(
+    names: tuple[str, ...], prior: JointPrior | None
+) -> None:
+    influence, deviation, information, right = fitted(names, prior)
+    parts = parts_of(influence, deviation, JP_NAMES, prior)
+    assert parts is not None
+    unit, origin = prior_root(LEGS, None)[[LEGS.index(name) for name in names]], prior_of(names, None)[0]
+    wanted, pulled = unit.T @ information @ unit, unit.T @ (right - information @ origin)
+    np.testing.assert_allclose(parts["legs"].information, wanted, atol=CLOSE * np.abs(wanted).max())
+    np.testing.assert_allclose(parts["legs"].right, pulled, atol=CLOSE * np.abs(pulled).max())
+    assert not parts["trunk and arms"].information.any() and not parts["trunk and arms"].right.any()
+
+
+def test_exact_errors_are_no_evidence() -> None:
+    influence, deviation, *_ = fitted(LEGS, None)
+    exact = ErrorSources(
+        influence.free, influence.parameters * (np.arange(len(JP_NAMES)) != len(LEGS) - 1), influence.clusters
+    )
+    assert parts_of(exact, deviation, JP_NAMES, None) is None
+
+
+SIZE = len(KNEES)
+COMMON = 0.5
+EXACT = 1e-9
+SINGULAR = 1e-6
+"""What rounding leaves of directions that information of less rank does not show."""
+
+
+def evidence(people: int, spread: Array, mean: Array, seed: int, unseen: int = 0) -> Evidence:
+    rng, root = np.random.default_rng(seed), np.linalg.cholesky(spread)
+    parts = []
+    for _ in range(people):
+        deviation = mean + root @ rng.normal(size=SIZE)
+        parts.append(told(deviation, some_information(rng, SIZE, unseen), rng))
+    alike, _ = sided_directions(KNEES)
+    return Evidence(
+        information=np.array([p.information for p in parts]).reshape(-1, SIZE, SIZE),
+        right=np.array([p.right for p in parts]).reshape(-1, SIZE),
+        design=np.repeat(alike[None], people, axis=0),
+    )
+
+
+def effects() -> Array:
+    return np.full(sided_directions(KNEES)[0].shape[1], COMMON)
+
+
+def rest() -> Array:
+    alike, _ = sided_directions(KNEES)
+    return np.eye(SIZE) - COMMON * alike @ alike.T
+
+
+def axes() -> Structure:
+    return Structure(rest(), 3.0, np.linalg.eigh(rest())[1])
+
+
+@pytest.mark.parametrize("structure", [axes(), Structure(rest(), 10.0)], ids=["axes", "whole"])
+def test_each_step_is_likelier_and_spreads_are_the_same_on_both_sides(structure: Structure) -> None:
+    found = learn(evidence(12, 0.1 * np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure)
+    assert len(found.rises) > 3
+    assert (np.diff(found.rises) > -EXACT).all()
+    spread, reflected = found.population.spread, mirror(KNEES)
+    np.testing.assert_allclose(reflected @ spread @ reflected.T, spread, atol=EXACT)
+    assert np.linalg.eigvalsh(spread)[0] > 0.0
+
+
+def test_of_nobody_the_default_prior_is_learnt() -> None:
+    for structure in (Structure(rest()), axes(), Structure(rest(), 10.0)):
+        nobody = learn(evidence(0, np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure)
+        mean, covariance = nobody.population.expected(sided_directions(KNEES)[0])
+        np.testing.assert_allclose(mean, 0.0)
+        np.testing.assert_allclose(covariance, np.eye(SIZE), atol=EXACT)
+
+
+def test_many_people_tell_mean_and_spread() -> None:
+    rng = np.random.default_rng(3)
+    alike, _ = sided_directions(KNEES)
+    mean = alike @ rng.normal(0.0, 0.7, alike.shape[1])
+    traits = rng.normal(0.0, 0.3, (SIZE, 2))
+    reflected = mirror(KNEES)
+    spread = 0.05 * np.eye(SIZE) + traits @ traits.T
+    spread = 0.5 * (spread + reflected @ spread @ reflected.T)
+    found = learn(evidence(600, spread, mean, 4), effects(), reflected, Structure(rest(), 5.0)).population
+    # 600 people: a variance within some 6 %, a mean within a tenth of its spread
+    np.testing.assert_allclose(found.expected(alike)[0], mean, atol=0.1)
+    assert np.linalg.norm(found.spread - spread) < 0.15 * np.linalg.norm(spread)
+
+
+def test_the_likelihood_is_that_of_the_dense_normal_distribution() -> None:
+    """With information of full rank, m = S^-1 r is normal with the covariance of people and recordings together."""
+    people, alike = 5, sided_directions(KNEES)[0]
+    prior, reflected = effects(), mirror(KNEES)
+
+    def dense(made: Evidence, spread: Array) -> float:
+        blocks = [np.linalg.inv(s) for s in made.information]
+        m = np.concatenate([b @ r for b, r in zip(blocks, made.right, strict=True)])
+        design = np.vstack(list(made.design))
+        whole = design @ np.diag(prior) @ design.T
+        for k, block in enumerate(blocks):
+            own = slice(k * SIZE, (k + 1) * SIZE)
+            whole[own, own] += spread + block
+        return float(-m @ np.linalg.solve(whole, m) - np.linalg.slogdet(whole)[1])
+
+    made = evidence(people, 0.1 * np.eye(SIZE), np.zeros(SIZE), 5)
+    told = [learn(made, prior, reflected, Structure(spread)).rises[0] for spread in (rest(), 0.3 * rest())]
+    wanted = [dense(made, spread) for spread in (rest(), 0.3 * rest())]
+    assert told[1] - told[0] == pytest.approx(wanted[1] - wanted[0], rel=1e-8)
+    alone = [
+        log_density(made.information[0], made.right[0], mean, spread)
+        for mean, spread in ((np.zeros(SIZE), rest()), (alike @ prior, 2.0 * rest()))
+    ]
+    m, block = np.linalg.solve(made.information[0], made.right[0]), np.linalg.inv(made.information[0])
+    for value, (mean, spread) in zip(alone, ((np.zeros(SIZE), rest()), (alike @ prior, 2.0 * rest())), strict=True):
+        off, whole = m - mean, spread + block
+        expected = -0.5 * (off @ np.linalg.solve(whole, off) + np.linalg.slogdet(whole)[1])
+        constant = 0.5 * (m @ made.information[0] @ m + np.linalg.slogdet(block)[1])
+        assert value == pytest.approx(expected + constant, rel=1e-8)
+
+
+def test_what_nobody_shows_stays_as_it_was() -> None:
+    rng = np.random.default_rng(8)
+    vectors = np.linalg.qr(rng.normal(size=(SIZE, SIZE)))[0]
+    reflected, alike = mirror(KNEES), sided_directions(KNEES)[0]
+    # the same on both sides, so that the other side does not show it
+    seen = (vectors[:, : SIZE // 3]) @ vectors[:, : SIZE // 3].T
+    seen = 0.5 * (seen + reflected @ seen @ reflected.T)
+    values, directions = np.linalg.eigh(seen)
+    unseen = directions[:, values < EXACT]
+    assert unseen.shape[1] > 0
+    people = [told(0.1 * rng.normal(size=SIZE), 40.0 * seen, rng) for _ in range(30)]
+    made = Evidence(
+        information=np.array([p.information for p in people]),
+        right=np.array([p.right for p in people]),
+        design=np.repeat(alike[None], 30, axis=0),
+    )
+    mean, covariance = learn(made, effects(), reflected, Structure(rest(), 3.0)).population.expected(alike)
+    np.testing.assert_allclose(unseen.T @ mean, 0.0, atol=SINGULAR)
+    np.testing.assert_allclose(unseen.T @ covariance @ unseen, np.eye(unseen.shape[1]), atol=SINGULAR)
+
+
+def test_the_order_of_evidence_makes_no_difference() -> None:
+    made = evidence(10, 0.1 * np.eye(SIZE), np.zeros(SIZE), 9)
+    one, other = (learn(e, effects(), mirror(KNEES), axes()).population for e in (made, made.of(np.arange(10)[::-1])))
+    np.testing.assert_allclose(one.spread, other.spread, atol=EXACT)
+    np.testing.assert_allclose(one.effects, other.effects, atol=EXACT)
+
+
+def test_people_seen_in_a_mirror_teach_the_same() -> None:
+    made, reflected = evidence(10, 0.1 * np.eye(SIZE), np.zeros(SIZE), 10), mirror(KNEES)
+    turned = Evidence(
+        information=reflected @ made.information @ reflected.T, right=made.right @ reflected.T, design=made.design
+    )
+    one, other = (learn(e, effects(), reflected, axes()).population for e in (made, turned))
+    np.testing.assert_allclose(one.spread, other.spread, atol=EXACT)
+    np.testing.assert_allclose(one.effects, other.effects, atol=EXACT)

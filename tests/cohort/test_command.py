@@ -19,7 +19,7 @@ from gaitcal.codes import Code
 from gaitcal.cohort.people import people_in
 from gaitcal.cohort.run import Ended
 from gaitcal.errors import InputError, UsageError
-from gaitcal.io.snapshot import listed
+from gaitcal.io.result_folder import listed
 from tests.cohort.kept import Kept, write_cohort
 from tests.session.folders import recordings, write
 

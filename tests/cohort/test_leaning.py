@@ -17,16 +17,14 @@ from typer.testing import CliRunner, Result
 from gaitcal.calibration.joint_estimate import estimate_joints
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of, prior_of_study, prior_root
 from gaitcal.cli.application import app
-from gaitcal.cohort.cohort_file import read_cohort
-from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, learn_priors
+from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, NotUsedError, evidence_of, learn_priors
 from gaitcal.cohort.one_person import CommonSettings, _contradictions
 from gaitcal.cohort.outcome import Outcome, fingerprint, keep
-from gaitcal.cohort.people import Cohort, CohortPerson
-from gaitcal.cohort.result_evidence import NotUsedError, evidence_of
-from gaitcal.cohort.tables import mark
+from gaitcal.cohort.people import Cohort, CohortPerson, read_cohort
+from gaitcal.cohort.run import mark
 from gaitcal.compare.shared_model import require_fit_to_share
 from gaitcal.errors import InputError, UsageError
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.results.saved import load_result
 from gaitcal.results.sessions import load_session
@@ -193,7 +191,7 @@ def test_other_priors_are_another_fingerprint(tmp_path: Path) -> None:
 
 def test_the_command_learns_when_everybody_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from gaitcal.cli import cohort as command
-    from gaitcal.cohort.tables import FAILURES, Written
+    from gaitcal.cohort.run import FAILURES, Written
 
     def ended(*_: object, **__: object) -> Written:
         (tmp_path / "out").mkdir()

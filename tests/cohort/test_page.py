@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitcal.cohort.columns import NAMES, UNITS
-from gaitcal.cohort.mean_curves import EVERY, GAP, POINTS, SHAPE, STEPS, VARIABLES, mean_curves, no_curves
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.page import MEASURES, NO_STRIDE
+from gaitcal.cohort.row import EVERY, GAP, NAMES, SHAPE, STEPS, UNITS, VARIABLES, mean_curves, no_curves
 from gaitcal.gait.cycles import Kind
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.results.table_file import write_csv
@@ -48,7 +47,7 @@ def ensemble(path: Path) -> None:
         ("lumbar_bending", "r"): percent * 1.0,
     }
     parts = [
-        pd.DataFrame({"variable": name, "side": side, "percent": percent, "mean": mean})
+        pd.DataFrame({"variable": name, "side": side, "percent": percent, "mean": mean, "se": 0.0})
         for (name, side), mean in curves.items()
     ]
     write_csv(pd.concat(parts), path)
@@ -73,7 +72,7 @@ def test_mean_curves_are_packed_by_body_mass(tmp_path: Path) -> None:
 def test_people_without_curves_have_room(tmp_path: Path) -> None:
     assert mean_curves(tmp_path / "none.csv", MASS) == ""
     assert (integers(no_curves()) == GAP).all()
-    assert integers(no_curves()).size == np.prod(SHAPE) == len(VARIABLES) * 2 * POINTS
+    assert integers(no_curves()).size == np.prod(SHAPE) == len(VARIABLES) * 2 * 51
     assert not no_curves().endswith("=")  # people's texts can stand one behind the other
 
 

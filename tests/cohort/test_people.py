@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.cohort.cohort_file import read_cohort, read_sheet
-from gaitcal.cohort.people import people_in, safe_name
+from gaitcal.cohort.people import people_in, read_cohort, read_sheet, safe_name
 from gaitcal.errors import InputError
 from gaitcal.session.draft import settings_text
 

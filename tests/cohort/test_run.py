@@ -1,24 +1,27 @@
-"""A cohort whose calibrations are stubs: what is run again, what the tables hold, what a failure leaves."""
+"""A cohort whose calibrations are stubs: what is run again and why, what the tables hold, what a failure leaves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from errno import ENOSPC
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from gaitcal.cohort.columns import COLUMNS, NAMES
-from gaitcal.cohort.outcome import Outcome, state_file
+from gaitcal.cohort import outcome as tasks
+from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.outcome import Outcome, Task, fingerprint, inputs_of, keep, state_file
 from gaitcal.cohort.page import PAGE
-from gaitcal.cohort.people import people_in
-from gaitcal.cohort.run import MOST_MIB, processes, run_cohort
-from gaitcal.cohort.tables import CYCLES, FAILURES, PEOPLE_CSV, PEOPLE_PARQUET
-from gaitcal.cohort.task import Task
+from gaitcal.cohort.people import CohortPerson, people_in, read_cohort
+from gaitcal.cohort.row import COLUMNS, NAMES
+from gaitcal.cohort.run import CYCLES, FAILURES, MOST_MIB, PEOPLE_CSV, PEOPLE_PARQUET, processes, run_cohort
 from gaitcal.errors import InputError
 from gaitcal.gait.ensemble import ensemble
-from tests.cohort.stubs import MASS, Here, of_a_process, rows, run, strides
+from gaitcal.io.atomic import disk_errors
+from tests.cohort.stubs import MASS, Here, of_a_process, rows, run, strides, write_result
 from tests.session.folders import recordings, write
 
 SAME = (PEOPLE_CSV, PEOPLE_PARQUET, CYCLES, FAILURES, PAGE, "manifest.json")
@@ -89,7 +92,7 @@ def test_only_what_changed_is_run_again(lab: Path, tmp_path: Path, ran: list[str
 
 
 def test_a_group_is_no_reason_to_calibrate(lab: Path, tmp_path: Path, ran: list[str]) -> None:
-    from gaitcal.cohort.cohort_file import read_cohort
+    from gaitcal.cohort.people import read_cohort
 
     out = tmp_path / "out"
     run(lab, out)
@@ -153,3 +156,161 @@ def test_every_failure_has_a_code(tmp_path: Path) -> None:
         "holds 1 files, but no recording that can be read (.c3d, .trc or .csv)": ("GC-223", True),
         "no file says subject.mass_kg, subject.height_m, subject.sex": ("GC-211", True),
     }
+
+
+LONG = "\U00020000"
+"""A letter of four bytes."""
+
+
+def test_who_cannot_be_kept_is_a_failure(
+    lab: Path, tmp_path: Path, ran: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full when Ann has ended, and when Zed has failed."""
+    out = tmp_path / "out"
+    run(lab, out)
+    (lab / "Ann" / "walk.c3d").write_text("another walk")
+
+    def full(folder: Path, outcome: Outcome) -> None:
+        if outcome.name in ("Ann", "Zed"):
+            with disk_errors(folder / outcome.place):
+                raise OSError(ENOSPC, "No space left on device")
+        keep(folder, outcome)
+
+    monkeypatch.setattr(tasks, "keep", full)
+    ended = run(lab, out, retry=True)
+    assert [e.outcome.verdict for e in ended] == ["failed", "doubtful", "failed", "failed"]
+    ann, _, zed = rows(out / FAILURES)
+    assert (ann["person"], ann["code"]) == ("Ann", "GC-230")
+    assert ann["cause"] == "people/Ann: cannot be written: No space left on device"
+    assert zed["cause"] == "the static trial is restless"
+    assert "No space left on device" in (out / PAGE).read_text(encoding="utf-8")
+    assert [row["person"] for row in rows(out / PEOPLE_CSV)] == ["Bob"]
+    monkeypatch.undo()
+    monkeypatch.setattr(tasks, "calibrate_person", lambda person, out, common: write_result(person, out, common))
+    run(lab, out)
+    assert [row["person"] for row in rows(out / PEOPLE_CSV)] == ["Ann", "Bob", "Zed"]
+
+
+def test_nobody_is_left_out_of_the_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
+    class Forgetful(Here):
+        def run(
+            self, function: Callable[[Task], Outcome], tasks: Iterator[Task], lost: Callable[[Task, str], Outcome]
+        ) -> Iterator[Outcome]:
+            for task in tasks:
+                yield function(task)
+                state_file(task.out, "people/Bob", ".json").unlink(missing_ok=True)
+
+    out = tmp_path / "out"
+    written = run_cohort(people_in(lab, out), out, engine=Forgetful())
+    assert written.verdicts == {"doubtful": 1, "failed": 3}
+    assert [row["person"] for row in rows(out / FAILURES)] == ["Bob", "Yan", "Zed"]
+    assert "was not found on disk" in rows(out / FAILURES)[0]["cause"]
+
+
+def test_a_name_of_many_bytes_is_a_line_of_the_tables(lab: Path, tmp_path: Path) -> None:
+    (lab / "people.csv").write_text(f"person\n{70 * LONG}\n", encoding="utf-8")
+    out = tmp_path / "out"
+    cohort = read_cohort(lab, out)[0]
+    one = replace(cohort, people=tuple(person for person in cohort.people if person.name.startswith(LONG)))
+    assert run_cohort(one, out, engine=Here()).verdicts == {"failed": 1}
+    (line,) = rows(out / FAILURES)
+    assert (line["person"], line["code"]) == (70 * LONG, "GC-223")
+    assert line["cause"].startswith("no folder '")
+
+
+STUDY = """
+[subject]
+name = "Ann"
+mass_kg = 60
+height_m = 1.7
+sex = "female"
+
+[markers]
+set = "../../sets/own.toml"
+
+[[trial]]
+name = "static"
+role = "static"
+file = "data/raw/static.c3d"
+
+[[trial]]
+name = "walk"
+role = "gait"
+file = "../shared/walk.trc"
+forces = "data/raw/loads.xml"
+"""
+LOADS = '<ExternalLoads><ExternalForce name="r"/><datafile>forces.mot</datafile></ExternalLoads>'
+NAMED = (
+    "data/raw/static.c3d",
+    "../shared/walk.trc",
+    "data/raw/loads.xml",
+    "data/raw/forces.mot",
+    "../../sets/own.toml",
+)
+
+
+@pytest.fixture(params=["study.toml", "before.toml"])
+def ann(request: pytest.FixtureRequest, tmp_path: Path) -> CohortPerson:
+    folder = tmp_path / "lab" / "Ann"
+    folder.mkdir(parents=True)
+    (folder / request.param).write_text(STUDY)
+    for name in NAMED:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(LOADS if path.suffix == ".xml" else name)
+    return CohortPerson(folder=folder, name="Ann")
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_file_that_a_study_names_counts(ann: CohortPerson, name: str) -> None:
+    first = fingerprint(ann, CommonSettings())
+    path = ann.folder / name
+    kept = path.read_bytes()
+    path.write_bytes(kept + b" ")
+    changed = fingerprint(ann, CommonSettings())
+    path.unlink()
+    missing = fingerprint(ann, CommonSettings())
+    assert len({first, changed, missing}) == 3
+    path.write_bytes(kept)
+    assert fingerprint(ann, CommonSettings()) == first
+
+
+def test_one_of_several_missing_files_that_comes_back_is_seen(ann: CohortPerson) -> None:
+    for name in NAMED[:2]:
+        (ann.folder / name).unlink()
+    before = fingerprint(ann, CommonSettings())
+    (ann.folder / NAMED[0]).write_text("again")
+    assert fingerprint(ann, CommonSettings()) != before
+
+
+def test_no_file_counts_twice(ann: CohortPerson) -> None:
+    (ann.folder / "notes.txt").write_text("no recording")
+    files = inputs_of(ann.folder)
+    whole = [path.resolve() for path in files.values()]
+    assert len(set(whole)) == len(whole) == len(NAMED) + 1
+    assert "../shared/walk.trc" in files
+    assert "data/raw/static.c3d" in files
+
+
+def test_a_draft_reads_tables_that_an_xml_names(tmp_path: Path) -> None:
+    folder = tmp_path / "Bob"
+    (folder / "deep" / "tables").mkdir(parents=True)
+    (folder / "deep" / "loads.xml").write_text(LOADS.replace("forces.mot", "tables/forces.mot"))
+    (folder / "deep" / "tables" / "forces.mot").write_text("1")
+    (folder / "deep" / "tables" / "other.mot").write_text("2")
+    assert set(inputs_of(folder)) == {"deep/loads.xml", "deep/tables/forces.mot"}
+
+
+def test_a_name_too_long_for_a_folder_reads_nothing(tmp_path: Path) -> None:
+    assert inputs_of(tmp_path / ("x" * 300)) == {}
+
+
+def test_joint_parameters_that_a_cohort_file_expects_are_known_ones(tmp_path: Path) -> None:
+    (tmp_path / "Ann").mkdir()
+    file = tmp_path / "cohort.toml"
+    text = '[[person]]\nfolder = "Ann"\n[calibration.joint_prior]\n"hip.pelvis.NAME" = { mean = -7 }\n'
+    file.write_text(text.replace("NAME", "ant"))
+    assert read_cohort(file, tmp_path / "out")[1].joint_prior["hip.pelvis.ant"].mean == -7.0
+    file.write_text(text.replace("NAME", "front"))
+    with pytest.raises(InputError, match=r"cohort.toml: calibration.joint_prior: found 'hip.pelvis.front'"):
+        read_cohort(file, tmp_path / "out")

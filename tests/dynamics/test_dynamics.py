@@ -16,8 +16,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, dynamic_parameters, gait_parameters, leg_parameters
 from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
 
 RNG = np.random.default_rng(12)

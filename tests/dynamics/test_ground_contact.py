@@ -14,7 +14,7 @@ from gaitcal.dynamics.foot_contact import LANDING, LEAVING, RESTING, FootPoints,
 from gaitcal.dynamics.ground_contact import GroundReactions, ground_reactions_on_feet, leg_of
 from gaitcal.dynamics.plate_errors import foot_tip, inside, outside, share_outside
 from gaitcal.dynamics.plate_steps import distance_to_line
-from gaitcal.io.filters import filter_plate, resample_wrench
+from gaitcal.io.force_plate import filter_plate, resample_wrench
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
 

@@ -22,7 +22,7 @@ from gaitcal.dynamics.joint_kinetics import (
     power_of,
 )
 from gaitcal.dynamics.joint_moments import COMPONENTS, HELD, NET_JOINTS, VECTOR_FRAMES, MomentFrame, moment_slopes
-from gaitcal.export.joint_frames import joint_frames
+from gaitcal.export.osim import joint_frames
 from gaitcal.model.linkage import COORDINATES, JOINT_OF_CHILD
 from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, gait_parameters, leg_parameters, table
 from gaitcal.model.subject_model import build_linkage

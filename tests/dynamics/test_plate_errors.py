@@ -11,8 +11,7 @@ from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.study.settings import PlateErrorTable
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from tests.derivatives import Array, perturbed_parameters
 
 LINEAR = 1e-9

@@ -16,10 +16,10 @@ from gaitcal.faults import plates
 from gaitcal.faults.foot_on_plate import feet_of
 from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Severity
-from gaitcal.io.filters import resample_wrench
+from gaitcal.io.force_plate import resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.session.prepare import measured_reactions, prepare_trial
+from gaitcal.session.session import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 

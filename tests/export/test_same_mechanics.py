@@ -28,8 +28,7 @@ from tests.export.mechanics import (
     perturbed,
     random_states,
 )
-from tests.export.opensim_model import OpenSimModel
-from tests.export.peers import Answers, mjcf_answers, mujoco_answers, opensim_answers, urdf_answers
+from tests.export.peers import Answers, OpenSimModel, mjcf_answers, mujoco_answers, opensim_answers, urdf_answers
 
 PINOCCHIO_TOLERANCE = 1e-9
 """N, N·m: the same library on both sides, so only rounding of the placements differs."""

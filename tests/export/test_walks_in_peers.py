@@ -15,10 +15,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.synthetic.measurements import synthetic_markers
+from gaitcal.synthetic.motion import synthetic_markers
 from tests.export.mechanics import FORCE_TOLERANCE, IK_TOLERANCE, POSITION_TOLERANCE, PRINTED, State, our_forces
-from tests.export.opensim_tools import optimum, run_inverse_dynamics, run_inverse_kinematics
-from tests.export.peers import Answers, mujoco_answers, opensim_answers, urdf_answers
+from tests.export.peers import (
+    Answers,
+    mujoco_answers,
+    opensim_answers,
+    optimum,
+    run_inverse_dynamics,
+    run_inverse_kinematics,
+    urdf_answers,
+)
 from tests.export.walks import Walk, calibrated_walk
 from tests.real_studies import write_study
 from tests.synthetic_studies import write_synthetic_study

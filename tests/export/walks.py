@@ -12,7 +12,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.calibration import write_results
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
-from gaitcal.synthetic.measurements import synthetic_markers
+from gaitcal.synthetic.motion import synthetic_markers
 from tests.export.mechanics import State
 
 Array = NDArray[np.float64]

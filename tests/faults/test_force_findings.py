@@ -20,8 +20,8 @@ from gaitcal.faults.force_evidence import FORCE_UNITS
 from gaitcal.findings import STUDY, Severity
 from gaitcal.io.csv import write_forces_csv
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.nominal import nominal_model
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.trial_result import analyse
 from gaitcal.study.study import Study

@@ -18,8 +18,7 @@ from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, Feet, contacts, outside_sole
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
-from gaitcal.io.filters import resample_wrench
-from gaitcal.io.force_plate import plate_from_moment
+from gaitcal.io.force_plate import plate_from_moment, resample_wrench
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set

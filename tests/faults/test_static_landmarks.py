@@ -32,8 +32,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import StudyTrial
-from gaitcal.synthetic.measurements import synthetic_markers
-from gaitcal.synthetic.motion import standing_pose, static_motion
+from gaitcal.synthetic.motion import standing_pose, static_motion, synthetic_markers
 from gaitcal.synthetic.subject import on_the_floor, recording_of, synthetic_model
 from tests.faults.spoilt import Array, Change, moved, sound_study, swapped, with_trial
 from tests.real_studies import REAL, study_text

@@ -14,7 +14,8 @@ from typer.testing import CliRunner, Result
 
 from gaitcal.cli.application import app
 from gaitcal.cli.console import Console
-from gaitcal.cli.figures import Options, chosen, run
+from gaitcal.cli.figures import Options, chosen
+from gaitcal.cli.figures import draw_figures as run
 from gaitcal.errors import InputError, UsageError
 from gaitcal.figures import report
 from gaitcal.figures.chart import SIDE_COLOURS, Chart, panel_figure
@@ -23,8 +24,7 @@ from gaitcal.figures.report import Told, report_charts
 from gaitcal.figures.sheet import SheetTrial, unpacked
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.lock import ResultKind, refuse_others
+from gaitcal.io.result_folder import ResultKind, atomic_directory, refuse_others
 from gaitcal.page.packing import lengths
 from gaitcal.page.sheet.sheet import SHEET, calibration_sheet, write_sheet
 from gaitcal.results.cycles import read_cycles
@@ -263,7 +263,7 @@ def test_figures_in_a_result_do_not_keep_it_from_being_made_again(tmp_path: Path
 
 def test_drawing_alone_loads_matplotlib() -> None:
     """Every command waits for what it imports."""
-    named = "import sys, gaitcal.cli.calibrate, gaitcal.cli.dynamics, gaitcal.cli.view"
+    named = "import sys, gaitcal.cli.calibrate, gaitcal.cli.calibrate, gaitcal.cli.view"
     named += ", gaitcal.session.calibrate, gaitcal.results.calibration"
     heavy = "print([m for m in ('matplotlib', 'scipy.signal', 'scipy.stats', 'PIL') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", f"{named}; {heavy}"], capture_output=True, text=True, check=True)

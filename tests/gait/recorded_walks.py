@@ -10,12 +10,12 @@ import numpy as np
 
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points, ground_reactions, unseen_frames
+from gaitcal.gait.cycles import EventSource, GaitEvent
 from gaitcal.gait.events import TrialEvents, trial_events
-from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
 from gaitcal.io.labels import FootMoment
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.session.prepare import prepare_trial
+from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, nominal_of
 
 PEOPLE = {

@@ -7,8 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitcal.gait.cycles import FootEvents, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances, steady
-from gaitcal.gait.gait_event import EventSource
+from gaitcal.gait.cycles import (
+    EventSource,
+    FootEvents,
+    GaitCycle,
+    best_cycle,
+    gait_cycles,
+    normalise,
+    resample,
+    stances,
+    steady,
+)
 from gaitcal.io.intervals import runs
 
 FRAME = 0.01

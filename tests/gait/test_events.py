@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from gaitcal.gait.cycles import EventSource, source_words
 from gaitcal.gait.events import joined_events, motion_events, plate_events
-from gaitcal.gait.gait_event import EventSource, source_words
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
 from tests.gait.walks import TIME, moved, walk

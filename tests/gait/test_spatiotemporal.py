@@ -11,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.dynamics.foot_contact import FootPoints
+from gaitcal.gait.cycles import EventSource, GaitEvent
 from gaitcal.gait.events import TrialEvents, joined_events
-from gaitcal.gait.gait_event import EventSource, GaitEvent
-from gaitcal.gait.spatiotemporal import MEASURES, Stride, strides_measured
+from gaitcal.gait.spatiotemporal import MEASURES, Stride, counting, measure_means, stride_findings, strides_measured
 from gaitcal.gait.strides import strides_of
-from gaitcal.gait.symmetry import counting, measure_means, stride_findings
 from gaitcal.io.labels import FootMoment
 from tests.gait.recorded_walks import hand_count, recorded_strides, strides_of_markers, vendor_figures
 

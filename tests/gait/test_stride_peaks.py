@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitcal.gait.cycles import POINTS
-from gaitcal.gait.symmetry import LEAST_VALID, stride_peaks
+from gaitcal.gait.spatiotemporal import LEAST_VALID, stride_peaks
 
 ERRORS = np.tile(np.linspace(0.1, 0.2, POINTS), (3, 1))
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitcal.gait.swing import OFF, STRIKE, swing_events
+from gaitcal.gait.events import OFF, STRIKE, swing_events
 
 STRIDE, SWING = 1.1, 0.44
 """s."""

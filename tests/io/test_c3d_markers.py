@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import gaitcal.io.c3d.parser as parse
+import gaitcal.io.c3d.reader as parse
 from gaitcal.errors import InputError
-from gaitcal.io.c3d.parser import ParserDiedError, parse_c3d
+from gaitcal.io.c3d.reader import ParserDiedError, parse_c3d
 from gaitcal.io.formats import read_recording
 from tests.io.recordings import standing_points_mm, write_raw_c3d
 
@@ -92,7 +92,7 @@ def test_a_parser_that_dies_hangs_or_wants_all_memory_ends_in_one_clear_error(
     (tmp_path / "ezc3d.py").write_text(f"import os, time, numpy\ndef c3d(*_): {fault}\n", encoding="utf-8")
     with monkeypatch.context() as patch:
         patch.setattr(parse, "BASE_SECONDS", 1.0)
-        patch.setenv("PYTHONPATH", str(tmp_path))
+        patch.syspath_prepend(tmp_path)
         with pytest.raises((ParserDiedError, ValueError), match=told):
             parse_c3d(path, path.stat().st_size)
     assert parser._process is None

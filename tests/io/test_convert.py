@@ -11,8 +11,8 @@ from gaitcal.errors import InputError
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.csv import write_forces_csv, write_plates_csv
 from gaitcal.io.formats import convert, read_forces, read_recording
+from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.io.trc_mot import write_trc
 from tests.io.recordings import body, loaded_body
 
 

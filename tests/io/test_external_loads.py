@@ -10,8 +10,8 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.export.motion_files import write_external_loads
-from gaitcal.io.external_loads import loads_tables
 from gaitcal.io.formats import convert, read_forces, read_recording
+from gaitcal.io.opensim_files import loads_tables
 from gaitcal.study.study import Study
 from tests.synthetic_studies import write_synthetic_study
 

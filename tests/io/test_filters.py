@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.filters import filter_plate, low_pass, resample_wrench
+from gaitcal.io.force_plate import filter_plate, low_pass, resample_wrench
 from tests.io.recordings import plate
 
 RATE = 1000.0

@@ -9,7 +9,8 @@ import ezc3d
 import numpy as np
 import pytest
 
-from gaitcal.io.force_plate import centre_on_ground, empty_samples, plate_frame, wrench_type_3
+from gaitcal.io.c3d.plates import wrench_of
+from gaitcal.io.force_plate import centre_on_ground, empty_samples, plate_frame
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from tests.io.recordings import CORNERS_MM, standing_points_mm, write_raw_c3d
@@ -119,7 +120,7 @@ def test_type_3_adds_up_its_eight_sensors(tmp_path: Path) -> None:
     channels = np.stack([(fx - dx) / 2, (fx + dx) / 2, (fy + dy) / 2, (fy - dy) / 2, *z])
     recording = read_plate(tmp_path, 3, channels, np.array([1e3 * A, 1e3 * B, 1e3 * ARM[2]]), ["N"] * 8)
     require_truth(recording, truth)
-    computed_force, computed_moment = wrench_type_3(channels, np.array([A, B, ARM[2]]))
+    computed_force, computed_moment = wrench_of(3, channels, np.array([A, B, ARM[2]]), 1.0, 1.0)
     np.testing.assert_allclose(computed_force, truth.force, atol=1e-9)
     np.testing.assert_allclose(computed_moment, truth.moment, atol=1e-9)
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from gaitcal import cli
-from gaitcal.io.atomic import InterruptedWork, Stopped, atomic_directory, ended_by_signals, unbroken
-from gaitcal.io.lock import ResultKind
+from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals, unbroken
+from gaitcal.io.result_folder import ResultKind, atomic_directory
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 KINDS = {signal.SIGTERM: Stopped, signal.SIGHUP: Stopped, signal.SIGINT: KeyboardInterrupt}
@@ -93,7 +93,7 @@ def test_exit_codes_and_the_one_line(
     def end(*_: object, **__: object) -> None:
         raise ending
 
-    monkeypatch.setattr("gaitcal.cli.view.run", end)
+    monkeypatch.setattr("gaitcal.cli.view.view_results", end)
     monkeypatch.setattr(sys, "argv", ["gaitcal", "view", "."])
     with pytest.raises(SystemExit) as exit_:
         cli.main()

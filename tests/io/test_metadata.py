@@ -9,9 +9,8 @@ import ezc3d
 import numpy as np
 import pytest
 
-from gaitcal.io.c3d.layout import events_of, facts_of
 from gaitcal.io.formats import read_recording
-from gaitcal.io.labels import Facts, FootEvent, FootMoment
+from gaitcal.io.labels import Facts, FootEvent, FootMoment, events_of, facts_of
 from tests.io.recordings import standing_points_mm, write_raw_c3d
 
 LABELS = [f"M{i}" for i in range(8)]

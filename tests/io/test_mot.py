@@ -11,39 +11,44 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.io.axes import UP_TO_Y, Turn, turn_recording
 from gaitcal.io.csv import write_forces_csv, write_markers_csv, write_plates_csv
+from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import read_forces, read_recording
+from gaitcal.io.opensim_files import read_table, write_forces_mot, write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.io.trc_mot import read_table, write_forces_mot, write_trc
 from tests.io.recordings import loaded_body
 
+ONE = [f"1_{quantity}{axis}" for quantity in "fpt" for axis in "xyz"]
+"""Columns of a plate: force, point, moment."""
+STEP = [0.0, 700, 0, 0.3, 0, 0.1, 0, 4, 0]
+
+
+def names_of(*quantities: str) -> list[str]:
+    return [f"{quantity}{axis}" for quantity in quantities for axis in "xyz"]
+
+
+def in_turn(pattern: str, quantities: tuple[str, str, str], plates: tuple[str, str]) -> list[str]:
+    """All columns of one plate, then those of the other."""
+    return [pattern.format(q=q, a=axis, k=k) for k in plates for q in quantities for axis in "xyz"]
+
+
+F, P, M, T = "ground_force_v", "ground_force_p", "ground_moment_m", "ground_torque_"
+CALCN = ("force", "force", "moment")
+LEGS = ("force_v", "force_p", "torque_")
 SCHEMES = {
-    "opensim": [
-        *(f"ground_force_{q}{a}" for q in "vp" for a in "xyz"),
-        *(f"1_ground_force_{q}{a}" for q in "vp" for a in "xyz"),
-        *(f"ground_torque_{a}" for a in "xyz"),
-        *(f"1_ground_torque_{a}" for a in "xyz"),
-    ],
-    "sides": [
-        *(f"ground_force_r_{q}{a}" for q in "vp" for a in "xyz"),
-        *(f"ground_force_l_{q}{a}" for q in "vp" for a in "xyz"),
-        *(f"ground_torque_r_{a}" for a in "xyz"),
-        *(f"ground_torque_l_{a}" for a in "xyz"),
-    ],
-    "numbers": [
-        *(f"ground_force_1_{q}{a}" for q in "vp" for a in "xyz"),
-        *(f"ground_force_2_{q}{a}" for q in "vp" for a in "xyz"),
-        *(f"ground_moment_1_m{a}" for a in "xyz"),
-        *(f"ground_moment_2_m{a}" for a in "xyz"),
-    ],
-    "ours": [
-        *(f"R_f{a}" for a in "xyz"),
-        *(f"R_p{a}" for a in "xyz"),
-        *(f"L_f{a}" for a in "xyz"),
-        *(f"L_p{a}" for a in "xyz"),
-        *(f"R_t{a}" for a in "xyz"),
-        *(f"L_t{a}" for a in "xyz"),
-    ],
-    "repeated": [f"ground_force_{q}{a}" for q in "vp" for a in "xyz"] * 2 + [f"ground_torque_{a}" for a in "xyz"] * 2,
+    "opensim": names_of(F, P, f"1_{F}", f"1_{P}", T, f"1_{T}"),
+    "sides": names_of(*(f"ground_force_{k}_{q}" for k in "rl" for q in "vp"), "ground_torque_r_", "ground_torque_l_"),
+    "numbers": names_of(*(f"{F[:-1]}{k}_{q}" for k in "12" for q in "vp"), *(f"ground_moment_{k}_m" for k in "12")),
+    "ours": names_of("R_f", "R_p", "L_f", "L_p", "R_t", "L_t"),
+    "repeated": names_of(F, P, F, P, T, T),
+}
+"""Forces and points of both plates, then their moments."""
+IN_TURN = {
+    "Fx1": in_turn("{q}{a}{k}", ("F", "COP", "M"), ("1", "2")),
+    "Fx_1": in_turn("{q}{a}_{k}", ("F", "CoP", "T"), ("1", "2")),
+    "F1x": in_turn("{q}{k}{a}", ("F", "P", "M"), ("1", "2")),
+    "ground_force_vx_r": in_turn("ground_{q}{a}_{k}", LEGS, ("r", "l")),
+    "calcn": names_of(*(f"ground_{q}_calcn_{k}_{c}" for k in "rl" for q, c in zip(CALCN, "vpm", strict=True))),
+    "R_ground": in_turn("{k}_ground_{q}{a}", LEGS, ("R", "L")),
 }
 
 
@@ -53,57 +58,48 @@ def table(names: list[str], rows: np.ndarray, header: str = "made up\nversion=1\
     return "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+def forces_of(folder: Path, names: list[str], rows: np.ndarray) -> Forces:
+    (folder / "f.mot").write_text(table(names, rows), encoding="utf-8")
+    return read_forces(folder / "f.mot")
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES, *IN_TURN])
 def test_every_naming_scheme_gives_the_same_two_plates(tmp_path: Path, scheme: str) -> None:
-    values = np.arange(1.0, 19.0) + np.zeros((4, 1))
-    path = tmp_path / "f.mot"
-    path.write_text(table(SCHEMES[scheme], values), encoding="utf-8")
-    first, second = read_forces(path).plates
-    assert (first.name, second.name) == ("1", "2")
-    for plate, start, moment in ((first, 1, 13), (second, 7, 16)):
-        np.testing.assert_array_equal(plate.force[0], np.arange(start, start + 3))
-        np.testing.assert_array_equal(plate.point[0], np.arange(start + 3, start + 6))
-        np.testing.assert_array_equal(plate.moment[0], np.arange(moment, moment + 3))
+    starts = ((1, 4, 13), (7, 10, 16)) if scheme in SCHEMES else ((1, 4, 7), (10, 13, 16))
+    names = (SCHEMES | IN_TURN)[scheme]
+    plates = forces_of(tmp_path, names, np.arange(1.0, 19.0) + np.zeros((4, 1))).plates
+    assert [plate.name for plate in plates] == ["1", "2"]
+    for plate, places in zip(plates, starts, strict=True):
+        for vectors, start in zip((plate.force, plate.point, plate.moment), places, strict=True):
+            np.testing.assert_array_equal(vectors[0], np.arange(start, start + 3))
 
 
 def test_a_fixed_point_with_full_moment_is_the_same_wrench(tmp_path: Path) -> None:
     force, centre, free = np.array([30.0, 700.0, -20.0]), np.array([0.4, 0.0, 0.1]), np.array([0.0, 3.0, 0.0])
-    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"] + [f"2_{q}{a}" for q in "fpt" for a in "xyz"]
     full = free + np.cross(centre, force)
-    path = tmp_path / "f.sto"
-    path.write_text(table(names, np.tile(np.concatenate([force, centre, free, force, 0 * force, full]), (3, 1))))
-    first, second = read_forces(path).plates
+    rows = np.tile(np.concatenate([force, centre, free, force, 0 * force, full]), (3, 1))
+    first, second = forces_of(tmp_path, [*ONE, *(name.replace("1", "2") for name in ONE)], rows).plates
     np.testing.assert_allclose(first.wrench(), second.wrench(), atol=1e-12)
 
 
 def test_forces_on_the_plate_are_turned_round(tmp_path: Path) -> None:
-    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"]
-    path = tmp_path / "f.mot"
-    path.write_text(table(names, np.tile([10.0, -700, 5, 0.3, 0, 0.1, 0, 4, 0], (3, 1))))
-    forces = read_forces(path)
+    forces = forces_of(tmp_path, ONE, np.tile([10.0, -700, 5, 0.3, 0, 0.1, 0, 4, 0], (3, 1)))
     np.testing.assert_array_equal(forces.plates[0].force[0], [-10, 700, -5])
     np.testing.assert_array_equal(forces.plates[0].moment[0], [0, -4, 0])
     assert any("pointed down" in note for note in forces.notes)
 
 
-def test_points_unknown_without_force_do_not_spoil_the_wrench(tmp_path: Path) -> None:
-    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"]
-    rows = np.tile([0.0, 700, 0, 0.3, 0, 0.1, 0, 4, 0], (3, 1))
+def test_points_unknown_without_force_do_not_spoil_the_wrench_and_others_are_not_put_at_the_origin(
+    tmp_path: Path,
+) -> None:
+    rows = np.tile(STEP, (3, 1))
     rows[1] = [0, 0, 0, np.nan, np.nan, np.nan, np.nan, 0, 0]
-    path = tmp_path / "f.mot"
-    path.write_text(table(names, rows))
-    forces = read_forces(path)
+    forces = forces_of(tmp_path, ONE, rows)
     np.testing.assert_array_equal(forces.plates[0].wrench()[1], 0)
     assert any("1 samples without force" in note for note in forces.notes)
-
-
-def test_a_force_without_a_point_is_not_put_at_the_origin(tmp_path: Path) -> None:
-    names = [f"1_{q}{a}" for q in "fpt" for a in "xyz"]
-    rows = np.tile([0.0, 700, 0, 0.3, 0, 0.1, 0, 4, 0], (3, 1))
+    rows[1] = STEP
     rows[1, 3:6] = np.nan
-    path = tmp_path / "f.mot"
-    path.write_text(table(names, rows))
-    forces = read_forces(path)
+    forces = forces_of(tmp_path, ONE, rows)
     assert np.isnan(forces.plates[0].point[1]).all()
     assert not any("without force" in note for note in forces.notes)
 
@@ -117,10 +113,18 @@ def test_a_force_without_a_point_is_not_put_at_the_origin(tmp_path: Path) -> Non
     ],
 )
 def test_incomplete_forces_are_named(tmp_path: Path, names: list[str], message: str) -> None:
-    path = tmp_path / "f.mot"
-    path.write_text(table(names, np.ones((3, len(names)))))
     with pytest.raises(InputError, match=message):
-        read_forces(path)
+        forces_of(tmp_path, names, np.ones((3, len(names))))
+
+
+def test_a_free_moment_alone(tmp_path: Path) -> None:
+    names = ["Fx1", "Fy1", "Fz1", "COPx1", "COPy1", "COPz1", "Tz1"]
+    values = np.tile([10.0, 20, 700, 0.3, 0.4, 0, 6], (3, 1))
+    (plate,) = forces_of(tmp_path, names, values).plates
+    np.testing.assert_array_equal(plate.force[0], [10, 700, -20])
+    np.testing.assert_array_equal(plate.moment[0], [0, 6, 0])
+    with pytest.raises(InputError, match="found only x of the moment"):
+        forces_of(tmp_path, [n.replace("Tz", "Tx") for n in names], values)
 
 
 @pytest.mark.parametrize(
@@ -208,36 +212,3 @@ def standing_body() -> Recording:
         labels=(*recording.labels, *(f"M{k}" for k in range(4))),
         markers=np.concatenate([recording.markers, more], axis=1),
     )
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        [f"{q}{a}{k}" for k in (1, 2) for q in ("F", "COP", "M") for a in "xyz"],
-        [f"{q}{a}_{k}" for k in (1, 2) for q in ("F", "CoP", "T") for a in "XYZ"],
-        [f"{q}{k}{a}" for k in (1, 2) for q in "FPM" for a in "XYZ"],
-        [f"ground_{q}{a}_{k}" for k in "rl" for q in ("force_v", "force_p", "torque_") for a in "xyz"],
-        [f"ground_{q}{a}" for k in "rl" for q in (f"force_calcn_{k}_v", f"force_calcn_{k}_p", f"moment_calcn_{k}_m")
-         for a in "xyz"],
-        [f"{k}_ground_{q}{a}" for k in "RL" for q in ("force_v", "force_p", "torque_") for a in "xyz"],
-    ],
-)  # fmt: skip
-def test_names_met_in_the_wild(tmp_path: Path, names: list[str]) -> None:
-    values = np.arange(1.0, 19.0) + np.zeros((4, 1))
-    (tmp_path / "f.mot").write_text(table(names, values), encoding="utf-8")
-    for start, plate in zip((1, 10), read_forces(tmp_path / "f.mot").plates, strict=True):
-        np.testing.assert_array_equal(plate.force[0], np.arange(start, start + 3))
-        np.testing.assert_array_equal(plate.point[0], np.arange(start + 3, start + 6))
-        np.testing.assert_array_equal(plate.moment[0], np.arange(start + 6, start + 9))
-
-
-def test_a_free_moment_alone(tmp_path: Path) -> None:
-    names = ["Fx1", "Fy1", "Fz1", "COPx1", "COPy1", "COPz1", "Tz1"]
-    values = np.tile([10.0, 20, 700, 0.3, 0.4, 0, 6], (3, 1))
-    (tmp_path / "f.mot").write_text(table(names, values), encoding="utf-8")
-    (plate,) = read_forces(tmp_path / "f.mot").plates
-    np.testing.assert_array_equal(plate.force[0], [10, 700, -20])
-    np.testing.assert_array_equal(plate.moment[0], [0, 6, 0])
-    (tmp_path / "f.mot").write_text(table([n.replace("Tz", "Tx") for n in names], values), encoding="utf-8")
-    with pytest.raises(InputError, match="found only x of the moment"):
-        read_forces(tmp_path / "f.mot")

@@ -16,8 +16,8 @@ from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.csv import write_forces_csv, write_markers_csv
 from gaitcal.io.formats import convert, read_forces, read_recording
 from gaitcal.io.labels import clean, common_prefix, is_unlabelled
+from gaitcal.io.opensim_files import parse_trc, write_forces_mot, write_trc
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.trc_mot import parse_trc, write_forces_mot, write_trc
 from tests.io.recordings import body, loaded_body
 
 QUICK = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])

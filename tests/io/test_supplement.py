@@ -14,9 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaitcal.errors import InputError
-from gaitcal.io.c3d.layout import DEC, INTEL
-from gaitcal.io.c3d.parser import ParameterSection, decode_floats, encode_floats, parse_section
-from gaitcal.io.c3d.supplement import AddedPoint, PointKind, c3d_original, supplement_c3d
+from gaitcal.io.c3d.layout import DEC, INTEL, ParameterSection, decode_floats, encode_floats, parse_section
+from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import FootEvent, FootMoment
 from tests.export.peer_programs import peer

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.errors import InputError
-from gaitcal.io.text_file import require_increasing, undo_rounding
+from gaitcal.io.text_file import FileFault, require_increasing, undo_rounding
 
 RATE = 60.0
 EXACT = 7 / RATE + np.arange(40) / RATE
@@ -31,6 +30,6 @@ def test_times_that_are_no_rounded_grid_stay() -> None:
 
 
 def test_times_must_increase_by_more_than_nothing() -> None:
-    require_increasing(np.array([0.0, 0.1, 0.2]), "f")
-    with pytest.raises(InputError, match="row 3, time: found 0.1 s after 0.1 s"):
-        require_increasing(np.array([0.0, 0.1, 0.1]), "f")
+    require_increasing(np.array([0.0, 0.1, 0.2]), (4, 5, 6))
+    with pytest.raises(FileFault, match="found 0.1 s after 0.1 s"):
+        require_increasing(np.array([0.0, 0.1, 0.1]), (4, 5, 6))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from gaitcal.errors import InputError
 from gaitcal.io.axes import Turn
 from gaitcal.io.formats import read_recording
-from gaitcal.io.trc_mot import parse_trc, write_trc
+from gaitcal.io.opensim_files import parse_trc, write_trc
 from tests.io.recordings import body
 
 HEADER = (
@@ -100,19 +100,6 @@ def test_names_in_any_layout(tmp_path: Path) -> None:
     recording = parse_trc(write(tmp_path, names="\t\t\tB\t\t"))
     assert recording.labels == ("B",)
     np.testing.assert_array_equal(recording.markers[0, 0], np.array([4, 50, 6]) / 1000)
-
-
-def test_times_rounded_to_the_millisecond_go_back_on_their_grid(tmp_path: Path) -> None:
-    rows = "".join(f"{i}\t{i / 60:.3f}\t1\t900\t3\t4\t50\t6\n" for i in range(5, 30))
-    recording = parse_trc(write(tmp_path, rows))
-    np.testing.assert_array_equal(recording.time, np.arange(5, 30) / 60)
-    assert any("60 Hz grid" in note for note in recording.notes)
-
-
-def test_uneven_times_are_left_and_told(tmp_path: Path) -> None:
-    recording = parse_trc(write(tmp_path, ROWS.replace("0.02", "0.05"), frames=3))
-    np.testing.assert_array_equal(recording.time, [0, 0.01, 0.05])
-    assert any("Time steps are uneven: 10 to 40 ms" in note for note in recording.notes)
 
 
 def test_a_z_up_file_is_stood_up(tmp_path: Path) -> None:

@@ -10,17 +10,16 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.c3d.layout import facts_of
 from gaitcal.io.formats import read_recording
+from gaitcal.io.labels import facts_of
 from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model
 from gaitcal.model.present_markers import complete_static, worn
-from gaitcal.model.segment_frames import lower_body
+from gaitcal.model.segment_frames import HipCentre, lower_body
 from gaitcal.motion.motion import track
 from gaitcal.motion.spline import NodeRule
 from gaitcal.study.settings import CalibrationSettings

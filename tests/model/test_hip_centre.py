@@ -15,11 +15,10 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
-from gaitcal.model.joint_centres import HipCentre, hip_centre
 from gaitcal.model.landmarks import labelled_hips, static_posture
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model
-from gaitcal.model.segment_frames import lower_body
+from gaitcal.model.segment_frames import HipCentre, hip_centre, lower_body
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import nominal_of

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gaitcal.model.landmark_names import REQUIRED
-from gaitcal.model.marker_set import built_in_sets, load_marker_set
+from gaitcal.model.marker_set import REQUIRED, built_in_sets, load_marker_set
 
 
 @pytest.mark.parametrize("name", built_in_sets())

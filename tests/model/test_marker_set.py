@@ -10,9 +10,8 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
-from gaitcal.model.landmark_names import LANDMARKS, REQUIRED, instead_of
 from gaitcal.model.linkage import SEGMENTS
-from gaitcal.model.marker_set import built_in_sets, load_marker_set
+from gaitcal.model.marker_set import LANDMARKS, REQUIRED, built_in_sets, instead_of, load_marker_set
 from gaitcal.model.nominal import published_model
 from gaitcal.model.present_markers import worn
 from tests.model.people import PEOPLE

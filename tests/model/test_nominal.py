@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, ZERO_ANGLES
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, RAISED, nominal_model, published_model
@@ -29,6 +28,7 @@ from gaitcal.model.parameters import (
     published_subject,
     table,
 )
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, track
 from gaitcal.motion.spline import NodeRule

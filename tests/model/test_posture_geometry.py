@@ -10,11 +10,10 @@ import pytest
 
 from gaitcal.io.still import still_window
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_centres import HipCentre, half_width
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind
-from gaitcal.model.segment_frames import Frame
+from gaitcal.model.segment_frames import Frame, HipCentre, half_width
 from gaitcal.model.trunk import measured_arm
 from tests.model.people import PEOPLE
 

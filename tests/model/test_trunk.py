@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from gaitcal.arrays import Array
 from gaitcal.io.still import still_window
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal import nominal_model
-from gaitcal.model.segment_frames import Frame, lower_body
+from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
 from gaitcal.model.subject_model import Subject
 from gaitcal.model.trunk import MIDLINE, Trunk, neck_above_shoulders, trunk_of
 from tests.model.people import PEOPLE, frozen_above

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.motion.arrow import ArrowEquations, SharedPrior
-from gaitcal.motion.banded import NormalEquations
+from gaitcal.motion.banded import ArrowEquations, NormalEquations, SharedPrior
 from tests.derivatives import Array
 from tests.motion.test_marker_equations import dense
 

@@ -22,8 +22,7 @@ from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.motion.spline import NodeRule, smoothing, spline_basis
 from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.synthetic.measurements import synthetic_markers
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, synthetic_markers
 from tests.derivatives import Array
 
 MODEL = published_model()

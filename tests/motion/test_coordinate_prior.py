@@ -69,7 +69,7 @@ def test_a_share_of_the_cost_is_a_share_of_the_prior() -> None:
     problem, nodes = far_away(np.random.default_rng(42))
     half = problem.scaled(0.5)
     for whole, part in zip(problem.pulls, half.pulls, strict=True):
-        assert part.cost(nodes) == pytest.approx(0.5 * whole.cost(nodes), rel=1e-12)
+        assert part.both(nodes)[0] == pytest.approx(0.5 * whole.both(nodes)[0], rel=1e-12)
     scores = [p.scores(problem.basis, problem.chain.coordinates) for p in (problem.priors[1], half.priors[1])]
     np.testing.assert_allclose(scores[1], 0.5 * scores[0], rtol=1e-12)
 
@@ -114,10 +114,12 @@ def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
 
 def test_angles_start_within_the_walls() -> None:
     angles, known = np.deg2rad([[370.0], [-355.0], [170.0], [-30.0]]), np.ones(4, dtype=bool)
-    told = within_walls(["subtalar_angle_r"], angles, known, told=True)
+    told = within_walls(["subtalar_angle_r"], angles, known, determined=True)
     np.testing.assert_allclose(np.rad2deg(told), [[10.0], [5.0], [50.0], [-30.0]])
-    assert not within_walls(["subtalar_angle_r"], angles, known, told=False).any()
-    np.testing.assert_array_equal(within_walls(["knee_angle_r"], angles, known, told=False), angles)
+    assert not within_walls(["subtalar_angle_r"], angles, known, determined=False).any()
+    np.testing.assert_array_equal(within_walls(["knee_angle_r"], angles, known, determined=False), angles)
     hips = ["hip_flexion_r", "hip_rotation_r"]
     both = np.deg2rad([[200.0, 370.0], [0.0, 60.0]])
-    assert np.rad2deg(within_walls(hips, both, known[:2], told=False)) == pytest.approx(np.array([[200, 10], [0, 50]]))
+    assert np.rad2deg(within_walls(hips, both, known[:2], determined=False)) == pytest.approx(
+        np.array([[200, 10], [0, 50]])
+    )

@@ -11,14 +11,13 @@ from gaitcal.calibration.combined import CombinedTrial, combined_fit
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import symmetric_set
-from gaitcal.motion.arrow import SharedTrials
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
-from gaitcal.motion.track import track_nodes
+from gaitcal.motion.track import SharedTrials, track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.published.draw import refit
 from gaitcal.published.joint_recovery import step_together
-from gaitcal.published.settings import RefitSettings
+from gaitcal.published.protocol import RefitSettings
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
 KNEE = ("knee_r.thigh.sup", "knee_r.shank.sup")

@@ -13,9 +13,10 @@ from gaitcal.calibration.joint_estimate import free_of
 from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import axis_rotation
+from gaitcal.model.linkage import LUMBAR
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_NAMES
-from gaitcal.motion.coordinate_prior import DEVIATION, LUMBAR, upright_trunk
+from gaitcal.motion.coordinate_prior import DEVIATION, upright_trunk
 from gaitcal.motion.motion import Motion, track, tracked_motion
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem

@@ -16,9 +16,7 @@ from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
 from gaitcal.page.scene import Scene, person_scene, trial_scene
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, gait_motion
+from gaitcal.synthetic.motion import TrueMotion, gait_motion, marker_noise, residual_free_wrench, synthetic_markers
 
 FITTED = gait_parameters("r") + gait_parameters("l")
 

@@ -14,7 +14,7 @@ import pytest
 
 from gaitcal import ensemble
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
-from gaitcal.gait.symmetry import LEAST_VALID
+from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.model.coordinates import senses_of
 from gaitcal.page.packing import base64_of, lengths
 from gaitcal.page.sheet.rows import sheet_rows

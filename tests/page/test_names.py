@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from gaitcal.page.scene import Scene
-from gaitcal.page.server import redirect_html
 from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.page.view import Shown, page_html
 from tests.fake_result import HOSTILE, Names, fake_calibration
@@ -20,7 +18,6 @@ from tests.page.browser import Page
 from tests.page.people import walking_scene
 
 WORST = f"</script><!--<script>@@PAGE@@ \\g<0> \u2066\u05d0\u2069 \u2028 \ud800 {HOSTILE}"
-PATIENCE_S = 60.0
 TAG = re.compile(r"<(/?script|!--|img|svg)", re.IGNORECASE)
 
 
@@ -55,19 +52,6 @@ def test_a_browser_makes_nothing_of_them(hostile: str, visit: Callable[..., Page
     assert page.run("document.querySelectorAll('img, iframe, object, embed, link').length") == 0
     assert page.run("typeof window.hacked") == "undefined"
     assert len(page.requests) == 1
-
-
-@pytest.mark.browser
-@pytest.mark.parametrize("name", ["report.html", "view.html"])
-def test_former_addresses_lead_to_the_page(name: str, html: Path, visit: Callable[..., Page], tmp_path: Path) -> None:
-    (tmp_path / "result.html").write_bytes(html.read_bytes())
-    (tmp_path / name).write_text(redirect_html("result.html"), encoding="utf-8")
-    page = visit(f"{(tmp_path / name).as_uri()}#knee_r")
-    # The load event that was waited for is that of the first of the two.
-    deadline = time.monotonic() + PATIENCE_S
-    while not page.run("location.pathname.endsWith('result.html') && !!window.gaitcal"):
-        assert time.monotonic() < deadline
-    assert page.run("location.hash").startswith("#") and "knee_r" in page.run("location.hash")
 
 
 def test_a_page_of_a_scene_alone_has_no_sheet(scene: Scene) -> None:

@@ -11,9 +11,7 @@ from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Source
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, published_subject
 from gaitcal.page.body_meshes import MESHES, fitted_meshes
 from gaitcal.page.scene import MOST_FRAMES, Scene, joint_marks, person_scene
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import synthetic_markers
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, synthetic_markers
 from tests.page.people import long_motion, standard_errors, subject_model, walking_trial
 
 SINGLE = 2e-6

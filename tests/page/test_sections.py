@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from gaitcal.explanations.explanation import PARTS
-from gaitcal.gait.symmetry import Average, counting, measure_means
+from gaitcal.gait.spatiotemporal import Average, counting, measure_means
 from gaitcal.page.steps import SHOWN
 from gaitcal.page.view import SCRIPTS
 from tests.page.blocks_made import HOSTILE

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from gaitcal.published.case import nominal_case
-from gaitcal.published.settings import Plan
+from gaitcal.published.protocol import Plan
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.workers import LocalProcesses
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from gaitcal.published.claims import Verdict, table_claims
-from gaitcal.published.inertial_recovery import InertialRecovery
+from gaitcal.published.inertial_recovery import InertialRecovery, SeedResult
 from gaitcal.published.joint_recovery import JointRecovery
-from gaitcal.published.settings import SeedResult
 
 
 def _joint(problem: str, change: Callable[[JointRecovery], JointRecovery]) -> Callable[[SeedResult], SeedResult]:

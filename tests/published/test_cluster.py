@@ -17,7 +17,7 @@ import pytest
 
 from gaitcal.errors import GaitcalError, InputError
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.settings import Plan
+from gaitcal.published.protocol import Plan
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.workers import Cluster, ThisProcess
 

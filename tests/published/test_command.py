@@ -15,7 +15,7 @@ from gaitcal.io.snapshot import Snapshot
 from gaitcal.page.sections.monte_carlo import PART
 from gaitcal.page.sheet.sheet import SHEET, calibration_sheet, read_sheet
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, RefitSettings
+from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, RefitSettings
 from gaitcal.results.page_files import PAGE, SCENE, write_page
 from tests.fake_result import fake_calibration
 from tests.page.people import walking_scene

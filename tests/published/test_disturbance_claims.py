@@ -12,9 +12,9 @@ import pytest
 from gaitcal.published import reproduce
 from gaitcal.published.claims import Claim, Verdict
 from gaitcal.published.disturbance_claims import Disturbances, disturbance_claims
-from gaitcal.published.leg_torques import TORQUES
+from gaitcal.published.draw import TORQUES
+from gaitcal.published.protocol import PUBLISHED_LEVELS, MonteCarloSettings, Plan, ReactionFrame, Varied
 from gaitcal.published.reproduce import ReproductionSettings, _disturb
-from gaitcal.published.settings import PUBLISHED_LEVELS, MonteCarloSettings, Plan, ReactionFrame, Varied
 
 AS_PUBLISHED = dict(zip(TORQUES, (4.14, 1.06, 0.7, 0.92, 0.95, 0.50, 0.55), strict=True))
 """%BW*H: JP errors at 100 % that would make every claim hold."""

@@ -1,20 +1,95 @@
-"""One draw: what it records, against slow references."""
+"""One draw: its random numbers, torques of the legs, re-fit and record, against slow references."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY
+from gaitcal.model.parameters import IP_NAMES, JP_NAMES, Parameters, gait_parameters, leg_parameters
+from gaitcal.motion.descent import DescentSettings
+from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import TrialProblem
-from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.draw import COLUMNS, MonteCarloContext, disturb, draw, marker_column, torque_column
-from gaitcal.published.leg_torques import LEG_TORQUES
-from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, ReactionFrame, RefitSettings, Varied
+from gaitcal.published.case import MonteCarloCase, nominal_case
+from gaitcal.published.draw import (
+    COLUMNS,
+    LEG_TORQUES,
+    Disturbance,
+    FootPose,
+    LegTorques,
+    MonteCarloContext,
+    carry,
+    disturb,
+    draw,
+    marker_column,
+    refit,
+    torque_column,
+)
+from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, ReactionFrame, RefitSettings, Varied
+from tests.derivatives import Array, perturbed_parameters, random_trial
 from tests.motion.test_marker_equations import dense
-from tests.published.test_leg_torques import whole_body
+
+TORQUE = 1e-9
+"""N·m: rounding of sums of a few thousand N at lever arms of metres."""
+
+
+def whole_body(context: MonteCarloContext, parameters: Parameters, nodes: Array) -> Array:
+    q, v, a = (context.basis.evaluate(nodes, k) for k in range(3))
+    forces = Dynamics(parameters).forces(q, v, a, context.case.wrench)
+    return forces[:, [FORCES.index(name) for name in LEG_TORQUES]]
+
+
+def test_a_disturbed_model_has_the_torques_of_a_model_built_anew(context: MonteCarloContext) -> None:
+    rng = np.random.default_rng(6)
+    legs = LegTorques(context.case.parameters)
+    for _ in range(3):  # one after the other in the same instance: nothing of one is left in the next
+        parameters = perturbed_parameters(rng)
+        parameters = parameters.with_inertial(parameters.inertial * rng.uniform(0.8, 1.2, len(IP_NAMES)))
+        nodes = context.case.nodes + rng.normal(0, 0.02, context.case.nodes.shape)
+        constants = legs.disturb(parameters)
+        laboratory, _ = legs.torques(constants, context.basis, nodes, context.case.wrench, context.feet)
+        np.testing.assert_allclose(laboratory, whole_body(context, parameters, nodes), rtol=0, atol=TORQUE)
+
+
+def test_both_frames_agree_where_nothing_is_disturbed(context: MonteCarloContext) -> None:
+    case = context.case
+    constants = context.legs.disturb(case.parameters)
+    laboratory, carried = context.legs.torques(constants, context.basis, case.nodes, case.wrench, context.feet)
+    np.testing.assert_array_equal(laboratory, context.torques)
+    np.testing.assert_allclose(carried, laboratory, rtol=0, atol=TORQUE)
+
+
+def test_a_carried_wrench_is_constant_in_the_foot() -> None:
+    rng = np.random.default_rng(7)
+
+    def pose() -> FootPose:
+        turns = np.linalg.qr(rng.normal(size=(2, 5, 3, 3)))[0]
+        return FootPose(turns.transpose(0, 3, 2, 1), rng.normal(size=(2, 3, 5)))
+
+    def in_foot(wrench: Array, at: FootPose) -> Array:
+        force = wrench[:, :3]
+        moment = wrench[:, 3:] - np.cross(at.origin, force, axis=1)
+        return np.concatenate([np.einsum("sjif,sif->sjf", at.axes, part) for part in (force, moment)], axis=1)
+
+    wrench, before, after = rng.normal(size=(2, 6, 5)), pose(), pose()
+    np.testing.assert_allclose(in_foot(carry(wrench, before, after), after), in_foot(wrench, before), atol=1e-12)
+
+
+def test_moving_the_whole_person_matters_to_wrenches_of_the_laboratory_only(context: MonteCarloContext) -> None:
+    """10 mm forward with the person: carried wrenches come along, so that no torque changes."""
+    case = context.case
+    nodes = case.nodes.copy()
+    nodes[:, COORDINATES.index("pelvis_tx")] += 0.010
+    constants = context.legs.disturb(case.parameters)
+    laboratory, carried = context.legs.torques(constants, context.basis, nodes, case.wrench, context.feet)
+    np.testing.assert_allclose(carried, context.torques, rtol=0, atol=TORQUE)
+    flexion = LEG_TORQUES.index("hip_flexion_l")
+    assert np.abs(laboratory - context.torques)[:, flexion].max() > 0.009 * np.abs(case.wrench[:, 1, 1]).max()
+
 
 ERROR = 1e-9
 """%BW*H and mm."""
@@ -121,3 +196,155 @@ def test_other_choices_of_parameters(case: MonteCarloCase, choice: ParameterChoi
     assert (recorded(found.values, ReactionFrame.LAB, "rms") > 0).all()
     moved = np.abs(some.sensitivity).max(axis=(0, 1))
     assert (moved > 0).sum() == len(choice.names)
+
+
+@cache
+def context_of(settings: MonteCarloSettings) -> MonteCarloContext:
+    return MonteCarloContext(nominal_case(), settings)
+
+
+def sample(varied: Varied, level: int, number: int, settings: MonteCarloSettings | None = None) -> Disturbance:
+    return disturb(context_of(settings or MonteCarloSettings()), varied, level, number)
+
+
+def test_each_set_disturbs_what_it_names() -> None:
+    found = {v: sample(v, 100, 0) for v in Varied}
+    told = {v: (d.joint is not None, d.inertial is not None, d.noise is not None) for v, d in found.items()}
+    assert told == {
+        Varied.JP: (True, False, False),
+        Varied.IP: (False, True, False),
+        Varied.BOTH: (True, True, False),
+        Varied.NOISE: (False, False, True),
+    }
+
+
+@pytest.mark.parametrize("level", [25, 100])
+def test_uniform_within_the_bounds_of_the_level(level: int) -> None:
+    settings = MonteCarloSettings()
+    relative = np.array([sample(Varied.JP, level, k).joint for k in range(400)]) / settings.joint_bounds
+    assert np.abs(relative).max() <= level / 100
+    assert np.abs(relative).max() > 0.999 * level / 100
+    # the SD of a uniform variable of half width b is b / sqrt(3); 400 samples of each parameter tell it to about 1 %
+    assert relative.std() == pytest.approx(level / 100 / np.sqrt(3), rel=0.02)
+    assert abs(relative.mean()) < 0.02 * level / 100
+    assert np.abs(np.corrcoef(relative.T) - np.eye(relative.shape[1])).max() < 0.25
+
+
+def test_bounds_are_published_and_configurable() -> None:
+    bounds = MonteCarloSettings().joint_bounds
+    assert sorted(set(bounds.tolist())) == pytest.approx([0.010, np.deg2rad(10.0)])
+    doubled = MonteCarloSettings(position_mm=20.0, orientation_deg=20.0)
+    np.testing.assert_allclose(doubled.joint_bounds, 2 * bounds)
+    fifty = sample(Varied.IP, 100, 3, MonteCarloSettings(inertial_percent=50.0)).inertial
+    ten = sample(Varied.IP, 100, 3).inertial
+    assert fifty is not None and ten is not None
+    np.testing.assert_allclose(fifty, 5 * ten)
+
+
+def test_noise_is_the_published_sinusoid() -> None:
+    waves = [sample(Varied.NOISE, 50, k).noise for k in range(20)]
+    noise = np.stack([w for w in waves if w is not None])
+    assert noise.shape == (20, 41, 3, 208)
+    assert np.abs(noise).max() <= 0.005
+    assert np.abs(noise).max() > 0.0045
+
+
+def test_parameter_choices() -> None:
+    assert ParameterChoice.LEG.names == (*leg_parameters("r"), *leg_parameters("l"))
+    assert ParameterChoice.GAIT.names == (*gait_parameters("r"), *gait_parameters("l"))
+    assert ParameterChoice.ALL.names == JP_NAMES
+
+
+def test_a_stream_depends_on_seed_set_level_and_number() -> None:
+    first = sample(Varied.JP, 100, 7).joint
+    again = sample(Varied.JP, 100, 7).joint
+    assert first is not None and again is not None
+    np.testing.assert_array_equal(first, again)
+    others = [
+        sample(Varied.JP, 100, 8),
+        sample(Varied.BOTH, 100, 7),
+        sample(Varied.JP, 100, 7, MonteCarloSettings(seed=1)),
+    ]
+    for other in others:
+        assert other.joint is not None
+        assert not np.isclose(first, other.joint).any()
+    half = sample(Varied.JP, 50, 7).joint
+    assert half is not None
+    assert not np.isclose(first, 2 * half).any()
+
+
+def test_the_stream_is_the_one_that_stores_were_made_with() -> None:
+    """Other numbers would need another `store.FORMAT`."""
+    joint = sample(Varied.JP, 100, 0).joint
+    assert joint is not None
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0, 100, 0)))
+    np.testing.assert_array_equal(joint, MonteCarloSettings().joint_bounds * rng.uniform(-1.0, 1.0, len(joint)))
+
+
+NODES = 3e-7
+"""m, rad: the last step of a re-fit is below 1e-6, what is left a fraction of it."""
+
+
+def test_other_measured_markers_keep_the_pattern() -> None:
+    rng = np.random.default_rng(5)
+    problem, true = random_trial(rng, perturbed_parameters(rng), frames=40, nodes=8)
+    constants = problem.constants(perturbed_parameters(rng))
+    measured = problem.data.measured + rng.normal(0, 0.01, problem.data.measured.shape)
+    other = problem.with_measured(measured)
+    made = TrialProblem(
+        name=problem.name, chain=problem.chain, basis=problem.basis, data=other.data, labels=problem.labels
+    )
+    assert other._assembler is problem._assembler
+    found, expected = (p.equations(true, constants, curved=True) for p in (other, made))
+    np.testing.assert_array_equal(found.band, expected.band)
+    np.testing.assert_array_equal(found.node_gradient, expected.node_gradient)
+    assert found.cost == expected.cost != problem.cost(true, constants)
+
+
+@pytest.mark.parametrize("level", [25, 100])
+def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> None:
+    """Tracking, started at the re-fit and given many small steps, stays there; and the cost is no higher from afar."""
+    for number in range(4):
+        change = disturb(context, Varied.JP, level, number)
+        assert change.joint is not None
+        parameters = context.case.parameters.with_joint(context.names, context.joint_values + change.joint)
+        constants = context.problem.constants(parameters)
+        start = context.case.nodes + context.sensitivity @ change.joint
+        found = refit(context.problem, constants, start, RefitSettings())
+        assert found.failure == ""
+        tight = DescentSettings(gain=0.0, most_steps=60)
+        kept = track_nodes(context.problem, constants, found.nodes, tight)
+        assert np.abs(kept.nodes - found.nodes).max() < NODES
+        afar = track_nodes(context.problem, constants, context.case.nodes, DescentSettings(gain=1e-12))
+        assert context.problem.cost(found.nodes, constants) <= afar.cost * (1 + 1e-9)
+
+
+def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) -> None:
+    change = 1e-4 * context.settings.joint_bounds * np.random.default_rng(3).uniform(-1, 1, len(context.names))
+    parameters = context.case.parameters.with_joint(context.names, context.joint_values + change)
+    constants = context.problem.constants(parameters)
+    found = refit(context.problem, constants, context.case.nodes, RefitSettings(tolerance=1e-10))
+    moved = found.nodes - context.case.nodes
+    np.testing.assert_allclose(context.sensitivity @ change, moved, rtol=0, atol=2e-3 * np.abs(moved).max())
+
+
+def test_noise_is_fitted_from_the_known_factor_as_from_a_fresh_one(context: MonteCarloContext) -> None:
+    change = disturb(context, Varied.NOISE, 100, 1)
+    noisy = context.problem.with_measured(context.data.measured + change.noise)
+    constants = context.problem.constants(context.case.parameters)
+    found = [
+        refit(noisy, constants, context.case.nodes, RefitSettings(), known)
+        for known in (None, context.undisturbed_factor)
+    ]
+    np.testing.assert_array_equal(found[0].nodes, found[1].nodes)
+    assert np.abs(noisy.gradient(found[0].nodes, constants)[1]).max() < 1e-6
+
+
+def test_a_refit_that_is_cut_short_says_so(context: MonteCarloContext) -> None:
+    change = disturb(context, Varied.NOISE, 100, 1)
+    noisy = context.problem.with_measured(context.data.measured + change.noise)
+    constants = context.problem.constants(context.case.parameters)
+    found = refit(noisy, constants, context.case.nodes, RefitSettings(most_evaluations=2))
+    assert "2 evaluations" in found.failure
+    lost = context.problem.with_measured(np.full_like(context.data.measured, np.nan))
+    assert refit(lost, constants, context.case.nodes, RefitSettings()).failure

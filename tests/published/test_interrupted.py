@@ -15,8 +15,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.store import Store
-from gaitcal.published.study import monte_carlo
+from gaitcal.published.study import Store, monte_carlo
 from gaitcal.published.workers import ThisProcess
 from tests.published.small_study import CHUNK, PLAN
 

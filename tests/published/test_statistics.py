@@ -1,26 +1,34 @@
-"""Distributions, the published criterion of convergence, expectation from marker distances, conclusions."""
+"""Distributions, convergence, conclusions, linearised contributions of the parameters, and their figures."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from gaitcal.figures.monte_carlo import boxplot_figure, contribution_figure, write_monte_carlo_figures
 from gaitcal.model.coordinates import LEG_COORDINATES
-from gaitcal.published.claims import PUBLISHED, beside, conclusions
-from gaitcal.published.draw import COLUMNS
-from gaitcal.published.leg_torques import LEG_TORQUES, TORQUES
-from gaitcal.published.settings import MonteCarloSettings, ReactionFrame, Varied
+from gaitcal.model.parameters import leg_parameters
+from gaitcal.published.case import MonteCarloCase
+from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
+from gaitcal.published.draw import COLUMNS, LEG_TORQUES, TORQUES, MonteCarloContext, refit, torque_column
+from gaitcal.published.protocol import MonteCarloSettings, Plan, ReactionFrame, Varied
 from gaitcal.published.statistics import (
     FEWEST,
     TOLERANCE_PERCENT,
     expect,
     left_out,
     levels_of,
+    linear_agreement,
     settling,
     statistics,
     unconverged,
+    variance_contributions,
 )
+from gaitcal.published.study import monte_carlo
+from gaitcal.published.workers import ThisProcess
 
 SCALE = {"jp": 1.0, "ip": 0.1, "both": np.hypot(1.0, 0.1), "noise": 0.1}
 
@@ -175,3 +183,110 @@ def test_published_figures_stand_beside_ours_only_where_they_mean_the_same() -> 
     assert set(beside(table, inertial, MonteCarloSettings(inertial_percent=50.0))) == set(ReactionFrame)
     assert beside(statistics(made_up(levels=(25, 50))), flexion, MonteCarloSettings()) == {}
     assert TORQUES == LEG_COORDINATES
+
+
+@pytest.fixture(scope="module")
+def draws(case: MonteCarloCase) -> pd.DataFrame:
+    wanted = {Varied.BOTH: (1, 25), Varied.IP: (10,), Varied.JP: (25,)}
+    plans = [Plan((varied,), levels, 60) for varied, levels in wanted.items()]
+    return pd.concat([monte_carlo(case, plan=plan, workers=ThisProcess()).draws for plan in plans])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("frame", list(ReactionFrame))
+def test_small_disturbances_are_linear(context: MonteCarloContext, draws: pd.DataFrame, frame: ReactionFrame) -> None:
+    assert linear_agreement(context, draws, (Varied.BOTH, 1), frame).min() > 0.999
+    assert linear_agreement(context, draws, (Varied.IP, 10), frame).min() > 0.99
+
+
+@pytest.mark.parametrize("frame", list(ReactionFrame))
+def test_a_quarter_of_the_bounds_is_nearly_linear(
+    context: MonteCarloContext, draws: pd.DataFrame, frame: ReactionFrame
+) -> None:
+    assert linear_agreement(context, draws, (Varied.JP, 25), frame).min() > 0.9
+
+
+def test_contributions_sum_to_the_variance_of_the_draws(context: MonteCarloContext, draws: pd.DataFrame) -> None:
+    table = variance_contributions(context)
+    shares = table.groupby(["torque", "grf"])["share"].sum()
+    np.testing.assert_allclose(shares, 100.0)
+    squares = (table["rms"] ** 2).groupby([table["torque"], table["grf"]]).sum()
+    of = draws[(draws["set"] == "both") & (draws["level"] == 25)]
+    for frame in ReactionFrame:
+        found = of[[torque_column(torque, frame, "rms") for torque in LEG_TORQUES]].to_numpy()
+        ratio = (found**2).mean(axis=0) / (0.25**2 * np.array([squares[torque, frame.value] for torque in LEG_TORQUES]))
+        assert np.abs(ratio - 1).max() < 0.45  # 60 draws tell a mean square to some 15 % (one SD)
+        assert ratio.mean() == pytest.approx(1.0, abs=0.15)
+
+
+def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloContext) -> None:
+    """Nearly all of the knee's adduction error is told to come from the knee axis in the frontal plane: try it."""
+    table = variance_contributions(context)
+    rows = table[(table["torque"] == "knee_adduction_l") & (table["grf"] == "lab")].set_index("parameter")
+    assert rows["share"].idxmax() == "knee_l.thigh.front"
+    case, k = context.case, context.names.index("knee_l.thigh.front")
+    step = 0.05 * context.settings.joint_bounds[k]
+    torques = []
+    for sign in (1.0, -1.0):
+        parameters = case.parameters.with_joint(
+            context.names, context.joint_values + sign * step * (np.arange(len(context.names)) == k)
+        )
+        constants = context.problem.constants(parameters)
+        found = refit(context.problem, constants, case.nodes, context.settings.refit)
+        legs = context.legs.disturb(parameters)
+        torques.append(context.legs.torques(legs, context.basis, found.nodes, case.wrench, context.feet)[0])
+    slope = (torques[0] - torques[1])[:, LEG_TORQUES.index("knee_adduction_l")] / (2 * step)
+    alone = 100 / case.subject.bwh * np.sqrt((slope**2).mean()) * context.settings.joint_bounds[k] / np.sqrt(3)
+    assert rows.loc["knee_l.thigh.front", "rms"] == pytest.approx(alone, rel=1e-3)
+
+
+def test_boxes_are_the_percentiles() -> None:
+    table = statistics(made_up(draws=60))
+    figure = boxplot_figure(table, ReactionFrame.FOOT)
+    axes = np.array(figure.axes).reshape(len(TORQUES) + 1, 4)
+    assert [a.get_title() for a in axes[0]] == [
+        "joint parameters (JP)",
+        "inertial parameters (IP)",
+        "JP and IP",
+        "marker noise (NP)",
+    ]
+    row = levels_of(table, Varied.NOISE, "knee_adduction_l", ReactionFrame.FOOT).iloc[1]
+    cell = axes[TORQUES.index("knee_adduction"), 3]
+    lines = [line.get_ydata() for line in cell.lines]
+    heights = {round(float(y), 9) for data in lines for y in np.ravel(data)}
+    wanted = {round(float(row[name]), 9) for name in ("p10", "p25", "p50", "p75", "p90", "average")}
+    boxes = {round(float(y), 9) for patch in cell.patches for y in patch.get_path().vertices[:, 1]}
+    assert wanted <= heights | boxes
+    assert axes[-1, 0].get_ylabel() == "marker\ndistance, mm"
+    assert [t.get_text() for t in axes[-1, 0].get_xticklabels()] == ["25", "50", "100"]
+    assert axes[0, 0].get_ylim()[0] == 0.0
+
+
+def test_a_study_of_one_set_has_one_column() -> None:
+    table = statistics(made_up(draws=30, sets=("ip",)))
+    assert len(boxplot_figure(table, ReactionFrame.LAB, "mean", "r").axes) == len(TORQUES) + 1
+
+
+def test_contributions_are_written_into_the_cells(context: MonteCarloContext) -> None:
+    contributions = variance_contributions(context)
+    figure = contribution_figure(contributions)
+    rows = [t.get_text() for t in figure.axes[0].get_yticklabels()]
+    assert len(rows) == len(leg_parameters("r")) + 2
+    assert rows[0] == "hip: pelvis ant"
+    texts = {(int(t.get_position()[0]), int(t.get_position()[1])): t.get_text() for t in figure.axes[0].texts}
+    of = contributions[(contributions["torque"] == "knee_adduction_l") & (contributions["grf"] == "lab")]
+    share = of.set_index("parameter")["share"]["knee_l.thigh.front"]
+    assert texts[4, rows.index("knee: thigh front")] == f"{share:.0f}"
+    image = figure.axes[0].images[0].get_array()
+    assert image is not None
+    np.testing.assert_allclose((np.asarray(image) ** 2).sum(axis=0), 100.0)
+
+
+@pytest.mark.slow
+def test_files(context: MonteCarloContext, tmp_path: Path) -> None:
+    table = statistics(made_up(draws=30))
+    written = write_monte_carlo_figures(table, variance_contributions(context), tmp_path)
+    assert set(written) == {"figure_3_lab", "figure_3_foot", "figure_4_lab", "figure_4_foot", "contributions"}
+    for path in written.values():
+        assert path.read_bytes().startswith(b"\x89PNG")
+        assert "<svg" in path.with_suffix(".svg").read_text(encoding="utf-8")

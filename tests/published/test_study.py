@@ -1,7 +1,8 @@
-"""The study: the same table in one process or two, in any order, resumed, raised; stores of others refused."""
+"""The study: the same table however it is computed, resumed or raised; stores of others and damaged ones."""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,14 +10,15 @@ from typing import TypeVar
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 from gaitcal.errors import InputError
+from gaitcal.io import lock
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.settings import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
-from gaitcal.published.store import Chunk, Store, cut, missing_chunks
-from gaitcal.published.study import MonteCarloStudy, monte_carlo
-from gaitcal.published.workers import LocalProcesses, ThisProcess
+from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
+from gaitcal.published.study import PURPOSE, Chunk, MonteCarloStudy, Store, monte_carlo
+from gaitcal.published.workers import LocalProcesses, ThisProcess, alone
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -29,7 +31,7 @@ HERE = ThisProcess()
 class Backwards:
     """Workers that begin with the last task."""
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task], lost: object = None) -> Iterator[Result]:
         return map(function, reversed(list(tasks)))
 
 
@@ -39,7 +41,7 @@ class Dying:
     def __init__(self, chunks: int) -> None:
         self.chunks = chunks
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task], lost: object = None) -> Iterator[Result]:
         for k, task in enumerate(tasks):
             if k == self.chunks:
                 raise KeyboardInterrupt
@@ -171,14 +173,101 @@ def test_until_converged_adds_draws(case: MonteCarloCase, tmp_path: Path, monkey
     assert not stopped.converged
 
 
-def test_cuts_are_at_multiples_whatever_the_start() -> None:
-    assert cut(0, 25, 10) == [(0, 10), (10, 20), (20, 25)]
-    assert cut(7, 31, 10) == [(7, 10), (10, 20), (20, 30), (30, 31)]
-    assert cut(10, 10, 10) == []
+def test_missing_draws_between_and_after_what_is_held(tmp_path: Path) -> None:
+    """Cut at multiples of the size, whatever the start."""
+    store, empty = Store(tmp_path), pa.table({"draw": []})
+    for level, first, stop in ((100, 15, 20), (100, 0, 10), (50, 0, 40)):
+        store.write(Chunk(Varied.JP, level, first, stop), empty)
+
+    def missing(draws: int, size: int) -> list[tuple[int, int]]:
+        return [(c.first, c.stop) for c in store.missing(Plan(sets=(Varied.JP,), levels=(100,), draws=draws), size)]
+
+    assert missing(47, 20) == [(10, 15), (20, 40), (40, 47)]
+    assert missing(31, 10) == [(10, 15), (20, 30), (30, 31)]
+    assert missing(10, 10) == []
 
 
-def test_missing_draws_between_and_after_what_is_held() -> None:
-    plan = Plan(sets=(Varied.JP,), levels=(100,), draws=40)
-    held = [Chunk(Varied.JP, 100, 15, 20), Chunk(Varied.JP, 100, 0, 10), Chunk(Varied.JP, 50, 0, 40)]
-    found = [(c.first, c.stop) for c in missing_chunks(held, plan, 20)]
-    assert found == [(10, 15), (20, 40)]
+FEW = Plan(sets=(Varied.IP,), levels=(100,), draws=4)
+Spoil = Callable[[bytes], bytes]
+DAMAGE: dict[str, Spoil] = {
+    "bit": lambda b: b[: len(b) // 2] + bytes([b[len(b) // 2] ^ 16]) + b[len(b) // 2 + 1 :],
+    "last bit": lambda b: b[:-1] + bytes([b[-1] ^ 1]),
+    "zeroed block": lambda b: b[:512] + bytes(512) + b[1024:],
+    "cut": lambda b: b[:-100],
+    "empty": lambda b: b"",
+    "longer": lambda b: b + b"\0",
+}
+
+
+def study(case: MonteCarloCase, folder: Path) -> MonteCarloStudy:
+    return monte_carlo(case, folder, plan=FEW, workers=ThisProcess(), chunk_draws=2)
+
+
+@pytest.fixture
+def whole(case: MonteCarloCase, tmp_path: Path) -> MonteCarloStudy:
+    return study(case, tmp_path)
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_chunk_is_named_and_made_again(
+    damage: str, case: MonteCarloCase, whole: MonteCarloStudy, tmp_path: Path
+) -> None:
+    path = sorted((tmp_path / "draws").iterdir())[1]
+    path.write_bytes(DAMAGE[damage](path.read_bytes()))
+    with pytest.raises(InputError, match=f"{path.name}: is damaged; run the same study again"):
+        Store(tmp_path).read()
+    again = study(case, tmp_path)
+    assert again.notes == (f"{path.name}: was damaged; its draws are made again",)
+    assert again.computed == 2
+    pd.testing.assert_frame_equal(again.draws, whole.draws, check_exact=True)
+    assert study(case, tmp_path).notes == ()
+
+
+@pytest.mark.parametrize("damage", ["bit", "cut", "empty"])
+def test_damaged_settings_cost_no_draw(
+    damage: str, case: MonteCarloCase, whole: MonteCarloStudy, tmp_path: Path
+) -> None:
+    path = tmp_path / "settings.json"
+    sound = path.read_bytes()
+    path.write_bytes(DAMAGE[damage](sound))
+    again = study(case, tmp_path)
+    assert again.computed == 0 and "settings.json was damaged" in again.notes[0]
+    assert path.read_bytes() == sound
+    path.write_bytes(DAMAGE[damage](sound))
+    with pytest.raises(InputError, match=r"settings\.json: .*remove the folder"):
+        monte_carlo(case, tmp_path, settings=MonteCarloSettings(seed=1), plan=FEW, workers=ThisProcess())
+
+
+def test_one_study_at_a_time(case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lock, "WAIT_S", 0.1)
+    told: list[str] = []
+
+    def other() -> None:
+        try:
+            study(case, tmp_path / "store")
+        except InputError as error:
+            told.append(str(error))
+
+    with alone(tmp_path / "store", PURPOSE):
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+    assert "is being written by another process" in told[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_draws_that_vanish_meanwhile_are_computed_again(case: MonteCarloCase, tmp_path: Path) -> None:
+    """As where somebody puts another copy of the folder in its place."""
+
+    class Losing(ThisProcess):
+        lost = False
+
+        def run(self, function, tasks, lost=None):  # type: ignore[no-untyped-def]
+            for task in tasks:
+                yield function(task)
+                if not Losing.lost:
+                    Losing.lost = True
+                    next((tmp_path / "store/draws").iterdir()).unlink()
+
+    found = monte_carlo(case, tmp_path / "store", plan=FEW, workers=Losing(), chunk_draws=2)
+    assert (len(found.draws), found.computed) == (4, 6)

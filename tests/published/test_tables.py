@@ -1,4 +1,4 @@
-"""Rows of the tables: every published figure is there, with ours where it can be, and its place in the range."""
+"""Rows of the tables: every published figure is there, with ours where it can be, and real people beside them."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gaitcal.cli import reproduce as command
+from gaitcal.cli import montecarlo as command
 from gaitcal.cli.console import Console
 from gaitcal.errors import InputError
 from gaitcal.published import reproduce
 from gaitcal.published.claims import Kind, Verdict
-from gaitcal.published.published import table_four, table_two
+from gaitcal.published.inertial_recovery import SeedResult
+from gaitcal.published.people import people_rows
+from gaitcal.published.protocol import table_four, table_two
 from gaitcal.published.reproduce import (
     CLAIM_COLUMNS,
     TABLE_COLUMNS,
     Reproduction,
     ReproductionSettings,
+    SensitivityDraws,
     table_frame,
     write_tables,
 )
 from gaitcal.published.reproduce import reproduce as run
-from gaitcal.published.sensitivities import SensitivityDraws
-from gaitcal.published.settings import SeedResult
 from gaitcal.published.tables import (
     Cell,
     discussion_rows,
@@ -189,7 +190,7 @@ def test_command_prints_and_writes(
     monkeypatch.setattr(
         command, "reproduce", lambda settings, kept, step: asked.append((settings, kept)) or reproduction
     )
-    command.run(
+    command.run_reproduction(
         tmp_path / "out", Console(quiet=False, verbose=False), draws=0, noise_seeds=5, seed=3, sensitivities=False
     )
     settings, kept = asked[0]
@@ -215,13 +216,15 @@ def test_command_refuses_a_foreign_folder_before_it_works(tmp_path: Path, monkey
     monkeypatch.setattr(command, "reproduce", lambda *_: pytest.fail("worked first"))
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds 'notes.txt'"):
-        command.run(tmp_path, Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True)
+        command.run_reproduction(
+            tmp_path, Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
+        )
 
 
 def test_data_folder_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GAITCAL_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match="no folder"):
-        command.run(
+        command.run_reproduction(
             tmp_path / "out", Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
         )
     assert not (tmp_path / "out").exists()
@@ -232,3 +235,31 @@ def test_cells_without_a_figure_are_dashes(reproduction: Reproduction, capsys: p
     assert capsys.readouterr().out == ""
     frame = table_frame(reproduction.tables)
     assert frame.loc[frame["row"] == "experimental, phase 2", "ours"].eq("").all()
+
+
+def test_no_recordings_no_rows(tmp_path: Path) -> None:
+    assert people_rows(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_subject01_and_uf3(data_dir: Path) -> None:
+    said: list[str] = []
+    rows = {(r.table, r.row, r.column): r for r in people_rows(data_dir, said.append)}
+    assert all(r.published is None and r.ours is not None for r in rows.values())
+    assert all("another person" in r.note for r in rows.values())
+    for joint in ("hip", "knee", "ankle"):
+        before, after = (
+            rows["I", f"uf3, {words}: marker distance RMS", joint].ours for words in ("anatomical", "phase 1")
+        )
+        assert before is not None and after is not None
+        assert rows["I", "uf3: fall of marker distance", joint].ours == pytest.approx(100.0 * (1.0 - after / before))
+        assert after < before
+    force = {
+        words: rows["III", f"subject01, {words}", "residual force RMS"].ours for words in ("phase 1", "third step")
+    }
+    assert (force["third step"] or 0.0) < 0.6 * (force["phase 1"] or 0.0)
+    scaled = [
+        rows["discussion", f"subject01, torque divided by {w}", "residual torque RMS"].ours for w in ("BW*H", "BW*1 mm")
+    ]
+    assert (scaled[1] or 0.0) < (scaled[0] or 0.0)
+    assert any("third step" in line for line in said)

@@ -16,7 +16,8 @@ from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.gait.strides import AXES, PELVIS_ANGLES, strides_of
+from gaitcal.gait.strides import AXES, strides_of
+from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.page.packing import FULL
 from gaitcal.page.sheet.trial_sheet import trial_sheet
 from gaitcal.results.cycles import CYCLE_HEADER, cycle_table, cycles, cycles_to_xarray, read_cycles, write_cycles

@@ -12,12 +12,12 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from gaitcal.cli.application import app
-from gaitcal.gait.cycles import GaitCycle, normalise
+from gaitcal.gait.cycles import EventSource, GaitCycle, GaitEvent, normalise
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.events import TrialEvents
-from gaitcal.gait.gait_event import EventSource, GaitEvent
 from gaitcal.io.labels import FootMoment
 from gaitcal.results.cycles import read_cycles
+from tests.kept import kept_folder
 from tests.synthetic_studies import write_synthetic_study
 
 RUNNER = CliRunner()
@@ -37,14 +37,21 @@ def strides(*_: object) -> TrialEvents:
     return TrialEvents(tuple(GaitEvent(FootMoment.STRIKE, side, t, EventSource.MOTION) for t, side in times))
 
 
+def kept_strides(kept: Path) -> Path:
+    """A result with one stride of either foot."""
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("gaitcal.session.trial_result.trial_events", strides)
+            done = run("calibrate", write_synthetic_study(folder / "study"), "--out", folder / "result", "-q")
+        assert done.exit_code == 0, done.output
+
+    return kept_folder(kept / "strides", make) / "result"
+
+
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("made")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitcal.session.trial_result.trial_events", strides)
-        done = run("calibrate", write_synthetic_study(folder / "study"), "--out", folder / "result", "-q")
-    assert done.exit_code == 0, done.output
-    return folder / "result"
+def made(kept: Path) -> Path:
+    return kept_strides(kept)
 
 
 @pytest.fixture

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.cohort.cohort_priors import COLUMNS as PRIORS_COLUMNS
-from gaitcal.cohort.tables import FAILURE_COLUMNS, TIME_COLUMNS
+from gaitcal.cohort.learn_priors import COLUMNS as PRIORS_COLUMNS
+from gaitcal.cohort.run import FAILURE_COLUMNS, TIME_COLUMNS
 from gaitcal.compare.curve_differences import CURVE_COLUMNS
 from gaitcal.compare.difference import COLUMNS as DIFFERENCE_COLUMNS
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
-from gaitcal.io.lock import MANIFEST, ResultKind, files_of, read_object
+from gaitcal.io.result_folder import MANIFEST, ResultKind, files_of, read_object
 from gaitcal.published.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
 from gaitcal.results.calibration import write_results
-from gaitcal.results.described import FILES, SUMMARY, TABLES, column_of, file_of
 from gaitcal.results.stride_files import SPATIOTEMPORAL_COLUMNS
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
+from scripts.tools.documentation.results import FILES, SUMMARY, TABLES, column_of, file_of
 from tests.synthetic_studies import write_synthetic_study
 
 KINDS = {

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import sha256_of
 from gaitcal.results.cycles_export import find_original
 
 

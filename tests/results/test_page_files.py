@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 import re
 import shutil
@@ -19,8 +17,7 @@ from typer.testing import CliRunner
 
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.io.lock import MANIFEST
-from gaitcal.io.snapshot import HASHES, SELF, listed, self_hash, sha256_of
+from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, listed, self_hash, sha256_of
 from gaitcal.page.scene_file import load_scene
 from gaitcal.page.sheet.sheet import read_sheet
 from gaitcal.results.calibration import write_results
@@ -79,7 +76,7 @@ def with_another_model(result: Path) -> None:
 
 def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     result = folder / "result"
-    assert {PAGE, SHEET, SCENE, "report.html", "view.html"} <= set(listed(result))
+    assert {PAGE, SHEET, SCENE} <= set(listed(result))
     assert not (result / "figures").exists()
     assert trials(result / PAGE) == [["walk"]]
     [shown] = results(result / PAGE)
@@ -101,17 +98,6 @@ def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
     sheet = read_sheet(folder / "result/dynamics" / SHEET)
     assert [line["text"][:6] for line in sheet["lines"]][2] == "walk3:"
     assert "was edited since" in json.dumps(sheet["sections"]["provenance"])
-
-
-@pytest.mark.parametrize("name", ["report.html", "view.html"])
-def test_the_former_pages_lead_to_it(name: str, folder: Path) -> None:
-    text = (folder / "result" / name).read_text(encoding="utf-8")
-    [script] = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    assert f"default-src 'none'; script-src 'sha256-{digest}';" in text
-    assert script == 'location.replace("result.html" + location.hash);'
-    assert '<noscript><meta http-equiv="refresh" content="0; url=result.html"></noscript>' in text
-    assert '<a href="result.html">' in text and "for one release" in text and len(text) < 1000
 
 
 def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import typed, unit_of
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import sha256_of
 from gaitcal.results.cycles import CYCLES, cycles, cycles_to_xarray, read_cycles, write_cycles
 from gaitcal.results.stride_files import SPATIOTEMPORAL, STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.table_file import write_csv

@@ -17,7 +17,7 @@ from gaitcal.cli.application import app
 from gaitcal.errors import UsageError
 from gaitcal.io.formats import convert, read_recording
 from gaitcal.io.labels import FootMoment
-from gaitcal.io.snapshot import listed, self_hash, sha256_of
+from gaitcal.io.result_folder import listed, self_hash, sha256_of
 from tests.real_studies import write_study
 from tests.synthetic_studies import STUDY, write_synthetic_study
 

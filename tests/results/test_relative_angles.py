@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.trc_mot import read_table
+from gaitcal.io.opensim_files import read_table
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.results.calibration import write_trial
 from gaitcal.results.saved import _static_angles

@@ -9,13 +9,13 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gaitcal.cli.compare import Options, run
+from gaitcal.cli.compare import Options
+from gaitcal.cli.compare import compare_sessions_or_models as run
 from gaitcal.cli.console import Console
 from gaitcal.codes import Code
 from gaitcal.compare.session import Common
 from gaitcal.errors import InputError, UsageError
-from gaitcal.io.atomic import atomic_directory
-from gaitcal.io.lock import MANIFEST, ResultKind
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.model_file import save_model
 from gaitcal.results.calibration import json_text
 from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty

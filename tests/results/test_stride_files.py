@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
-from gaitcal.io.snapshot import sha256_of
+from gaitcal.io.result_folder import sha256_of
 from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.cycles import CYCLES
 from gaitcal.results.stride_files import (

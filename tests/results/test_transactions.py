@@ -14,14 +14,13 @@ from typer.testing import CliRunner, Result
 
 import gaitcal.results.cycles as cycles_module
 import gaitcal.results.trials as trials_module
-from gaitcal.cli import dynamics as dynamics_command
+from gaitcal.cli import calibrate as dynamics_command
 from gaitcal.cli import montecarlo as montecarlo_command
 from gaitcal.cli import other_programs
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
-from gaitcal.io.lock import locked
-from gaitcal.io.snapshot import listed, sha256_of
+from gaitcal.io.result_folder import listed, locked, sha256_of
 from gaitcal.results.saved import load_result
 from gaitcal.results.table_file import read_csv
 from gaitcal.session import calibrate as person_calibrate
@@ -250,9 +249,9 @@ def test_what_commands_change_in_a_result_is_listed_anew(folder: Path, monkeypat
     page = (result / "result.html").read_bytes()
     assert "preset Trust" in run("montecarlo", result, *DRAWS).stdout
     assert (result / "result.html").read_bytes() != page
-    (result / "view.html").write_text("old")
-    run("view", result, "--html", result / "view.html")
+    (result / "result.html").write_text("old")
+    run("view", result, "--html", result / "result.html")
     hashes = listed(result)
-    assert {"result.html", "page.json", "view.html", "model.toml"} <= set(hashes)
+    assert {"result.html", "page.json", "model.toml"} <= set(hashes)
     assert all(sha256_of(result / name) == digest for name, digest in hashes.items())
     assert not list(result.rglob(".gaitcal-*")) and not list(folder.glob(".gaitcal-*"))

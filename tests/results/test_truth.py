@@ -27,9 +27,8 @@ from gaitcal.results.summary import summary
 from gaitcal.results.truth import write_truth
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration
-from gaitcal.session.truth_comparison import with_truth
+from gaitcal.session.truth_comparison import settings_sentence, sums, two_marker_segments, with_truth
 from gaitcal.session.truth_errors import TruthErrors
-from gaitcal.session.truth_words import settings_sentence, sums, two_marker_segments
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
@@ -274,7 +273,6 @@ def test_intervals_and_directions() -> None:
     assert curve.rms == pytest.approx(np.sqrt((1.9**2 + 2.0**2) / 2))
     assert curve.nominal_rms == pytest.approx(np.sqrt(12.5))
     for directions in (("front", "trans"), ("trans", "sag")):
-        gap = _angle(directions)
-        assert gap(np.array([0.0, 0.0]), np.array([0.0, 5.0])) == pytest.approx(5.0)
-        assert gap(np.array([20.0, 0.0]), np.array([17.0, 0.0])) == pytest.approx(3.0)
+        assert _angle(directions, np.array([0.0, 0.0]), np.array([0.0, 5.0])) == pytest.approx(5.0)
+        assert _angle(directions, np.array([20.0, 0.0]), np.array([17.0, 0.0])) == pytest.approx(3.0)
     assert _distance(np.array([0.0, 3.0]), np.array([4.0, 0.0])) == 5.0

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.cli.calibrate import run as run_calibrate
+from gaitcal.cli.calibrate import calibrate_study as run_calibrate
 from gaitcal.cli.console import Console
 from gaitcal.codes import Code
 from gaitcal.errors import InputError

@@ -90,8 +90,8 @@ def test_folders_of_which_no_study_follows(tmp_path: Path, capsys: pytest.Captur
 
 def test_questions_on_a_terminal(person: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answers = iter(["170", "1.70", "m", "male"])
-    monkeypatch.setattr("gaitcal.cli.init.sys", Terminal())
-    monkeypatch.setattr("gaitcal.cli.init.typer.prompt", lambda *_, **__: next(answers))
+    monkeypatch.setattr("gaitcal.cli.folder.sys", Terminal())
+    monkeypatch.setattr("gaitcal.cli.folder.typer.prompt", lambda *_, **__: next(answers))
     run("init", person, "--mass", 69.4)
     assert Study.load(person / "study.toml").subject.height == 1.70
 

@@ -11,19 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.cli.console import Console
-from gaitcal.cli.init import study_or_draft
+from gaitcal.cli.folder import study_or_draft
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
+from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.io.trc_mot import write_trc
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.session.draft import draft_text, missing_words, study_of
-from gaitcal.session.draft_lines import draft_notes
+from gaitcal.session.draft import draft_notes, draft_text, missing_words, study_of
 from gaitcal.session.drafting import draft_study
 from gaitcal.session.folder import FileKind, Folder, FolderFile
-from gaitcal.session.people import exchange_told
+from gaitcal.session.people import exchange_told, pair_distances, placed_otherwise
 from gaitcal.session.person_facts import Options
-from gaitcal.session.placing import pair_distances, placed_otherwise
 from gaitcal.study.study import Study
 from tests.session.folders import JOINTS, SAID, draft, other_person, recordings, roles, squat, write
 

@@ -126,7 +126,7 @@ def test_errors_stop_before_anything_is_solved(
     change: Change, named: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trial = spoil(folder, change)
-    monkeypatch.setattr("gaitcal.cli.dynamics.analyse", None)
+    monkeypatch.setattr("gaitcal.cli.calibrate.analyse", None)
     with pytest.raises(InputError, match=f"walk2.csv: trial 'walk2': ({named})") as caught:
         run("dynamics", folder / "result", *trial)
     assert caught.value.exit_code == 1
@@ -158,14 +158,14 @@ def test_a_segment_without_markers_is_told_and_has_no_valid_torque(folder: Path)
 
 
 def test_tracking_that_did_not_converge_ends_in_3_after_writing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gaitcal.cli import dynamics
+    from gaitcal.cli import calibrate
 
     def late(*arguments: object) -> object:
         done = analyse(*arguments)  # type: ignore[arg-type]
         return replaced(done, calibrated=replaced(done.calibrated, converged=False))
 
-    analyse = dynamics.analyse
-    monkeypatch.setattr(dynamics, "analyse", late)
+    analyse = calibrate.analyse
+    monkeypatch.setattr(calibrate, "analyse", late)
     with pytest.raises(ConvergenceError, match="tracking of walk2 did not converge") as caught:
         run("dynamics", folder / "result", *spoil(folder, lambda t: t))
     assert caught.value.exit_code == 3

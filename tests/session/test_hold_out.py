@@ -15,10 +15,10 @@ from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.model.nominal import published_model
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.joint_parameters import FOLDS, fold_of_frame, hold_out, without
-from gaitcal.session.prepare import PreparedTrial, prepare_trial
+from gaitcal.session.session import MovingTrial, prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.measurements import marker_noise
+from gaitcal.synthetic.motion import marker_noise
 from tests.faults.spoilt import sound_study
 from tests.synthetic_studies import write_synthetic_study
 
@@ -41,7 +41,7 @@ def study() -> Study:
     return replace(sound, trials=tuple(t for t in trials if t.name != "walk"), settings=settings)
 
 
-def prepared(study: Study) -> PreparedTrial:
+def prepared(study: Study) -> MovingTrial:
     return prepare_trial(study.moving[0], nominal_of(study), study.settings)
 
 
@@ -49,7 +49,7 @@ def test_every_frame_is_left_out_once(study: Study) -> None:
     trial = prepared(study)
     fold = fold_of_frame(trial)
     assert set(fold) == set(range(FOLDS))
-    held = np.stack([without(trial, fold == k).fitted.data.weight == 0 for k in range(FOLDS)])
+    held = np.stack([without(trial, fold == k).joints.data.weight == 0 for k in range(FOLDS)])
     assert (held.sum(axis=0) == 1).all()
 
 
@@ -57,10 +57,10 @@ def test_nothing_of_a_held_block_reaches_the_fit(study: Study) -> None:
     """Markers torn away in the frames left out change nothing of what is fitted to the rest."""
     trial = prepared(study)
     held = fold_of_frame(trial) == 1
-    fitted = without(trial, held).fitted
+    fitted = without(trial, held).joints
     spoilt = replace(fitted.data, measured=fitted.data.measured + np.where(held, 0.5, 0.0))
     nodes = np.zeros((fitted.basis.nodes, len(fitted.chain.coordinates)))
-    constants = fitted.constants(trial.model.parameters)
+    constants = fitted.constants(nominal_of(study).parameters)
     assert replace(fitted, data=spoilt).cost(nodes, constants) == pytest.approx(
         fitted.cost(nodes, constants), rel=1e-12
     )
@@ -80,7 +80,7 @@ def test_a_merely_freer_model_is_not(study: Study) -> None:
     """A fit that follows its own frames alone: found only where they have weight, lost where they have none."""
     trial, nominal = prepared(study), nominal_of(study).parameters
 
-    def bend(trials: list[PreparedTrial]) -> tuple[None, object]:
+    def bend(trials: list[MovingTrial]) -> tuple[None, object]:
         wrong = nominal.with_joint(("knee_r.shank.sup",), np.array([nominal.joint.max() + 0.05]))
         return None, wrong
 

@@ -16,7 +16,7 @@ from gaitcal.model.parameters import JP_INDEX
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import trial_problem
-from gaitcal.session.prepare import prepare_trial
+from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from tests.real_studies import write_study
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.io.trc_mot import read_table
+from gaitcal.io.opensim_files import read_table
 from gaitcal.model.linkage import COORDINATE_INDEX, LOWER_BODY
 from gaitcal.model.parameters import JP_INDEX, is_physical, table
 from gaitcal.session.calibrate import calibrate

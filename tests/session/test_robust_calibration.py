@@ -15,7 +15,7 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, StudyTrial
-from gaitcal.synthetic.measurements import marker_noise
+from gaitcal.synthetic.motion import marker_noise
 from gaitcal.synthetic.subject import synthesize
 
 Spoil = Callable[[StudyTrial, np.random.Generator], Recording]

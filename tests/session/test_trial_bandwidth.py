@@ -16,8 +16,9 @@ from gaitcal.model.nominal import published_model
 from gaitcal.motion.bandwidth import DenseMotion
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.results.summary import summary, trial_summary
+from gaitcal.session.bandwidth import JOINTS_HZ, REACH, Bandwidth, ChosenBy
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.prepare import JOINTS_HZ, REACH, Bandwidth, ChosenBy, PreparedTrial, force_cutoff, prepare_trial
+from gaitcal.session.session import MovingTrial, force_cutoff, prepare_trial
 from gaitcal.session.trial_result import analyse
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
@@ -44,7 +45,7 @@ def knee(deviation: float = 0.001) -> StudyTrial:
     return StudyTrial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recording)
 
 
-def prepared(trial: StudyTrial, **settings: object) -> PreparedTrial:
+def prepared(trial: StudyTrial, **settings: object) -> MovingTrial:
     return prepare_trial(trial, MODEL, CalibrationSettings(**settings))  # type: ignore[arg-type]
 
 
@@ -52,9 +53,8 @@ def changed(plates: tuple[ForcePlate, ...], force: Callable[[Array], Array]) -> 
     return tuple(replace(plate, force=force(plate.force)) for plate in plates)
 
 
-def cutoffs(trial: PreparedTrial) -> list[float | None]:
-    problems = (trial.body, trial.fitted, trial.legs)
-    return [p.smoothing.cutoff_hz if p.smoothing else None for p in problems]
+def cutoffs(trial: MovingTrial) -> list[float | None]:
+    return [p.smoothing.cutoff_hz if p.smoothing else None for p in (trial.body, trial.fitted)]
 
 
 def test_markers_choose_without_plates() -> None:
@@ -62,7 +62,7 @@ def test_markers_choose_without_plates() -> None:
         found = prepared(trial)
         told = found.bandwidth
         assert told.by is ChosenBy.MARKERS and told.joints_hz == max(told.motion_hz, JOINTS_HZ)
-        assert cutoffs(found) == [told.motion_hz, told.joints_hz, told.joints_hz]
+        assert cutoffs(found) == [told.motion_hz, told.joints_hz]
         assert f"smoothed at {told.motion_hz:.1f} Hz" in told.notes[0] and told.findings == ()
         # an isolated trial is judged by what its joint parameters are fitted to
         assert told.motion_hz == pytest.approx(DenseMotion(found.fitted, MODEL.parameters).by_markers(), rel=1e-6)
@@ -81,7 +81,7 @@ def test_plates_bring_motion_and_forces_together() -> None:
     assert told.by is ChosenBy.PLATES and told.motion_hz != markers.motion_hz
     assert markers.motion_hz / REACH <= told.motion_hz <= markers.motion_hz * REACH
     assert told.joints_hz == max(markers.motion_hz, told.motion_hz, JOINTS_HZ)
-    assert cutoffs(found) == [told.motion_hz, told.joints_hz, told.joints_hz]
+    assert cutoffs(found) == [told.motion_hz, told.joints_hz]
     assert f"{markers.motion_hz:.1f} Hz" in told.notes[0]
 
     def residual(hz: float) -> float:
@@ -120,10 +120,10 @@ def test_plates_that_would_go_far_have_no_say() -> None:
 
 def test_given_by_the_settings() -> None:
     smoothed = prepared(walk(), bandwidth_hz=5.0)
-    assert smoothed.bandwidth.by is ChosenBy.GIVEN and cutoffs(smoothed) == [5.0] * 3
+    assert smoothed.bandwidth.by is ChosenBy.GIVEN and cutoffs(smoothed) == [5.0] * 2
     for settings, spans in (({"nodes": 25}, 20), ({"nodes_per_second": 15.0}, 16)):
         plain = prepared(walk(), **settings)
-        assert plain.bandwidth.by is ChosenBy.GIVEN and cutoffs(plain) == [None] * 3
+        assert plain.bandwidth.by is ChosenBy.GIVEN and cutoffs(plain) == [None] * 2
         assert plain.body.basis.nodes == spans + 5
         assert plain.bandwidth.motion_hz == pytest.approx(0.5 * spans / 1.035)
     with pytest.raises(ValueError, match="allowed only without bandwidth_hz"):
@@ -159,8 +159,8 @@ def _every(plate: ForcePlate, step: int) -> ForcePlate:
 def test_forces_are_filtered_at_50_hz_or_like_the_motion() -> None:
     trial = prepared(walk(0.001))
     motion = tracked_motion(trial.body, MODEL.parameters)
-    assert force_cutoff(trial.trial, motion, CalibrationSettings()) == FORCE_HZ == 50.0
-    matched = force_cutoff(trial.trial, motion, CalibrationSettings(force_filter_hz="matched"))
+    assert force_cutoff(trial, motion, CalibrationSettings()) == FORCE_HZ == 50.0
+    matched = force_cutoff(trial, motion, CalibrationSettings(force_filter_hz="matched"))
     assert matched == pytest.approx(0.863 * trial.bandwidth.motion_hz, rel=1e-3)
     ends = {hz: _first_valid(walk(0.0, made_plates(gait_motion())), hz) for hz in (2.5, 10.0)}
     assert ends[2.5] == pytest.approx(0.2, abs=0.01) and ends[10.0] < 0.11

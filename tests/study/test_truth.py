@@ -16,7 +16,7 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import load_study_file
+from gaitcal.study.study_file import TruthTable, load_study_file
 from gaitcal.study.truth import (
     Truth,
     landmarks_text,
@@ -26,7 +26,6 @@ from gaitcal.study.truth import (
     read_truth,
     truth_files,
 )
-from gaitcal.study.truth_table import TruthTable
 from gaitcal.synthetic.motion import static_motion
 from tests.synthetic_studies import made_recording
 

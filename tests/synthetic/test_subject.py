@@ -1,7 +1,8 @@
-"""The synthetic subject through files: determinism, truth in the calibration's own frames, what calibration finds."""
+"""The synthetic subject: its measurements, its files, the truth in frames of a calibration, what calibration finds."""
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -9,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.model.joint_centres import HipCentre
+from gaitcal.io.toml import models_path
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.nominal import nominal_model
+from gaitcal.model.nominal import nominal_model, published_model
 from gaitcal.model.parameters import (
     JOINT_PARAMETERS,
     JP_NAMES,
@@ -22,14 +23,21 @@ from gaitcal.model.parameters import (
     published_subject,
     table,
 )
-from gaitcal.model.segment_frames import Frame
+from gaitcal.model.segment_frames import Frame, HipCentre
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.tables import parameter_table
 from gaitcal.study.study import Study
-from gaitcal.synthetic.motion import WALK_NODES
+from gaitcal.synthetic.motion import (
+    NOISE_AMPLITUDE,
+    NOISE_OMEGA,
+    WALK_NODES,
+    marker_noise,
+    standing_pose,
+    synthetic_markers,
+)
 from gaitcal.synthetic.subject import synthesize, synthetic_model
 from gaitcal.synthetic.truth import in_static_frames, inertial_parameters_in, joint_parameters_in, segment_frames
-from gaitcal.synthetic.walk import CLEARANCE
+from gaitcal.synthetic.walk import CLEARANCE, GAIT_CYCLE
 from tests.derivatives import perturbed_parameters
 from tests.kept import kept_person
 
@@ -168,3 +176,31 @@ def test_noisy_files_bring_hip_and_knee_nearer_the_truth(kept: Path) -> None:
         assert after < before, (joint, kind)
     masses = found[found["kind"] == "mass"]["fitted"].sum()
     assert masses == pytest.approx(truth[truth.index.str.endswith(".mass")].sum(), abs=0.1)
+
+
+def test_markers_are_points_of_their_segments_in_the_order_of_the_labels() -> None:
+    model, pose = published_model(static_only=True), standing_pose()
+    frames = segment_frames(model.parameters, pose)
+    expected = [frames[s].point(local) for s, local in zip(model.markers.segments, model.markers.local, strict=True)]
+    markers = synthetic_markers(model.parameters, model.markers, pose[None])
+    np.testing.assert_allclose(markers[0], expected, atol=1e-14)
+
+
+def test_the_cycle_is_that_of_the_nominal_gait() -> None:
+    told = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))["nominal_gait"]
+    assert told["cycle_s"] == GAIT_CYCLE
+
+
+def test_noise_is_one_sinusoid_for_each_coordinate() -> None:
+    """A sin(omega t + phi): second differences are the values times 2 (cos(omega dt) - 1), the same in every frame."""
+    step = 0.005
+    noise = marker_noise(step * np.arange(400), 200, np.random.default_rng(0)).reshape(400, -1)
+    assert 0.99 * NOISE_AMPLITUDE < np.abs(noise).max() <= NOISE_AMPLITUDE
+    curvature = (noise[:-2] - 2 * noise[1:-1] + noise[2:]) / step**2
+    squared = -(curvature * noise[1:-1]).sum(axis=0) / (noise[1:-1] ** 2).sum(axis=0)
+    np.testing.assert_allclose(curvature, -squared * noise[1:-1], atol=1e-6)
+    omega = np.arccos(1 - squared * step**2 / 2) / step
+    assert omega.max() <= NOISE_OMEGA < 1.01 * omega.max()
+    start = noise[0] / np.abs(noise).max(axis=0)  # any phase: as many begin above as below zero, few at it
+    assert abs(np.mean(start > 0) - 0.5) < 0.1
+    assert np.mean(np.abs(start) > 0.5) > 0.5

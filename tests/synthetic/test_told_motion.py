@@ -9,12 +9,9 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.motion.spline import spline_basis
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.measurements import synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, standing_pose
+from gaitcal.synthetic.motion import TrueMotion, residual_free_wrench, standing_pose, synthetic_markers
 from gaitcal.synthetic.subject import synthetic_model, true_gait
-from gaitcal.synthetic.told_motion import Teller, ToldMotion
-from gaitcal.synthetic.truth import segment_frames, static_frames
+from gaitcal.synthetic.truth import Teller, ToldMotion, segment_frames, static_frames
 
 SEED = 11
 SPLINE = 5e-3

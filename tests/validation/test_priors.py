@@ -9,7 +9,7 @@ from gaitcal.calibration.error_sources import nominal_influence
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind
-from gaitcal.study.people_design import Person, mirror
+from gaitcal.study.joint_prior import Person, mirror
 
 ANYBODY = Person(height=1.7, sex="male")
 

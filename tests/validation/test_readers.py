@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from gaitcal.io.c3d import parser
+from gaitcal.io.c3d import reader as parser
 from scripts.validation import readers as fuzzing
 
 FEW, MANY = 15, 100

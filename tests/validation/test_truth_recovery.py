@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from gaitcal import Study, calibrate, parameter_table
-from gaitcal.model.joint_centres import HipCentre
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
 from scripts.validation.truth import recovery, synthetic
 from scripts.validation.truth.people import EXACT_PLATES

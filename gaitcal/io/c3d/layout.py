@@ -1,36 +1,36 @@
-"""What the first blocks of a C3D file say of its layout: checked before a parser is let loose on it, and followed
-where the parser goes astray.
+"""The binary layout of a C3D file: its header, its parameters record by record, its samples.
 
-Layout (C3D user guide, www.c3d.org): 512-byte blocks; byte 1 of block 1 is the block number of the parameters, byte 2
-is 0x50; then 16-bit words: 2 points, 3 analog values a frame, 4 first and 5 last frame, 7-8 scale (float; negative:
-data are floats), 9 first data block, 10 analog samples a frame. Byte 4 of the parameter section is the processor:
-84 Intel, 85 DEC, 86 MIPS.
+C3D user guide (www.c3d.org): 512-byte blocks; byte 1 of block 1 is the block number of the parameters, byte 2 is 0x50;
+then 16-bit words: 2 points, 3 analog values a frame, 4 first and 5 last frame, 7-8 scale (float; negative: data are
+floats), 9 first data block, 10 analog samples a frame.
 
-ezc3d takes the layout of a frame from the parameters. Old files may lack ANALOG:RATE or ANALOG:USED, and are then
-read askew, without complaint: the analog values of one frame pass for points of the next. Where the header accounts
-for the length of the file and the parameters do not, the header is right, and `read_samples` follows it.
+Parameters: four bytes (the third: number of 512-byte blocks; the fourth: processor, 84 Intel, 85 DEC, 86 MIPS), then
+records: length of the name (negative: locked), number of the group (negative: this record is the group itself), the
+name, a 16-bit offset to the next record, counted from itself, and the content. Of a group: length and text of its
+description. Of a parameter: type (-1 text, 1 byte, 2 integer, 4 float), number of dimensions, dimensions, data (first
+dimension fastest), description. A record with a name of length 0 ends the section.
 
-Facts about the person, and foot events, from the parameters of a C3D file.
-
-PROCESSING is where Vicon's programs keep what was measured by hand: kg and mm, angles in rad. EVENT is the standard's
-own group: TIMES is (2, n), minutes and seconds from the beginning of the recording, as the frames count.
+ezc3d reads what is here read twice, but for two cases. It takes the layout of a frame from the parameters: old files
+without ANALOG:RATE or ANALOG:USED are then read askew, the analog values of one frame passing for points of the next;
+where the header accounts for the length of the file and the parameters do not, `read_samples` follows the header. And
+ezc3d 1.7 writes parameters anew, and on the way drops groups without a name, changes types, loses the camera masks of
+integer files, and refuses files whose labels are fewer than their points (measured on `c3d_formats`); a
+`ParameterSection` gives every record that is not asked to change back byte for byte.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.errors import InputError
-from gaitcal.io.labels import Facts, FootEvent, FootMoment, clean
-from gaitcal.io.text_file import readable_size
+from gaitcal.io.text_file import FileFault, naming_file, readable_size
 
 BLOCK = 512
 C3D_KEY = 0x50
@@ -50,8 +50,8 @@ class C3DHeader:
     """A frame: channels times samples a frame."""
     samples: int
     """Analog samples a frame; 0 in some files without ANALOG:RATE."""
-    first_frame: int
-    last_frame: int
+    frames: int
+    """By the header; more may follow where the last is 65535."""
     scale: float
     """Negative where data are floats; NaN for DEC."""
     is_float: bool
@@ -59,114 +59,75 @@ class C3DHeader:
     """Byte of the first datum."""
 
     @property
-    def frames(self) -> int:
-        """Frames by the header; more may follow where the last is 65535."""
-        return self.last_frame - self.first_frame + 1
-
-    @property
     def data_bytes(self) -> int:
         """Length of the data by the header."""
         return self.frames * (4 * self.points + self.analog_values) * (4 if self.is_float else 2)
 
 
+@naming_file
 def check_c3d_header(path: Path) -> C3DHeader:
-    """The header; InputError where it is no C3D, is cut short, or has an encoding we do not read."""
+    """The header; InputError where the file is no C3D, is cut short, contradicts itself, or is not Intel or DEC."""
     size = readable_size(path)
     try:
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)
             if len(head) < HEADER_BYTES or head[1] != C3D_KEY:
-                raise InputError(
-                    "this is not a C3D file (its second byte is not 0x50)", source=path, code=Code.FILE_FORMAT
-                )
+                raise FileFault("this is not a C3D file (its second byte is not 0x50)")
             parameters = (head[0] - 1) * BLOCK
             if parameters < BLOCK or size < parameters + BLOCK:
-                raise InputError(
-                    f"cut short or damaged: {size} bytes end before the parameters",
-                    source=path,
-                    code=Code.DAMAGED_RECORDING,
-                )
+                cut = f"cut short or damaged: {size} bytes end before the parameters"
+                raise FileFault(cut, code=Code.DAMAGED_RECORDING)
             file.seek(parameters + 3)
             processor = file.read(1)[0]
     except OSError as error:
-        raise InputError(f"cannot be read ({error})", source=path, code=Code.UNREADABLE) from None
+        raise FileFault(f"cannot be read ({error})", code=Code.UNREADABLE) from None
     if processor == MIPS:
-        raise InputError(
-            "found SGI/MIPS byte order; allowed are Intel and DEC. Save the file again in Intel format",
-            source=path,
-            code=Code.FILE_FORMAT,
-        )
+        raise FileFault("found SGI/MIPS byte order; allowed are Intel and DEC. Save the file again in Intel format")
     if processor not in (INTEL, DEC):
-        raise InputError(
-            f"found processor code {processor}; allowed are {INTEL} (Intel) and {DEC} (DEC)",
-            source=path,
-            code=Code.FILE_FORMAT,
-        )
-    return _checked(path, _header(size, head, processor))
-
-
-def _header(size: int, head: bytes, processor: int) -> C3DHeader:
+        raise FileFault(f"found processor code {processor}; allowed are {INTEL} (Intel) and {DEC} (DEC)")
     words = struct.unpack("<12H", head)
-    scale = struct.unpack("<f", head[12:16])[0] if processor == INTEL else float("nan")
-    # The sign bit of the scale sits in the last byte of an IEEE float, in the second of a DEC one.
-    is_float = bool(head[15 if processor == INTEL else 13] & 0x80)
-    return C3DHeader(
+    header = C3DHeader(
         size=size,
         processor=processor,
         points=words[1],
         analog_values=words[2],
         samples=words[9],
-        first_frame=words[3],
-        last_frame=words[4],
-        scale=scale,
-        is_float=is_float,
+        frames=words[4] - words[3] + 1,
+        scale=struct.unpack("<f", head[12:16])[0] if processor == INTEL else float("nan"),
+        # The sign bit of the scale sits in the last byte of an IEEE float, in the second of a DEC one.
+        is_float=bool(head[15 if processor == INTEL else 13] & 0x80),
         start=(words[8] - 1) * BLOCK,
     )
-
-
-def _checked(path: Path, header: C3DHeader) -> C3DHeader:
-    """The header, unless it contradicts itself or the length of the file."""
     if header.frames < 1:
-        found = f"frame {header.first_frame} is its first and {header.last_frame} its last"
-        raise InputError(found, source=path, field="header", code=Code.DAMAGED_RECORDING)
+        found = f"frame {words[3]} is its first and {words[4]} its last"
+        raise FileFault(found, "header", Code.DAMAGED_RECORDING)
     if header.start < BLOCK:
-        found = f"its data start at block {header.start // BLOCK + 1}; allowed from 2"
-        raise InputError(found, source=path, field="header", code=Code.DAMAGED_RECORDING)
+        raise FileFault(f"its data start at block {words[8]}; allowed from 2", "header", Code.DAMAGED_RECORDING)
     needed = header.start + header.data_bytes
-    if header.size < needed:
-        raise InputError(
-            f"cut short: {header.size} bytes found, {needed} needed for its {header.frames} frames of "
-            f"{header.points} points",
-            source=path,
-            code=Code.DAMAGED_RECORDING,
-        )
+    if size < needed:
+        what = f"{size} bytes found, {needed} needed for its {header.frames} frames of {header.points} points"
+        raise FileFault(f"cut short: {what}", code=Code.DAMAGED_RECORDING)
     return header
 
 
 def is_askew(header: C3DHeader, points: Array, analogs: Array) -> bool:
     """True where points (3, np, nf) and analogs (na, ns) do not fill the file, while the header does."""
     frames = points.shape[2]
-    values = frames * 4 * points.shape[1] + analogs.size
-    filled = values * (4 if header.is_float else 2)
-    room = header.size - header.start
-    fits = 0 <= room - header.data_bytes < 2 * BLOCK
+    filled = (frames * 4 * points.shape[1] + analogs.size) * (4 if header.is_float else 2)
+    fits = 0 <= header.size - header.start - header.data_bytes < 2 * BLOCK
     return frames == header.frames and filled != header.data_bytes and fits
 
 
 def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]]) -> tuple[Array, Array]:
     """Points (3, np, nf), NaN where missing, and analogs (na, ns), both in the units of the file."""
     if header.processor != INTEL:
-        raise InputError(
-            "found DEC encoding without ANALOG:RATE; save the file again in Intel format",
-            source=path,
-            code=Code.FILE_FORMAT,
-        )
+        raise FileFault("found DEC encoding without ANALOG:RATE; save the file again in Intel format")
     kind = np.dtype("<f4") if header.is_float else np.dtype("<i2")
     length = header.data_bytes // kind.itemsize
     try:
         raw = np.fromfile(path, dtype=kind, count=length, offset=header.start).astype(np.float64)
     except OSError as error:
-        raise InputError(f"cannot be read ({error})", source=path, code=Code.UNREADABLE) from None
+        raise FileFault(f"cannot be read ({error})", code=Code.UNREADABLE) from None
     # a frame: x y z and residual of every point, then `samples` times all channels; a negative residual is a gap
     rows = raw.reshape(header.frames, -1)
     quads = rows[:, : 4 * header.points].reshape(header.frames, header.points, 4)
@@ -177,132 +138,207 @@ def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping
         samples = 1
     analogs = rows[:, 4 * header.points :].reshape(header.frames * samples, -1).T
     group = parameters.get("ANALOG", {})
-    count = len(analogs)
-    scaled = (analogs - _per_channel(group, "OFFSET", count, 0.0)) * _per_channel(group, "SCALE", count, 1.0)
+
+    def per_channel(name: str, default: float) -> Array:
+        """(na, 1), completed where the parameter names too few channels."""
+        given = np.asarray(group.get(name, []), dtype=np.float64).ravel()[: len(analogs)]
+        return np.concatenate([given, np.full(len(analogs) - len(given), default)])[:, None]
+
+    scaled = (analogs - per_channel("OFFSET", 0.0)) * per_channel("SCALE", 1.0)
     general = np.asarray(group.get("GEN_SCALE", [1.0]), dtype=np.float64).ravel()
     return points.transpose(2, 1, 0), scaled * (general[0] if len(general) else 1.0)
 
 
-def _per_channel(group: Mapping[str, Any], name: str, count: int, default: float) -> Array:
-    """(count, 1) of an ANALOG parameter, completed where it names too few channels."""
-    given = np.asarray(group.get(name, []), dtype=np.float64).ravel()[:count]
-    return np.concatenate([given, np.full(count - len(given), default)])[:, None]
+# ------------------------------------------------------------------------------------------------------ parameters
+
+MOST_BLOCKS = 255
+LONGEST_LIST = 255
+"""Dimensions are bytes: a longer list of text goes on in NAME2, NAME3, ..."""
+LONGEST_RECORD = 32767
+TEXT, INTEGER, FLOAT = -1, 2, 4
+_KINDS = {1: "<i1", INTEGER: "<i2", FLOAT: "<f4"}
 
 
-MILLIMETRE: Final = 1e-3
-GRAVITY_M_S2: Final = 9.80665
-MASS_KG, HEIGHT_M = (2.0, 400.0), (0.3, 2.6)
-"""Outside of these a number is no mass, no height: 0 stands where nobody filled in the form."""
-WIDTH_M, LENGTH_M = (0.02, 0.3), (0.1, 1.5)
-PERSON_KG, PERSON_M = (5.0, 250.0), (0.5, 2.3)
-"""Of a person whose figures are in another unit than they should be: a guess has to be a likely one."""
-KNEE_M, ANKLE_M = (0.05, 0.2), (0.03, 0.15)
-CENTIMETRE: Final = 1e-2
-OTHER_MASSES: Final = {"N": 1 / GRAVITY_M_S2, "g": 1e-3}
-OTHER_HEIGHTS: Final = {"cm": CENTIMETRE, "inches": 0.0254}
-OTHER_WIDTHS: Final = {"cm": CENTIMETRE}
-SIDES: Final = {"right": "r", "left": "l"}
-MOMENTS: Final = {
-    "foot strike": FootMoment.STRIKE,
-    "heel strike": FootMoment.STRIKE,
-    "initial contact": FootMoment.STRIKE,
-    "foot contact": FootMoment.STRIKE,
-    "foot off": FootMoment.OFF,
-    "toe off": FootMoment.OFF,
-}
+@dataclass(frozen=True)
+class Record:
+    """A group, or a parameter of one."""
+
+    group: int
+    """Number of the group, positive."""
+    name: str
+    content: bytes
+    """What follows the offset."""
+    is_group: bool = False
+    locked: bool = False
 
 
-_Doubt = tuple[str, float | None] | None
-"""A figure that cannot be in its unit, in words, and what it is in the only other unit that fits."""
+@dataclass(frozen=True)
+class ParameterSection:
+    """All records of a file, in their order."""
+
+    records: tuple[Record, ...]
+    processor: int
+    """84 Intel, 85 DEC: how the file writes floats."""
+
+    def names(self, group: str) -> tuple[str, ...]:
+        """Names of the parameters of a group; none where there is no such group."""
+        number = self._number(group)
+        return tuple(r.name for r in self.records if r.group == number and not r.is_group)
+
+    def texts(self, group: str, name: str) -> list[str] | None:
+        """The entries of one parameter, trailing blanks taken off; None where there is none, or it is no text."""
+        kind, dims, data = self._parts(group, name)
+        if kind != TEXT:
+            return None
+        width = dims[0] if dims else 1
+        count = int(np.prod(dims[1:])) if len(dims) > 1 else 1
+        return [data[i * width : (i + 1) * width].decode("latin-1").rstrip(" \0") for i in range(count)]
+
+    def list_of(self, group: str, name: str) -> list[str]:
+        """The entries of a list of text with its continuations NAME2, NAME3, ..."""
+        entries: list[str] = []
+        for number in range(1, 100):
+            part = self.texts(group, name if number == 1 else f"{name}{number}")
+            if part is None:
+                break
+            entries += part
+        return entries
+
+    def numbers(self, group: str, name: str) -> Array | None:
+        """The numbers of one parameter, in its dimensions; None where there is none, or it is text."""
+        kind, dims, data = self._parts(group, name)
+        if kind not in _KINDS:
+            return None
+        decoded = decode_floats(data, self.processor) if kind == FLOAT else np.frombuffer(data, dtype=_KINDS[kind])
+        values = decoded.astype(np.float64)
+        return values.reshape(dims, order="F") if dims else values
+
+    def with_list(self, group: str, name: str, entries: Sequence[str], rows: int = 1) -> ParameterSection:
+        """A list of text instead of the one that is there, continued in NAME2, ... where it is longer than 255.
+
+        `rows` is the second of three dimensions, of lists of pairs such as TYPE_GROUPS.
+        """
+        section, most = self, LONGEST_LIST * rows
+        parts = [list(entries[i : i + most]) for i in range(0, len(entries), most)] or [[]]
+        while self.texts(group, f"{name}{len(parts) + 1}") is not None:
+            parts.append([])  # a continuation that is needed no more
+        for number, part in enumerate(parts, start=1):
+            words = [entry.encode("latin-1", "replace") for entry in part]
+            width = min(255, max([1, *map(len, words)]))
+            data = b"".join(word[:width].ljust(width) for word in words)
+            dims = (width, len(words)) if rows == 1 else (width, rows, len(words) // rows)
+            section = section._with(group, name if number == 1 else f"{name}{number}", TEXT, dims, data)
+        return section
+
+    def with_numbers(self, group: str, name: str, values: Array, kind: int = FLOAT) -> ParameterSection:
+        """Numbers (dimensions as those of `values`) instead of those that are there."""
+        flat = np.asarray(values).ravel(order="F")
+        data = encode_floats(flat, self.processor) if kind == FLOAT else flat.astype(_KINDS[kind]).tobytes()
+        return self._with(group, name, kind, np.asarray(values).shape, data)
+
+    def with_group(self, group: str, description: str = "") -> ParameterSection:
+        """The section with a group of that name, which may be there already."""
+        if self._number(group) is not None:
+            return self
+        taken = {r.group for r in self.records}
+        number = next(n for n in range(1, 128) if n not in taken)
+        text = description.encode("latin-1", "replace")[:255]
+        return replace(self, records=(*self.records, Record(number, group, bytes([len(text)]) + text, is_group=True)))
+
+    def to_bytes(self) -> bytes:
+        """The section as whole blocks; ValueError where it is too long for the format."""
+        out = bytearray(4)
+        for record in self.records:
+            name = record.name.encode("latin-1")
+            if len(record.content) + 2 > LONGEST_RECORD:
+                raise ValueError(f"the parameter {record.name} is longer than {LONGEST_RECORD} bytes")
+            signed = -record.group if record.is_group else record.group
+            out += struct.pack("<bb", -len(name) if record.locked else len(name), signed)
+            out += name + struct.pack("<h", len(record.content) + 2) + record.content
+        out += bytes(2)
+        blocks = -(-len(out) // BLOCK)
+        if blocks > MOST_BLOCKS:
+            raise ValueError(f"its parameters need {blocks} blocks; {MOST_BLOCKS} are allowed")
+        out[:4] = bytes([1, 0x50, blocks, self.processor])
+        return bytes(out.ljust(blocks * BLOCK, b"\0"))
+
+    def _number(self, group: str) -> int | None:
+        return next((r.group for r in self.records if r.is_group and r.name.upper() == group.upper()), None)
+
+    def _place(self, group: str, name: str) -> int | None:
+        """Where the record of a parameter stands; None where there is none."""
+        number, upper = self._number(group), name.upper()
+        places = enumerate(self.records)
+        return next((i for i, r in places if r.group == number and not r.is_group and r.name.upper() == upper), None)
+
+    def _parts(self, group: str, name: str) -> tuple[int | None, tuple[int, ...], bytes]:
+        """Type, dimensions and data of a parameter; type None where there is none, or it is damaged."""
+        place = self._place(group, name)
+        if place is None:
+            return None, (), b""
+        content = self.records[place].content
+        kind, dims, start, end = _extent(content)
+        data = content[start:end]
+        return (kind, dims, data) if len(data) == end - start else (None, (), b"")
+
+    def _with(self, group: str, name: str, kind: int, dims: Sequence[int], data: bytes) -> ParameterSection:
+        """A parameter in the place of the one of that name, whose description it keeps, or as the last of its group."""
+        number, place = self._number(group), self._place(group, name)
+        if number is None:
+            raise ValueError(f"no group {group}")
+        content = struct.pack("<bB", kind, len(dims)) + bytes(dims) + data
+        if place is None:
+            return replace(self, records=(*self.records, Record(number, name, content + b"\0")))
+        records = list(self.records)
+        description = records[place].content[_extent(records[place].content)[3] :] or b"\0"
+        records[place] = replace(records[place], content=content + description)
+        return replace(self, records=tuple(records))
 
 
-def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
-    """What the groups PROCESSING and SUBJECTS say; a number that cannot be meant is taken as not given."""
-    group = {str(name).lower(): value for name, value in parameters.get("PROCESSING", {}).items()}
-    subjects = parameters.get("SUBJECTS", {})
-
-    def number(names: Iterable[str], unit: float, allowed: tuple[float, float]) -> float | None:
-        for name in names:
-            value = _first_number(group.get(name.lower()))
-            if value and allowed[0] <= value * unit <= allowed[1]:  # 0 stands where nobody filled in the form
-                return value * unit
-        return None
-
-    def sided(name: str, unit: float, allowed: tuple[float, float]) -> dict[str, float]:
-        found = {s: number([f"{s.upper()}{name}"], unit, allowed) for s in SIDES.values()}
-        return {s: value for s, value in found.items() if value is not None}
-
-    def doubt(
-        names: Iterable[str], why: str, others: Mapping[str, float], allowed: tuple[float, float], si: str
-    ) -> _Doubt:
-        for name in names:
-            if value := _first_number(group.get(name.lower())):
-                told = {unit: value * by for unit, by in others.items() if allowed[0] <= value * by <= allowed[1]}
-                if not told:
-                    continue  # no figure of a person in any unit: a form that nobody filled in
-                words = " or ".join(f"{meant:.4g} {si} if {unit}" for unit, meant in told.items())
-                text = f"{name} = {value:g}: {why}; {words}"
-                return text, next(iter(told.values())) if len(told) == 1 else None
-        return None
-
-    masses, heights = ("Bodymass", "Mass", "Weight"), ("Height",)
-    mass = number(masses, 1.0, MASS_KG)
-    height = number(heights, MILLIMETRE, HEIGHT_M) or number(heights, 1.0, HEIGHT_M)
-    knee, ankle = sided("KneeWidth", MILLIMETRE, WIDTH_M), sided("AnkleWidth", MILLIMETRE, WIDTH_M)
-    doubts = {
-        "mass": None if mass else doubt(masses, "no mass in kg", OTHER_MASSES, PERSON_KG, "kg"),
-        "height": None if height else doubt(heights, "no height in mm or m", OTHER_HEIGHTS, PERSON_M, "m"),
-    }
-    for field, sides, name, allowed in (
-        ("knee_width", knee, "KneeWidth", KNEE_M),
-        ("ankle_width", ankle, "AnkleWidth", ANKLE_M),
-    ):
-        for s in [s for s in SIDES.values() if s not in sides]:
-            doubts[f"{field}_{s}"] = doubt([f"{s.upper()}{name}"], "no width in mm", OTHER_WIDTHS, allowed, "m")
-    static = _first_number(subjects.get("IS_STATIC"))
-    return Facts(
-        name=_first_text(subjects.get("NAMES")),
-        mass=mass,
-        height=height,
-        marker_set=_first_text(subjects.get("MARKER_SETS")),
-        marker_diameter=number(("MarkerDiameter",), MILLIMETRE, (0.003, 0.04)),
-        asis_distance=number(("InterAsisDistance",), MILLIMETRE, (0.08, 0.5)),
-        knee_width=knee,
-        ankle_width=ankle,
-        leg_length=sided("LegLength", MILLIMETRE, LENGTH_M),
-        static_plantarflexion=sided("StaticPlantFlex", 1.0, (-1.5, 1.5)),
-        doubtful={field: told for field, told in doubts.items() if told is not None},
-        is_static=bool(static) if static else None,
-    )
+def _extent(content: bytes) -> tuple[int, tuple[int, ...], int, int]:
+    """Type and dimensions of a parameter, and where its data begin and end."""
+    kind, count = struct.unpack("<bB", content[:2])
+    dims = tuple(content[2 : 2 + count])
+    return kind, dims, 2 + count, 2 + count + abs(kind) * int(np.prod(dims))
 
 
-def events_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[FootEvent, ...]:
-    """Foot strikes and offs with a side, in order of time."""
-    group = parameters.get("EVENT", {})
-    labels, contexts = _texts(group.get("LABELS")), _texts(group.get("CONTEXTS"))
-    times = np.asarray(group.get("TIMES", ()), dtype=np.float64)
-    if times.ndim != 2 or times.shape[0] != 2:
-        return ()
-    seconds = 60.0 * times[0] + times[1]
-    events = [
-        FootEvent(MOMENTS[label.lower()], SIDES[context.lower()], float(second))
-        for label, context, second in zip(labels, contexts, seconds, strict=False)
-        if label.lower() in MOMENTS and context.lower() in SIDES and np.isfinite(second)
-    ]
-    return tuple(sorted(events, key=lambda e: e.time))
+def parse_section(section: bytes) -> ParameterSection:
+    """The records of a parameter section, which begins with its four bytes; ValueError where it is damaged."""
+    records: list[Record] = []
+    at = 4
+    while at + 1 < len(section) and section[at] != 0:
+        length, group = struct.unpack("<bb", section[at : at + 2])
+        name = section[at + 2 : at + 2 + abs(length)].decode("latin-1")
+        at += 2 + abs(length)
+        if at + 2 > len(section):
+            raise ValueError("its parameters are cut short")
+        (offset,) = struct.unpack("<H", section[at : at + 2])
+        if offset:
+            end = at + offset
+        else:  # some programs write that of the last record as 0
+            end = at + 2 if group < 0 else at + 2 + _extent(section[at + 2 :])[3]
+            end += 1 + section[end]
+        if end > len(section) or end < at + 3:
+            raise ValueError(f"the parameter {name} is damaged")
+        records.append(Record(abs(group), name, section[at + 2 : end], is_group=group < 0, locked=length < 0))
+        if offset == 0:
+            break
+        at = end
+    return ParameterSection(tuple(records), section[3])
 
 
-def _texts(values: Any) -> list[str]:
-    return [clean(text) if isinstance(text, str) else "" for text in ([] if values is None else values)]
+def decode_floats(data: bytes, processor: int) -> Array:
+    """(n,) float32 of an Intel or a DEC file: DEC's have their halves exchanged, and an exponent greater by two."""
+    if processor != DEC:
+        return np.frombuffer(data, dtype="<f4")
+    swapped = np.frombuffer(data, dtype="<u2").reshape(-1, 2)[:, ::-1]
+    return np.frombuffer(swapped.tobytes(), dtype="<f4") * np.float32(0.25)
 
 
-def _first_text(values: Any) -> str | None:
-    return next((text for text in _texts(values) if text), None)
-
-
-def _first_number(values: Any) -> float | None:
-    try:
-        found = np.asarray(values, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
-        return None
-    return float(found[0]) if len(found) and np.isfinite(found[0]) else None
+def encode_floats(values: Array, processor: int) -> bytes:
+    """Float32 numbers as an Intel or a DEC file holds them."""
+    single = np.ascontiguousarray(values, dtype="<f4")
+    if processor != DEC:
+        return single.tobytes()
+    halves = np.frombuffer((single * np.float32(4.0)).tobytes(), dtype="<u2").reshape(-1, 2)
+    return halves[:, ::-1].tobytes()

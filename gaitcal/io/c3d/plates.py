@@ -9,25 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, cross
 from gaitcal.io.force_plate import (
     BODY_N,
+    LOADED_N,
     OFFSET_TOLD_N,
     OUTSIDE_M,
     TURNED_ROUND,
     PlateFrame,
-    about_surface,
     offset,
     outside_share,
     plate_frame,
     plate_from_moment,
     pushes_down,
-    sensor_origin,
-    wrench_type_1,
-    wrench_type_3,
 )
 from gaitcal.io.recording import ForcePlate
 
+Parameters = Mapping[str, Mapping[str, Any]]
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
 """Channels of each plate type read here."""
 DOUBTFUL = 0.2
@@ -49,28 +47,22 @@ class MeasuredPlate:
 
     def as_plate(self) -> ForcePlate:
         """With its full moment about the middle of its surface."""
-        point = np.tile(self.frame.centre, (len(self.time), 1))
-        return ForcePlate(
-            name=self.name,
-            time=self.time,
-            force=self.force,
-            point=point,
-            moment=self.moment,
-            corners=self.frame.corners,
-        )
+        point, wrench = np.tile(self.frame.centre, (len(self.time), 1)), {"force": self.force, "moment": self.moment}
+        return ForcePlate(name=self.name, time=self.time, **wrench, point=point, corners=self.frame.corners)
 
 
 def measured_plates(
-    parameters: Mapping[str, Mapping[str, Any]], analogs: Array, first: float, rate: float, metres: float
+    parameters: Parameters, analogs: Array, first: float, rate: float, metres: float
 ) -> tuple[tuple[MeasuredPlate, ...], tuple[str, ...]]:
-    """All plates that can be read from `analogs` (na, ns), sampled at `rate` Hz, and notes on them.
+    """All usable plates and notes on the rest.
 
-    `first` is how many samples the clock was past zero at the first one. `metres` is the length of POINT:UNITS. A plate
-    that cannot be placed or read is left out, with a note.
+    `analogs` (na, ns) are all analog channels at `rate` Hz, in the units of the file (N, and for moments N times the
+    length of POINT:UNITS unless ANALOG:UNITS says otherwise); `first` tells how many samples the clock was past zero
+    at the first one. `metres` is the length of POINT:UNITS. A plate that cannot be placed or read is left out, with a
+    note.
     """
     group = parameters.get("FORCE_PLATFORM", {})
-    types = _numbers(group, "TYPE").ravel()
-    used = _numbers(group, "USED").ravel()
+    types, used = _numbers(group, "TYPE").ravel(), _numbers(group, "USED").ravel()
     count = min(len(types), int(used[0])) if len(used) and np.isfinite(used[0]) else len(types)
     if count < 1:
         return (), ()
@@ -79,14 +71,13 @@ def measured_plates(
     plates: list[MeasuredPlate] = []
     notes: list[str] = []
     for index in range(count):
-        name = f"Plate {index + 1}"
         try:
             plate, plate_notes = _plate(parameters, index, analogs, first, rate, metres)
         except ValueError as fault:
-            notes.append(f"{name} left out: {fault}.")
+            notes.append(f"Plate {index + 1} left out: {fault}.")
             continue
         plates.append(plate)
-        notes += [f"{name}: {note}." for note in plate_notes]
+        notes += [f"Plate {index + 1}: {note}." for note in plate_notes]
     return tuple(plates), tuple(notes)
 
 
@@ -108,26 +99,32 @@ def stand_up(plates: tuple[MeasuredPlate, ...], up: Array) -> tuple[tuple[ForceP
 
 
 def _plate(
-    parameters: Mapping[str, Mapping[str, Any]], index: int, analogs: Array, first: float, rate: float, metres: float
+    parameters: Parameters, index: int, analogs: Array, first: float, rate: float, metres: float
 ) -> tuple[MeasuredPlate, list[str]]:
     group = parameters["FORCE_PLATFORM"]
-    kind = _type(group, index)
+    kind = _numbers(group, "TYPE").ravel()[index]
+    if kind not in CHANNELS:
+        raise ValueError(f"its type is {kind:g}; allowed are 1, 2, 3 and 4")
     frame = plate_frame(_column(group, "CORNERS", index, (3, 4)).T * metres)
-    channels, unit = _channels(parameters, group, index, CHANNELS[kind], analogs)
+    channels, torque = _channels(parameters, index, CHANNELS[kind], analogs)
     keep = np.flatnonzero(np.isfinite(channels).all(axis=0))
     if not len(keep):
         raise ValueError("its channels hold no numbers")
     notes = []
-    begin, end = int(keep[0]), int(keep[-1])
+    begin, end = int(keep[0]), int(keep[-1]) + 1
     if len(keep) < channels.shape[1]:
         notes.append(f"{channels.shape[1] - len(keep)} samples hold no numbers (those at its ends were cut off)")
-    time = np.asarray((first + np.arange(begin, end + 1)) / rate, dtype=np.float64)
-    channels = channels[:, begin : end + 1]
-    torque = metres if unit is None else unit
+    channels = channels[:, begin:end]
     origin = np.zeros(3) if kind == 1 else _column(group, "ORIGIN", index, (3,)) * metres
-    force, moment, turned = _wrench(kind, channels, origin, group, index, frame, metres, torque)
-    if turned:
-        notes.append("ORIGIN has the opposite sign (the centre of pressure lies on the plate only so)")
+    if kind == 4:
+        channels, torque = _column(group, "CAL_MATRIX", index, (6, 6)) @ channels, metres
+    force, moment = wrench_of(int(kind), channels, origin, metres, metres if torque is None else torque)
+    # ORIGIN without a height does not betray its sign; the plate itself does.
+    if kind in (2, 4) and outside_share(force, moment, frame) > 0.5:
+        other = moment + 2.0 * cross(_below(origin), force)
+        if outside_share(force, other, frame) < 0.1:
+            moment = other
+            notes.append("ORIGIN has the opposite sign (the centre of pressure lies on the plate only so)")
     empty, was_empty = offset(force, moment, rate)
     if not was_empty:
         notes.append("never empty, so that its offset is unknown and was left in")
@@ -141,51 +138,41 @@ def _plate(
             f"{100 * share:.0f} % of the centres of pressure under more than {BODY_N:.0f} N lie over "
             f"{1e3 * OUTSIDE_M:.0f} mm outside its corners: check CORNERS, ORIGIN and CHANNEL"
         )
-    turn = frame.rotation.T
-    plate = MeasuredPlate(name=str(index + 1), time=time, force=force @ turn, moment=moment @ turn, frame=frame)
-    return plate, notes
+    turn, time = frame.rotation.T, np.asarray((first + np.arange(begin, end)) / rate, dtype=np.float64)
+    return MeasuredPlate(name=str(index + 1), time=time, force=force @ turn, moment=moment @ turn, frame=frame), notes
 
 
-def _wrench(
-    kind: int,
-    channels: Array,
-    origin: Array,
-    group: Mapping[str, Any],
-    index: int,
-    frame: PlateFrame,
-    metres: float,
-    torque: float,
-) -> tuple[Array, Array, bool]:
-    """Force and moment about the middle of the surface, plate axes; and whether ORIGIN had to be turned round."""
-    if kind == 1:
-        return *wrench_type_1(channels * np.array([1, 1, 1, metres, metres, torque])[:, None]), False
+def wrench_of(kind: int, channels: Array, origin: Array, metres: float, torque: float) -> tuple[Array, Array]:
+    """Force (ns, 3), N, and moment (ns, 3), N·m, about the middle of the surface, plate axes.
+
+    `channels` (6 or 8, ns): N, moments in units of `torque` N·m, centres of pressure in units of `metres` m. `origin`
+    (3,) m is ORIGIN of the plate.
+    """
     if kind == 3:
-        return *wrench_type_3(channels, origin), False
-    if kind == 4:
-        channels = _column(group, "CAL_MATRIX", index, (6, 6)) @ channels
-        torque = metres
-    force, sensor = channels[:3].T.copy(), channels[3:].T * torque
-    arm = sensor_origin(origin)
-    moment = about_surface(force, sensor, arm)
-    # ORIGIN without a height does not betray its sign; the plate itself does.
-    other = about_surface(force, sensor, -arm)
-    if outside_share(force, moment, frame) > 0.5 and outside_share(force, other, frame) < 0.1:
-        return force, other, True
-    return force, moment, False
+        x12, x34, y14, y23, z1, z2, z3, z4 = channels
+        a, b = np.abs(origin[:2])
+        force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
+        turning = [b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), b * (x34 - x12) + a * (y14 - y23)]
+        return force, np.column_stack(turning) - cross(np.array([0.0, 0.0, -abs(origin[2])]), force)
+    force = channels[:3].T.copy()
+    if kind == 1:
+        loaded = np.abs(force[:, 2]) > LOADED_N  # the centre of an unloaded plate is noise divided by noise
+        point = np.zeros_like(force)
+        point[loaded, :2] = channels[3:5].T[loaded] * metres
+        moment = cross(point, force)
+        moment[:, 2] += channels[5] * torque
+        return force, moment
+    return force, channels[3:].T * torque - cross(_below(origin), force)
 
 
-def _type(group: Mapping[str, Any], index: int) -> int:
-    value = _numbers(group, "TYPE").ravel()[index]
-    if value not in CHANNELS:
-        raise ValueError(f"its type is {value:g}; allowed are 1, 2, 3 and 4")
-    return int(value)
+def _below(origin: Array) -> Array:
+    """ORIGIN as the guide means it: from the sensor origin up to the surface, so z is not positive."""
+    return -origin if origin[2] > 0 else origin
 
 
-def _channels(
-    parameters: Mapping[str, Mapping[str, Any]], group: Mapping[str, Any], index: int, count: int, analogs: Array
-) -> tuple[Array, float | None]:
+def _channels(parameters: Parameters, index: int, count: int, analogs: Array) -> tuple[Array, float | None]:
     """(count, ns) channels of a plate, and metres in their unit of torque where the file names one."""
-    table = _numbers(group, "CHANNEL")
+    table = _numbers(parameters["FORCE_PLATFORM"], "CHANNEL")
     if table.ndim != 2 or table.shape[0] < count or table.shape[1] <= index:
         raise ValueError(f"FORCE_PLATFORM:CHANNEL has the shape {table.shape}; {count} channels are needed")
     numbers = table[:count, index]
@@ -193,15 +180,9 @@ def _channels(
         raise ValueError(f"it uses channels {numbers.astype(int).tolist()}; the file holds 1 to {len(analogs)}")
     places = numbers.astype(int) - 1
     units = parameters.get("ANALOG", {}).get("UNITS", [])
-    name = str(units[places[-1]]) if len(units) > places[-1] else ""
-    return analogs[places], _torque_unit(name)
-
-
-def _torque_unit(name: str) -> float | None:
-    text = re.sub(r"[^a-z]", "", name.lower())
-    if re.fullmatch(r"(n|nt|newton)mm", text):
-        return 1e-3
-    return 1.0 if re.fullmatch(r"(n|nt|newton)m(eters?|etres?)?", text) else None
+    unit = re.sub(r"[^a-z]", "", str(units[places[-1]]).lower()) if len(units) > places[-1] else ""
+    in_mm, in_m = re.fullmatch(r"(n|nt|newton)mm", unit), re.fullmatch(r"(n|nt|newton)m(eters?|etres?)?", unit)
+    return analogs[places], 1e-3 if in_mm else 1.0 if in_m else None
 
 
 def _numbers(group: Mapping[str, Any], name: str) -> Array:

@@ -1,7 +1,19 @@
-"""C3D files: the measured markers and the force plates of one trial, in metres and seconds, y up."""
+"""C3D files: the measured markers and the force plates of one trial, in metres and seconds, y up.
+
+A damaged file can make a parser of binary data crash, hang, or ask for all memory: of 250 real files with up to 40
+bytes changed among their first 1500, eleven ended ezc3d 1.7 by a segmentation fault and two never. So ezc3d runs in a
+process of its own, which parses one file after the other; a new one follows when it has died.
+"""
 
 from __future__ import annotations
 
+import atexit
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,49 +22,203 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.errors import InputError
 from gaitcal.io.axes import UP_TO_Y, Vertical, find_vertical, turn_up
-from gaitcal.io.c3d.layout import C3DHeader, check_c3d_header, events_of, facts_of, is_askew, read_samples
-from gaitcal.io.c3d.parser import ParserDiedError, parse_c3d
+from gaitcal.io.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
 from gaitcal.io.c3d.plates import measured_plates, stand_up
-from gaitcal.io.labels import ComputedPoints, clean, common_prefix, computed_points, is_number, is_unlabelled, unique
+from gaitcal.io.labels import (
+    ComputedPoints,
+    clean,
+    common_prefix,
+    computed_points,
+    events_of,
+    facts_of,
+    is_number,
+    is_unlabelled,
+    unique,
+)
 from gaitcal.io.recording import Recording, zeros_to_missing
+from gaitcal.io.text_file import FileFault, naming_file
 
 PER_METRE = {"mm": 1e3, "millimeters": 1e3, "millimetres": 1e3, "cm": 1e2, "m": 1.0, "meters": 1.0, "metres": 1.0}
 """Lengths that POINT:UNITS may name."""
 ABSURD_M = 1e6
 """No place lies so far off; only a damaged float does."""
-COMPUTED_GROUPS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
+NUMBERS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS")
+"""POINT parameters that list points which are no places: three numbers of another kind."""
+COMPUTED_GROUPS = (*NUMBERS, "MODELED_MARKERS")
 """POINT parameters that list computed points, besides those named in TYPE_GROUPS."""
-NUMBERS = tuple(name for name in COMPUTED_GROUPS if name != "MODELED_MARKERS")
-"""Those whose points are no places: three numbers of another kind."""
 USUAL_VERTICAL = Vertical(2, 1, "the usual practice, as the data do not tell")
 
+# ------------------------------------------------------------------------------------------ ezc3d in its own process
 
+START_SECONDS = 30.0
+"""A process that loads its libraries on a busy machine is no fault of the file."""
+BASE_SECONDS = 6.0
+"""An honest file takes 0.1 s; a user should not wait 10 s to learn that one is damaged."""
+SECONDS_PER_BYTE = 1e-6
+BASE_MEMORY = 2**30
+MEMORY_PER_BYTE = 100
+"""Bytes the process may take for each byte of the file: 16-bit samples become doubles, held some times over."""
+GROUPS = ("POINT", "ANALOG", "FORCE_PLATFORM", "TRIAL", "EVENT", "PROCESSING", "SUBJECTS")
+FAULTS = (RuntimeError, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError, OSError, SystemError)
+"""What ezc3d and its wrapper raise on files that they cannot read."""
+
+
+class ParserDiedError(Exception):
+    """The process ended, or was ended, without an answer; the text says how."""
+
+
+def parse_c3d(path: Path, size: int) -> dict[str, Any]:
+    """Raw content: `points` (3, np, nf) with NaN for missing, `analogs` (na, ns), `parameters`, rates, first frame.
+
+    ValueError with the parser's words where it refuses the file; ParserDiedError where it does not survive it.
+    """
+    kind, content = _PARSER.answer(str(path.absolute()), size, BASE_SECONDS + SECONDS_PER_BYTE * size)
+    if kind == "fault":
+        raise ValueError(content)
+    return dict(content)
+
+
+class _Parser:
+    """The process, for one thread at a time."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._one_at_a_time = threading.Lock()
+        atexit.register(self.end)
+
+    def answer(self, path: str, size: int, seconds: float) -> tuple[str, Any]:
+        """`content` and a file's content, or `fault` and why there is none."""
+        with self._one_at_a_time:
+            try:
+                if self._process is None:
+                    pipe, nowhere = subprocess.PIPE, subprocess.DEVNULL
+                    code = f"import sys; sys.path[:] = {[folder for folder in sys.path if folder]}"
+                    command = [sys.executable, "-c", f"{code}; from gaitcal.io.c3d.reader import serve; serve()"]
+                    self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=nowhere)
+                    self._asked(None, START_SECONDS)
+                kind, content = self._asked((path, size), seconds)
+            except BaseException:  # also Ctrl-C: what it still says is no answer to the next question
+                self.end()
+                raise
+            if kind == "fault":
+                self.end()  # a parser that met a damaged file reads no other
+            return kind, content
+
+    def _asked(self, question: tuple[str, int] | None, seconds: float) -> Any:
+        """What the process answers; without a question, that it is ready."""
+        process = self._process
+        if process is None or process.stdin is None or process.stdout is None:
+            raise ParserDiedError("it did not begin")
+        began = time.monotonic()
+        clock = threading.Timer(seconds, process.kill)
+        clock.start()
+        try:
+            if question is not None:
+                pickle.dump(question, process.stdin)
+                process.stdin.flush()
+            return pickle.load(process.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            code = process.wait()
+            if time.monotonic() - began >= seconds:
+                raise ParserDiedError(f"it took longer than {seconds:.0f} s") from None
+            how = f"it ended by signal {-code}" if code < 0 else f"it ended with code {code}"
+            raise ParserDiedError(how) from None
+        finally:
+            clock.cancel()
+
+    def end(self) -> None:
+        """End the process, if there is one."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.communicate()
+
+
+_PARSER = _Parser()
+if hasattr(os, "register_at_fork"):  # a copy of this process asks a parser of its own
+    os.register_at_fork(after_in_child=_PARSER.__init__)  # type: ignore[misc]
+
+
+def serve() -> None:
+    """Parse one file after the other, until the caller has gone; what the library prints goes nowhere."""
+    with os.fdopen(os.dup(1), "wb") as out:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        import ezc3d  # noqa: F401  before the first file's time begins
+
+        pickle.dump("ready", out)
+        while True:
+            out.flush()
+            try:
+                path, size = pickle.load(sys.stdin.buffer)
+            except EOFError:
+                return
+            _limit_memory(BASE_MEMORY + MEMORY_PER_BYTE * size)
+            try:
+                answer: tuple[str, Any] = ("content", _content(path))
+            except FAULTS as error:
+                answer = ("fault", str(error) or type(error).__name__)
+            pickle.dump(answer, out, protocol=5)
+
+
+def _limit_memory(more: int) -> None:
+    if sys.platform != "linux":
+        return
+    import resource
+
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    limit = pages * resource.getpagesize() + more
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    if hard == resource.RLIM_INFINITY or limit < hard:
+        resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _content(path: str) -> dict[str, Any]:
+    import ezc3d
+
+    file = ezc3d.c3d(path)
+    points = file["data"]["points"][:3]
+    residuals = np.asarray(file["data"]["meta_points"]["residuals"])[0]
+    points[:, residuals < 0] = np.nan
+    parameters: dict[str, dict[str, Any]] = {}
+    for group in GROUPS:
+        content = file["parameters"].get(group, {})
+        parameters[group] = {name: entry["value"] for name, entry in content.items() if name != "__METADATA__"}
+    header = file["header"]
+    return {
+        "points": np.ascontiguousarray(points),
+        "analogs": np.ascontiguousarray(file["data"]["analogs"][0]),
+        "parameters": parameters,
+        "first_frame": int(header["points"]["first_frame"]),
+        "rate": float(header["points"]["frame_rate"]),
+    }
+
+
+# ------------------------------------------------------------------------------------------------- the recording
+
+
+@naming_file
 def read_c3d(path: Path) -> Recording:
     """Markers and plates of a C3D file; InputError where it cannot be read or names no marker."""
     header = check_c3d_header(path)
     try:
         raw = parse_c3d(path, header.size)
     except ValueError as error:
-        raise InputError(
-            f"damaged or not a C3D file: the parser says '{str(error)[:120]}'", source=path, code=Code.DAMAGED_RECORDING
-        ) from None
+        message = f"damaged or not a C3D file: the parser says '{str(error)[:120]}'"
+        raise FileFault(message, code=Code.DAMAGED_RECORDING) from None
     except ParserDiedError as error:
-        raise InputError(
-            f"damaged: the parser did not survive it, {error}", source=path, code=Code.DAMAGED_RECORDING
-        ) from None
+        raise FileFault(f"damaged: the parser did not survive it, {error}", code=Code.DAMAGED_RECORDING) from None
     try:
         return _recording(path, header, raw)
     except (ValueError, TypeError, IndexError, OverflowError) as error:
-        raise InputError(
-            f"damaged: its parameters contradict each other ({error})", source=path, code=Code.DAMAGED_RECORDING
-        ) from None
+        message = f"damaged: its parameters contradict each other ({error})"
+        raise FileFault(message, code=Code.DAMAGED_RECORDING) from None
 
 
 def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recording:
     parameters: Mapping[str, Mapping[str, Any]] = raw["parameters"]
-    rate = _rate(path, parameters, float(raw["rate"]))
+    rate = _rate(parameters, float(raw["rate"]))
     points: Array = raw["points"]
     analogs: Array = raw["analogs"]
     per_metre, notes = _unit(parameters)
@@ -61,9 +227,9 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         notes += ("ANALOG parameters are missing or do not fit the data, which were laid out after the header.",)
     frames = points.shape[2]
     if frames < 1:
-        raise InputError("found no frame of points; at least one is needed", source=path, code=Code.FILE_FORMAT)
+        raise FileFault("found no frame of points; at least one is needed")
     first = _first_frame(parameters, int(raw["first_frame"]))
-    keep, labels, label_notes, computed = _markers(path, parameters, points.shape[1])
+    keep, labels, label_notes, computed = _markers(parameters, points.shape[1])
     notes += label_notes
     markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / per_metre
     absurd = (np.abs(markers) > ABSURD_M).any(axis=2)
@@ -91,14 +257,12 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     return recording if UP_TO_Y[vertical.axis, vertical.sign].is_identity else turn_up(recording, vertical)
 
 
-def _rate(path: Path, parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:
+def _rate(parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:
     values = np.asarray(parameters.get("POINT", {}).get("RATE", []), dtype=np.float64).ravel()
     for rate in [*values.tolist(), header]:
         if np.isfinite(rate) and 0.1 <= rate <= 1e5:
             return float(rate)
-    raise InputError(
-        f"found {header:g} Hz; 0.1 to 100000 are allowed", source=path, field="POINT:RATE", code=Code.DAMAGED_RECORDING
-    )
+    raise FileFault(f"found {header:g} Hz; 0.1 to 100000 are allowed", "POINT:RATE", Code.DAMAGED_RECORDING)
 
 
 def _first_frame(parameters: Mapping[str, Mapping[str, Any]], header: int) -> int:
@@ -132,7 +296,7 @@ def _texts(group: Mapping[str, Any], name: str) -> list[str]:
 
 
 def _markers(
-    path: Path, parameters: Mapping[str, Mapping[str, Any]], count: int
+    parameters: Mapping[str, Mapping[str, Any]], count: int
 ) -> tuple[list[int], tuple[str, ...], tuple[str, ...], dict[str, int]]:
     """Places of the measured, named markers among `count` points, their names, notes on the rest, and the computed
     points that are places (label -> place), not angles or moments.
@@ -145,11 +309,7 @@ def _markers(
     if count > len(named):
         notes += (f"{count - len(named)} unlabelled trajectories left out.",)
     if not named:
-        raise InputError(
-            f"found {count} trajectories, none with a name; labelled markers are needed",
-            source=path,
-            code=Code.FILE_FORMAT,
-        )
+        raise FileFault(f"found {count} trajectories, none with a name; labelled markers are needed")
     listed = _listed_as_computed(group)
     prefix, prefix_notes = common_prefix([labels[i] for i in named if labels[i] not in listed])
     spelt = {i: labels[i].removeprefix(prefix) for i in named}
@@ -159,9 +319,7 @@ def _markers(
     if dropped:
         notes += (f"{len(dropped)} computed points, not markers, left out: {', '.join(dropped)}.",)
     if not keep:
-        raise InputError(
-            f"all {len(named)} named points are computed ones; markers are needed", source=path, code=Code.FILE_FORMAT
-        )
+        raise FileFault(f"all {len(named)} named points are computed ones; markers are needed")
     names, repetition_notes = unique(spelt[i] for i in keep)
     numbers = _listed_as_computed(group, NUMBERS)
     places = {spelt[i]: i for i in named if i not in set(keep) and labels[i] not in numbers and not is_number(spelt[i])}
@@ -177,5 +335,6 @@ def _computed(places: Mapping[str, int], points: Array, per_metre: float) -> Com
 
 
 def _listed_as_computed(group: Mapping[str, Any], groups: Sequence[str] = ()) -> set[str]:
+    """Labels in these parameters; without `groups`, in all that list computed points."""
     names = groups or [*COMPUTED_GROUPS, *(clean(text) for text in _texts(group, "TYPE_GROUPS"))]
     return {clean(label) for name in names if name != "LABELS" for label in _texts(group, name)}

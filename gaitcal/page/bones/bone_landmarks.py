@@ -45,9 +45,9 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.chain import Chain, forward, segment_poses
-from gaitcal.model.joint_centres import JointWidths
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
 from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.model.segment_frames import JointWidths
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.body_meshes import Mesh, vertex_above_lumbar, wrist
 from gaitcal.page.bones.bone_files import face_normals, fitted_ball, spread_points, vertex_normals

@@ -37,8 +37,8 @@ from gaitcal.page.sections.blocks import (
     text,
 )
 from gaitcal.page.sections.summary import GaitNumbers
-from gaitcal.published.leg_torques import TORQUES
-from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.draw import TORQUES
+from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.published.statistics import CauseOfMarkerError, expect
 from gaitcal.session.result import TrialResult
 

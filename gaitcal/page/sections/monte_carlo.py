@@ -29,8 +29,8 @@ from gaitcal.page.sections.blocks import (
     visible,
 )
 from gaitcal.page.sections.error_bars import SOURCE_WORDS, Expected, Quantity, expected_errors, levels_by_quantity
-from gaitcal.published.leg_torques import TORQUE_WORDS, TORQUES
-from gaitcal.published.settings import ReactionFrame, Varied
+from gaitcal.published.draw import TORQUE_WORDS, TORQUES
+from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.published.statistics import variance_shares
 from gaitcal.published.study import MonteCarloStudy
 

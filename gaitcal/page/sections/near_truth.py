@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from gaitcal.model.coordinates import coordinate_words, split_side
 from gaitcal.page.sections.blocks import Block, Cell, cell, fold, heading, named, number, table, text
 from gaitcal.session.result import Calibration
-from gaitcal.session.truth_errors import CurveTruth, FeatureTruth
-from gaitcal.session.truth_words import (
+from gaitcal.session.truth_comparison import (
     CurveRow,
     TruthSum,
     compared_trials,
@@ -23,6 +22,7 @@ from gaitcal.session.truth_words import (
     truth_sentence,
     turning_sentence,
 )
+from gaitcal.session.truth_errors import CurveTruth, FeatureTruth
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,8 +15,8 @@ import numpy as np
 from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.cycles import POINTS, normalise, usable
 from gaitcal.gait.moments import SIDE_WORDS, counted, explained, moment_of
+from gaitcal.gait.spatiotemporal import LEAST_VALID, StridePeaks, stride_peaks
 from gaitcal.gait.strides import strides_of, turns
-from gaitcal.gait.symmetry import LEAST_VALID, StridePeaks, stride_peaks
 from gaitcal.io.toml import package_version
 from gaitcal.model.linkage import SIDES
 from gaitcal.page.sections.blocks import (

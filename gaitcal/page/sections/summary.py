@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
-from gaitcal.gait.cycles import GaitCycle
-from gaitcal.gait.gait_event import source_words
+from gaitcal.gait.cycles import GaitCycle, source_words
 from gaitcal.gait.moments import SIDE_WORDS, MomentNumbers, coordinate_title, counted, listed, moment_numbers, moment_of
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.strides import TURNING, Layout, layout, strides_of

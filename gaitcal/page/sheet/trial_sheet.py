@@ -18,13 +18,12 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.faults.verdict import TrialVerdict
-from gaitcal.gait.cycles import GaitCycle, normalise, usable
-from gaitcal.gait.gait_event import source_words
+from gaitcal.gait.cycles import GaitCycle, normalise, source_words, usable
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of, role_words
 from gaitcal.gait.spatiotemporal import Stride
-from gaitcal.gait.strides import PELVIS_ANGLES, along_line, pelvis_angles, strides_of, turns
+from gaitcal.gait.strides import along_line, pelvis_angles, strides_of, turns
 from gaitcal.model.coordinates import split_side
-from gaitcal.model.linkage import SIDES, is_translation
+from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.page.packing import base64_of, floats, lengths

@@ -19,8 +19,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import track
 from gaitcal.motion.spline import NodeRule
-from gaitcal.synthetic.measurements import synthetic_markers
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, synthetic_markers
 
 GIB = 2.0**30
 LIMIT_GIB = 1.5

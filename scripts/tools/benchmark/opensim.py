@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gaitcal.export.osim import write_osim
-from gaitcal.io.trc_mot import write_trc
+from gaitcal.io.opensim_files import write_trc
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.motion.motion import track
 from gaitcal.motion.spline import NodeRule

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gaitcal.faults.study import check_study
 from gaitcal.published.case import nominal_case
-from gaitcal.published.settings import Plan
+from gaitcal.published.protocol import Plan
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.workers import LocalProcesses, ThisProcess, Workers
 from gaitcal.study.study import Study
@@ -83,7 +83,7 @@ def section_calibrate_walk() -> list[Timing]:
             "gaitcal check subject01", _python("-m", "gaitcal.cli", "check", "-q", *person), "wanted below a second"
         ),
         Timing("  of both: imports for calibrate", _python("-c", IMPORTS), "below 0.9 s"),
-        Timing("  of both: imports for check", _python("-c", "import gaitcal.cli.check")),
+        Timing("  of both: imports for check", _python("-c", "import gaitcal.cli.folder")),
     ]
 
 

@@ -21,8 +21,7 @@ from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.bandwidth import DenseMotion, with_bandwidth
 from gaitcal.motion.motion import motion_of, track, tracked_motion
 from gaitcal.motion.spline import NodeRule
-from gaitcal.synthetic.ground import residual_free_wrench
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from scripts.tools.benchmark.figure import Amount, Timing
 from scripts.tools.benchmark.opensim import inverse_dynamics, inverse_kinematics
 from scripts.tools.benchmark.programs import (

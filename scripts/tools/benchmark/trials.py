@@ -16,8 +16,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import TrialProblem, trial_problem
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import gait_motion, isolated_motion
+from gaitcal.synthetic.motion import gait_motion, isolated_motion, marker_noise, synthetic_markers
 
 NODES = NodeRule(fixed=20)
 GAIT_JPS = (*gait_parameters("r"), *gait_parameters("l"))

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Final
 
 import gaitcal
-from gaitcal.cohort.columns import COLUMNS
+from gaitcal.cohort.row import COLUMNS
 from gaitcal.model.marker_set import built_in_sets
-from gaitcal.results.described import FILES, SUMMARY, TABLES
 from scripts.tools.documentation import commands, findings, python_names, tables
+from scripts.tools.documentation.results import FILES, SUMMARY, TABLES
 
 DOCS: Final = Path(__file__).resolve().parents[3] / "docs"
 PLACE: Final = re.compile(r"^\{\{ ([a-z-]+(?:: [\w-]+)?) \}\}$", re.M)

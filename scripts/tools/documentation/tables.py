@@ -9,12 +9,11 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from gaitcal.cohort.cohort_file import CohortFile, ListedPerson
+from gaitcal.cohort.people import CohortFile, ListedPerson
 from gaitcal.io.examples import examples
 from gaitcal.model import marker_set
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable, PlateErrorTable
-from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
-from gaitcal.study.truth_table import TruthTable
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial, TruthTable
 
 TABLES: Final[dict[str, type[BaseModel]]] = {
     "study": StudyFile,

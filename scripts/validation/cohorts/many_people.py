@@ -20,8 +20,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
-from gaitcal.synthetic.measurements import marker_noise
-from gaitcal.synthetic.motion import standing_pose, static_motion, two_strides
+from gaitcal.synthetic.motion import marker_noise, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.subject import EXACT_PLATES, on_the_floor, recording_of, synthetic_model
 
 STANDING = 60

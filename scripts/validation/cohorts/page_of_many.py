@@ -17,12 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.cohort.columns import COLUMNS
-from gaitcal.cohort.mean_curves import GAP
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes, keep, kept, state_file
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.tables import write_tables
+from gaitcal.cohort.row import COLUMNS, GAP
+from gaitcal.cohort.run import write_tables
 
 MOST_MB, MOST_READY_S = 6.0, 3.0
 NOISE, CURVE_NOISE = 0.05, 300.0

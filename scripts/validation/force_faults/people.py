@@ -19,8 +19,8 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.session.joint_parameters import joint_stage
-from gaitcal.session.prepare import PreparedTrial, forward_direction, measured_reactions, prepare_trial
+from gaitcal.session.joint_parameters import fit_joints
+from gaitcal.session.session import MovingTrial, forward_direction, measured_reactions, prepare_trial, session_of
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role, StudyTrial
@@ -42,7 +42,7 @@ class Person:
     settings: CalibrationSettings
     trials: tuple[StudyTrial, ...]
     """Gait trials over force plates."""
-    motions: tuple[tuple[PreparedTrial, Motion], ...]
+    motions: tuple[tuple[MovingTrial, Motion], ...]
     clean: tuple[ForceEvidence, ...]
 
     def evidence(
@@ -56,22 +56,22 @@ class Person:
             motion = tracked_motion(prepared.body, self.parameters)
         else:
             turned = turn_to_progression(trial.recording, forward_direction(self.model, trial.recording))
-            prepared = replace(before, trial=trial, recording=turned)
+            prepared = replace(before, recording=turned)
         return evidence_of(prepared, motion, self.model, self.parameters, self.settings)
 
 
 def evidence_of(
-    prepared: PreparedTrial, motion: Motion, model: SubjectModel, parameters: Parameters, settings: CalibrationSettings
+    prepared: MovingTrial, motion: Motion, model: SubjectModel, parameters: Parameters, settings: CalibrationSettings
 ) -> ForceEvidence | None:
     """What `gaitcal calibrate` looks at."""
     reactions = measured_reactions(prepared, model, parameters, motion, settings)
-    return force_evidence(prepared.trial, prepared.recording, model, parameters, motion, reactions)
+    return force_evidence(prepared, prepared.recording, model, parameters, motion, reactions)
 
 
 def person(name: str, study: Study) -> Person:
     """Joint stage and clean evidence of a study."""
     model = nominal_of(study)
-    parameters = joint_stage(study, model, lambda text: None, leave_out=False).parameters
+    parameters = fit_joints(session_of(study, model)).parameters
     trials, motions, clean = [], [], []
     for trial in study.moving:
         if trial.role is Role.GAIT and trial.recording.plates:

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.model.joint_centres import HipCentre, hip_centre
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.segment_frames import HipCentre, hip_centre
 from scripts.validation.people.hips import HIP
 from scripts.validation.people.real import Fit
 

@@ -11,8 +11,8 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Parameters, leg_parameters
-from gaitcal.runtime import silent
-from gaitcal.session.joint_parameters import joint_stage
+from gaitcal.session.joint_parameters import fit_joints
+from gaitcal.session.session import session_of
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.study import nominal_of
 
@@ -77,7 +77,7 @@ def wide_hips(study: Study, deviation_mm: float) -> Study:
 def fitted(name: str, study: Study) -> Fit:
     """The joint stage of a calibration."""
     nominal = nominal_of(study)
-    stage = joint_stage(study, nominal, silent, leave_out=False)
+    stage = fit_joints(session_of(study, nominal))
     if stage.joint is None:
         raise RuntimeError(f"{name}: no joint parameters were fitted")
     known = stage.joint.influence.standard_errors

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.cohort.cohort_priors import Rules, learn_cohort, priors_words
-from gaitcal.cohort.person_evidence import PersonEvidence
+from gaitcal.cohort.learn_priors import Rules, learn_cohort, priors_words
+from gaitcal.cohort.learning import PersonEvidence
 from gaitcal.study.joint_prior import CohortPriors, joint_prior
 from scripts.validation.harness import commas
 from scripts.validation.priors.people import MadePerson, evidence, fit, person_of, walk_alone

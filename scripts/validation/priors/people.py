@@ -18,23 +18,30 @@ import numpy as np
 from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.cohort.person_evidence import PersonEvidence, parts_of
+from gaitcal.cohort.learn_priors import parts_of
+from gaitcal.cohort.learning import PersonEvidence
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_NAMES
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.runtime import silent
-from gaitcal.session.joint_parameters import joint_stage
-from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.people_design import Person
+from gaitcal.session.joint_parameters import fit_joints
+from gaitcal.session.session import session_of
+from gaitcal.study.joint_prior import JointPrior, Person
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, isolated_motion, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.motion import (
+    TrueMotion,
+    isolated_motion,
+    marker_noise,
+    standing_pose,
+    static_motion,
+    synthetic_markers,
+    two_strides,
+)
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.priors.populations import POSITION, Draw
 
@@ -130,7 +137,7 @@ def walk_alone(made: MadePerson) -> MadePerson:
 
 def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
     """Calibrate the joint parameters."""
-    stage = joint_stage(replace(made.study, joint_prior=prior), made.nominal, silent, leave_out=False)
+    stage = fit_joints(session_of(replace(made.study, joint_prior=prior), made.nominal))
     if stage.joint is None:
         raise RuntimeError("no joint parameters were fitted")
     return Fit(fitted=stage.parameters.joint, influence=stage.joint.influence)

@@ -8,7 +8,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind
-from gaitcal.study.people_design import HEIGHT, STEP, Person, mirror
+from gaitcal.study.joint_prior import HEIGHT, STEP, Person, mirror
 
 POSITION = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
 Draw = Callable[[np.random.Generator, Person], Array]

@@ -21,16 +21,22 @@ from gaitcal.compare.session import Common
 from gaitcal.compare.shared_model import JointKnowledge, joined
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.runtime import silent
-from gaitcal.session.joint_parameters import joint_stage
+from gaitcal.session.joint_parameters import fit_joints
+from gaitcal.session.session import session_of
 from gaitcal.study.study import nominal_of
-from gaitcal.synthetic.measurements import marker_noise, synthetic_markers
-from gaitcal.synthetic.motion import TrueMotion, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.motion import (
+    TrueMotion,
+    marker_noise,
+    standing_pose,
+    static_motion,
+    synthetic_markers,
+    two_strides,
+)
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.error_bars import coverage
@@ -108,7 +114,7 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
         worn = record_session(person, rng, Path(name))
         study = Study.load(Path(name) / "study.toml")
     nominal = nominal_of(study)
-    stage = joint_stage(study, nominal, silent, leave_out=False)
+    stage = fit_joints(session_of(study, nominal))
     if stage.joint is None:
         raise RuntimeError("no joint parameters were fitted")
     truth = in_static_frames(worn, HipCentre(study.settings.hip_rule)).joint

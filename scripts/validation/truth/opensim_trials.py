@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.io.opensim_files import read_table, write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.io.trc_mot import read_table, write_trc
 from scripts.validation.truth.rigid import Line, relative, screw_axis
 
 RATE, SECONDS, STANDING = 200.0, 6.0, 1.0

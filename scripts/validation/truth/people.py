@@ -14,7 +14,7 @@ import numpy as np
 
 from gaitcal import Recording, Study, read_recording
 from gaitcal.arrays import Array
-from gaitcal.io.trc_mot import read_table
+from gaitcal.io.opensim_files import read_table
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 from scripts.validation.truth.opensim_trials import ISOLATED, TRIALS, make_trials
 from scripts.validation.truth.rigid import Line, rigid_motion

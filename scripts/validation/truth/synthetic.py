@@ -21,11 +21,11 @@ from gaitcal import COORDINATES, Calibration, Moments, Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.joint_kinetics import kinetic_values
-from gaitcal.model.joint_centres import HipCentre
 from gaitcal.model.linkage import REACTIONS
 from gaitcal.model.nominal import published_model
+from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.ground import residual_free_wrench
+from gaitcal.synthetic.motion import residual_free_wrench
 from gaitcal.synthetic.subject import synthesize, true_gait
 from gaitcal.synthetic.truth import in_static_frames, truth_table
 from scripts.validation.error_bars import bars, rms

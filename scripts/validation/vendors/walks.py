@@ -18,8 +18,8 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.session.prepare import measured_reactions, prepare_trial
 from gaitcal.session.result import Calibration, Stage
+from gaitcal.session.session import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import StudyTrial
 from scripts.validation.recordings import CHILDREN, study_of_person

@@ -14,8 +14,8 @@ from gaitcal.page.sections.error_bars import expected_errors
 from gaitcal.page.sections.monte_carlo import PART, monte_carlo_blocks, with_monte_carlo
 from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.published.case import nominal_case
-from gaitcal.published.leg_torques import LEG_TORQUES
-from gaitcal.published.settings import MonteCarloSettings, Plan, ReactionFrame, Varied
+from gaitcal.published.draw import LEG_TORQUES
+from gaitcal.published.protocol import MonteCarloSettings, Plan, ReactionFrame, Varied
 from gaitcal.published.statistics import expect, levels_of, statistics
 from gaitcal.published.study import MonteCarloStudy
 from tests.fake_result import HOSTILE, fake_calibration

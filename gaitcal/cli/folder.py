@@ -1,0 +1,253 @@
+"""`gaitcal init` and `gaitcal check`, and what commands do with a folder instead of a study file."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from gaitcal.cli.console import Console, frameless_table
+from gaitcal.codes import Code
+from gaitcal.errors import InputError, UsageError
+from gaitcal.faults.study import check_file, check_study
+from gaitcal.faults.verdict import stopping
+from gaitcal.findings import Finding, Severity
+from gaitcal.io.atomic import atomic_text, real_path
+from gaitcal.session.draft import (
+    NEEDED,
+    STUDY,
+    Draft,
+    doubtful_lines,
+    draft_text,
+    marker_set_line,
+    missing_options,
+    missing_words,
+    own_study,
+    study_of,
+)
+from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
+from gaitcal.session.folder import Folder, read_folder
+from gaitcal.session.person_facts import NOTHING_SAID, Options
+from gaitcal.study.study import nominal_of
+
+MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)
+SEXES = ("female", "male")
+QUESTIONS = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex": "female or male"}
+PLAIN_WIDTH = 170
+"""Columns of the table where the output is no terminal."""
+
+
+def options_of(mass: float | None, height: float | None, sex: str | None, age: float | None) -> Options:
+    """What the user says of the person; UsageError where it cannot be."""
+    _within("--mass", mass, MASS_KG, "kg")
+    hint = {True: f"; {height or 0:g} looks like centimetres: --height {(height or 0) / 100:g}"}
+    _within("--height", height, HEIGHT_M, "m", hint.get(30 <= (height or 0) <= 260, ""))
+    _within("--age", age, AGE_YEARS, "years")
+    if sex is not None and sex not in SEXES:
+        raise UsageError(f"found '{sex[:40]}'; allowed: {' or '.join(SEXES)}", field="--sex")
+    return Options(mass=mass, height=height, sex=sex, age=age)
+
+
+def _within(option: str, value: float | None, allowed: tuple[float, float], unit: str, hint: str = "") -> None:
+    if value is not None and not allowed[0] <= value <= allowed[1]:
+        raise UsageError(f"found {value:g}; allowed: {allowed[0]:g} to {allowed[1]:g} {unit}{hint}", field=option)
+
+
+def draft_study_file(path: Path, out: Path | None, console: Console, options: Options, *, force: bool) -> None:
+    """Draft the study file of a folder; exit code 1 where something in it is missing."""
+    target = path / STUDY if out is None else out
+    if target.suffix.lower() != ".toml":
+        raise UsageError(f"found '{target.name}'; allowed: the name of a file ending in .toml", field="--out")
+    if not force and target.exists():
+        raise InputError(
+            "is there already; --force replaces it, --out FILE names another", source=target, code=Code.FOLDER_TAKEN
+        )
+    with console.working() as step:
+        step("reading the folder")
+        folder = read_folder(path)
+    draft = _asked(folder, options, console)
+    print_seen(console, draft)
+    if draft.fault:
+        raise InputError(draft.fault, source=path, code=Code.FOLDER)
+    atomic_text(target, draft_text(draft, real_path(target).parent))
+    console.line(f"study: {target}")
+    _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
+    nominal_of(study_of(draft))  # an error of the static trial is told now
+    console.line(f"next:  look through it, then gaitcal calibrate {target} --out {path.resolve().name}-result")
+
+
+def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str = "give ") -> None:
+    """InputError for what keeps a drafted study from being run: what no answer cures before what is not told."""
+    if draft.problem:
+        raise InputError(before + draft.problem, source=source, code=Code.FOLDER)
+    if draft.missing:
+        raise InputError(
+            f"{before}{missing_words(draft)}: {instead}{missing_options(draft)}", source=source, code=Code.WHO_IT_IS
+        )
+
+
+def study_or_draft(path: Path, options: Options, console: Console) -> Path | Draft:
+    """The study file itself, the one in a folder, or the draft of a folder without one, ready to run.
+
+    Raises
+    ------
+    UsageError
+        Options of the person beside a study file, which says it.
+    InputError
+        A folder with several study files, or from which no study follows.
+    """
+    if not path.is_dir():
+        _no_options_beside(path, options)
+        return path
+    with console.working() as step:
+        step("reading the folder")
+        folder = read_folder(path)
+    own = own_study(folder)
+    if own is not None:
+        _no_options_beside(own, options)
+        console.line(f"the folder's own study is used: {own}")
+        return own
+    draft = _asked(folder, options, console)
+    if draft.fault:
+        print_seen(console, draft)
+        raise InputError(draft.fault, source=path, code=Code.FOLDER)
+    tell_draft(console, draft)
+    _stop_on_problem(draft, path)
+    return draft
+
+
+def _no_options_beside(study: Path, options: Options) -> None:
+    if options != NOTHING_SAID:
+        raise UsageError(
+            "--mass, --height, --sex and --age are for folders without a study; write them there", source=study
+        )
+
+
+def _asked(folder: Folder, options: Options, console: Console) -> Draft:
+    """The draft, after a question at the terminal for each thing that nobody tells."""
+    draft = draft_of(folder, options)
+    if (
+        draft.fault
+        or draft.problem
+        or not draft.missing
+        or console.quiet
+        or not (sys.stdin.isatty() and sys.stderr.isatty())
+    ):
+        return draft
+    for field in draft.missing:
+        while field not in draft.person:
+            answer = str(typer.prompt(f"no file says the {QUESTIONS[field]}", err=True)).strip()
+            try:
+                options = _answered(options, field, answer)
+            except (UsageError, ValueError) as fault:
+                console.err.print(Text(str(fault)))
+                continue
+            break
+    return draft_study(draft.folder, options)
+
+
+def _answered(options: Options, field: str, answer: str) -> Options:
+    name = NEEDED[field].split()[0].removeprefix("--")
+    value: object = answer.lower() if field == "sex" else float(answer.replace(",", "."))
+    out = replace(options, **{name: value})  # type: ignore[arg-type]
+    return options_of(out.mass, out.height, out.sex, out.age)
+
+
+def print_seen(console: Console, draft: Draft) -> None:
+    """A row for every file of the folder: what it is, what it shows, what it is used as, why."""
+    if not draft.seen:
+        return
+    table = frameless_table(("file", "is"), ("frames",))
+    for head in ("labels", "shows", "used as", "reason"):
+        table.add_column(head)
+    for row in draft.seen:
+        frames = "" if row.frames is None else str(row.frames)
+        cells = (row.name, row.kind, frames, row.labels, row.shows, row.used or "not used", row.reason)
+        table.add_row(*(Text(cell) for cell in cells))
+    if not console.out.is_terminal:
+        console.out.width = PLAIN_WIDTH
+    console.out.print(table)
+
+
+def tell_draft(console: Console, draft: Draft) -> None:
+    """In some lines, what was made of a folder."""
+    if line := marker_set_line(draft):
+        console.line(line)
+    for role in ("static", "joint", "gait"):
+        names = [
+            f"{trial.name} ({trial.joint})" if trial.joint else trial.name
+            for trial in draft.trials
+            if trial.role == role
+        ]
+        if names:
+            console.line(f"{role}: {', '.join(names)}")
+    for line in doubtful_lines(draft):
+        console.line(line)
+
+
+def tell_faulty(console: Console, faulty: Mapping[str, str]) -> None:
+    """Which trials of a drafted study are left out, as the checks find an error in them."""
+    for name, error in faulty.items():
+        console.line(f"not used: trial '{name}': {error}")
+
+
+COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}
+
+
+def check_recordings(path: Path, console: Console, options: Options = NOTHING_SAID) -> None:
+    """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is an error."""
+    source = study_or_draft(path, options, console)
+    with console.working() as step:
+        step("reading and checking the recordings")
+        if isinstance(source, Path):
+            findings = check_file(source)
+        else:
+            findings = (*check_study(study_of(source)), *rejected_forces(source))
+    shown = [f for f in findings if console.verbose or f.severity is not Severity.INFO]
+    if shown:
+        if not console.out.is_terminal:
+            console.out.width = PLAIN_WIDTH
+        console.out.print(_table(shown))
+    counts = {severity: sum(f.severity is severity for f in findings) for severity in Severity}
+    hidden = counts[Severity.INFO] if not console.verbose else 0
+    more = f" (-v shows {hidden} more facts)" if hidden else ""
+    console.line(f"{counts[Severity.ERROR]} errors, {counts[Severity.WARNING]} warnings{more}")
+    if shown:
+        console.line(f"what a code means and what to do: gaitcal explain {shown[0].code.value}")
+    if counts[Severity.ERROR]:
+        sys.exit(1)
+
+
+def _table(findings: Sequence[Finding]) -> Table:
+    table = Table(show_edge=False, pad_edge=False, show_lines=True)
+    for name in ("severity", "where", "about"):
+        table.add_column(name)
+    table.add_column("found", ratio=3)
+    table.add_column("what to do", ratio=2)
+    for f in findings:
+        table.add_row(
+            Text(f"{f.severity.value}\n{f.code.value}", COLOURS[f.severity]),
+            Text(f.where),
+            Text(f.topic),
+            Text(f.evidence),
+            Text(f.cure),
+        )
+    return table
+
+
+def stop_on_errors(findings: Sequence[Finding], walks: Sequence[str], study: Path | None = None) -> None:
+    """InputError with the first error, and how many more there are (`gaitcal check` on the study shows them).
+
+    Errors that leave a leg to each of the `walks` do not stop: the verdict refuses the other leg.
+    """
+    errors = stopping(findings, walks)
+    if not errors:
+        return
+    shown = f": 'gaitcal check {study}' shows all" if study else ""
+    more = f" (and {len(errors) - 1} more errors{shown})" if len(errors) > 1 else ""
+    raise InputError(errors[0].line + more, code=errors[0].code)

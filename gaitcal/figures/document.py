@@ -1,0 +1,413 @@
+"""A printed gait report: A4 pages of text, tables and sheets of curves, drawn as vectors without a browser.
+
+What stands in it is `ReportContent`, which `results/gait_report.py` reads from a result folder: person, verdict, what
+counts, steps; kinematics; kinetics; joints, comments, signature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+from xml.sax.saxutils import escape
+
+import numpy as np
+from reportlab.lib.colors import Color, HexColor
+from reportlab.lib.pagesizes import A4
+from reportlab.lib.styles import ParagraphStyle
+from reportlab.lib.units import mm
+from reportlab.pdfbase import pdfmetrics
+from reportlab.pdfbase.ttfonts import TTFont
+from reportlab.pdfgen.canvas import Canvas
+from reportlab.platypus import BaseDocTemplate, Flowable, Frame, PageBreak, PageTemplate, Paragraph, Spacer, Table
+
+from gaitcal.arrays import Array
+from gaitcal.gait.moments import SIDE_WORDS
+
+SIDE_COLOURS: Final = {"r": HexColor("#0072B2"), "l": HexColor("#C1272D")}
+"""Right blue, left red, as clinics have them; left is dashed too, for prints in grey."""
+DASHES: Final[Mapping[str, tuple[float, ...]]] = {"r": (), "l": (4.0, 1.5)}
+INK, FAINT, GRID, NORM = HexColor("#222222"), HexColor("#666666"), HexColor("#dddddd"), HexColor("#d9d9d9")
+TONES: Final = {"trustworthy": HexColor("#2e7d32"), "doubtful": HexColor("#b26a00"), "refused": HexColor("#b00020")}
+MARGIN: Final = 15.0 * mm
+SHEET_COLUMNS, SHEET_ROWS = 3, 4
+SANS, BOLD = "ReportSans", "ReportSans-Bold"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePanel:
+    """One variable over the gait cycle. Values in `unit`, with clinical signs, NaN where they must not be used."""
+
+    title: str
+    unit: str
+    senses: tuple[str, str]
+    """What positive and negative values mean."""
+    strides: Mapping[str, tuple[Array, ...]]
+    """Side -> (101,) of every straight stride."""
+    mean: Mapping[str, Array]
+    """Side -> (101,)."""
+    error: Mapping[str, Array]
+    """Side -> (101,) standard error of the mean."""
+    norm: tuple[Array, Array] | None
+    """Mean and SD (101,) of healthy people."""
+    least: float
+    """Smallest range of the vertical axis."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """A page of panels, in rows of three."""
+
+    title: str
+    panels: tuple[CurvePanel, ...]
+    note: str
+    comment: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportContent:
+    """Everything that a report says; all text is data, not markup."""
+
+    person: tuple[tuple[str, str], ...]
+    """Label and value: name, session, sex, mass, height."""
+    verdict: str
+    """`trustworthy`, `doubtful` or `refused`."""
+    sentence: str
+    reasons: tuple[tuple[str, str], ...]
+    """What speaks against the result, and what to do about it; the worst first."""
+    fit: tuple[str, ...]
+    """How well the model follows markers and forces, a sentence each."""
+    walks: tuple[tuple[str, ...], ...]
+    """Head, then a row for each walk and leg: which strides count."""
+    steps: tuple[tuple[str, ...], ...]
+    """Head, then a row for each spatiotemporal measure."""
+    sheets: tuple[Sheet, ...]
+    toe_off: Mapping[str, float]
+    """Side -> % of the gait cycle, the mean over strides."""
+    norm: str
+    """Whom the grey bands are of; empty where there are none."""
+    joints: tuple[tuple[str, ...], ...]
+    """Head, then a row for each joint: how far calibration moved it."""
+    undetermined: tuple[str, ...]
+    """What the recordings do not determine."""
+    comments: Mapping[str, str]
+    """Section (`COMMENT_SECTIONS`) -> what somebody wrote."""
+    footer: str
+    """Program and version."""
+
+
+COMMENT_SECTIONS: Final = ("summary", "spatiotemporal", "kinematics", "kinetics", "joints")
+"""Sections that may have a comment."""
+
+
+@cache
+def _fonts() -> None:
+    """DejaVu Sans, which comes with matplotlib: names in most alphabets, the same on every machine."""
+    from matplotlib import get_data_path
+
+    folder = Path(get_data_path()) / "fonts" / "ttf"
+    for name, file in ((SANS, "DejaVuSans.ttf"), (BOLD, "DejaVuSans-Bold.ttf")):
+        pdfmetrics.registerFont(TTFont(name, folder / file))
+    pdfmetrics.registerFontFamily(SANS, normal=SANS, bold=BOLD, italic=SANS, boldItalic=BOLD)
+
+
+def _style(size: float = 8.5, *, bold: bool = False, colour: Color = INK, before: float = 0.0) -> ParagraphStyle:
+    name = BOLD if bold else SANS
+    return ParagraphStyle(
+        f"{size}{bold}{colour}", fontName=name, fontSize=size, leading=1.35 * size, textColor=colour, spaceBefore=before
+    )
+
+
+def _text(text: str, size: float = 8.5, **style: Any) -> Paragraph:
+    return Paragraph(escape(text).replace("\n", "<br/>"), _style(size, **style))
+
+
+def _heading(text: str) -> Paragraph:
+    return _text(text, 11, bold=True, before=9)
+
+
+def write_pdf(content: ReportContent, path: Path) -> int:
+    """Write the report; returns the number of its pages. The same content gives the same bytes."""
+    _fonts()
+    width, height = A4
+    pages = _count(content, path, width, height, total=None)
+    return _count(content, path, width, height, total=pages)
+
+
+def _count(content: ReportContent, path: Path, width: float, height: float, total: int | None) -> int:
+    """Write once; the first time only to learn how many pages there are."""
+    document = BaseDocTemplate(
+        str(path),
+        pagesize=A4,
+        title=f"Gait report: {content.person[0][1]}",
+        author="",
+        creator=content.footer,
+        invariant=1,
+    )
+    frame = Frame(MARGIN, MARGIN + 6 * mm, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm, 0, 0, 0, 0)
+    seen = 0
+
+    def decorate(canvas: Canvas, _: object) -> None:
+        nonlocal seen
+        seen = canvas.getPageNumber()
+        canvas.setFillColor(INK)
+        canvas.setFont(BOLD, 8)
+        canvas.drawString(MARGIN, height - MARGIN, f"Gait report  ·  {content.person[0][1]}"[:90])
+        canvas.setFont(SANS, 7)
+        canvas.setFillColor(FAINT)
+        canvas.drawString(MARGIN, MARGIN - 2 * mm, content.footer)
+        canvas.drawRightString(width - MARGIN, MARGIN - 2 * mm, f"page {seen}" + (f" of {total}" if total else ""))
+        canvas.setStrokeColor(GRID)
+        canvas.line(MARGIN, height - MARGIN - 2.5 * mm, width - MARGIN, height - MARGIN - 2.5 * mm)
+
+    document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
+    document.build(_story(content, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm))
+    return seen
+
+
+def _story(content: ReportContent, width: float, height: float) -> list[Flowable]:
+    out: list[Flowable] = [_person(content, width), Spacer(1, 4 * mm), _verdict(content, width)]
+    out += [_text(sentence, before=3) for sentence in content.fit]
+    out += _comment(content, "summary")
+    if len(content.walks) > 1:
+        out += [_heading("Which strides count for moments"), Spacer(1, 1.5 * mm), _table(content.walks, width)]
+    if len(content.steps) > 1:
+        out += [_heading("Steps and phases"), Spacer(1, 1.5 * mm), _table(content.steps, width)]
+    out += _comment(content, "spatiotemporal")
+    for sheet in content.sheets:
+        out += [PageBreak(), _heading(sheet.title), _text(sheet.note, 7, colour=FAINT), Spacer(1, 2 * mm)]
+        said = content.comments.get(sheet.comment, "")
+        lines = len(said) / 90 + said.count("\n") + 1 if said else 0
+        left = height - (18 + (6 + 4.2 * lines if lines else 0)) * mm
+        out += [_SheetOfCurves(sheet, content, width, left), *_comment(content, sheet.comment)]
+    out += [PageBreak(), _heading("Joints: where calibration moved them"), Spacer(1, 1.5 * mm)]
+    out += (
+        [_table(content.joints, width)] if len(content.joints) > 1 else [_text("Joint parameters stayed as they were.")]
+    )
+    if content.undetermined:
+        out += [_heading("Not determined by these recordings")]
+        out += [_text(f"·  {line}", before=2) for line in content.undetermined]
+    out += _comment(content, "joints")
+    return [*out, Spacer(1, 14 * mm), _signature(width)]
+
+
+def _comment(content: ReportContent, section: str) -> list[Flowable]:
+    text = content.comments.get(section, "").strip()
+    return [_text("Comment", 8.5, bold=True, before=6), _text(text, before=1)] if text else []
+
+
+def _person(content: ReportContent, width: float) -> Table:
+    cells = [[_text(label, 7, colour=FAINT), _text(value, 9, bold=True)] for label, value in content.person]
+    columns = len(cells)
+    return Table(
+        [[cell[0] for cell in cells], [cell[1] for cell in cells]],
+        colWidths=[width / columns] * columns,
+        style=[
+            ("LEFTPADDING", (0, 0), (-1, -1), 0),
+            ("TOPPADDING", (0, 0), (-1, -1), 1),
+            ("BOTTOMPADDING", (0, 0), (-1, -1), 1),
+        ],
+    )
+
+
+def _verdict(content: ReportContent, width: float) -> Table:
+    tone = TONES.get(content.verdict, INK)
+    parts: list[Flowable] = [
+        _text(content.verdict.capitalize(), 12, bold=True, colour=tone),
+        _text(content.sentence, before=2),
+    ]
+    for found, cure in content.reasons:
+        parts += [_text(f"·  {found}", before=3), _text(f"    {cure}", 7.5, colour=FAINT)]
+    return Table(
+        [[parts]],
+        colWidths=[width],
+        style=[
+            ("LINEBEFORE", (0, 0), (0, -1), 3, tone),
+            ("LEFTPADDING", (0, 0), (-1, -1), 8),
+            ("VALIGN", (0, 0), (-1, -1), "TOP"),
+        ],
+    )
+
+
+def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
+    """The first row is the head; columns as wide as their longest words ask for."""
+    longest = [max(7.0, max(len(row[k]) for row in rows) ** 0.8) for k in range(len(rows[0]))]
+    widths = [width * letters / sum(longest) for letters in longest]
+    body = [[_text(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
+    return Table(
+        body,
+        colWidths=widths,
+        repeatRows=1,
+        style=[
+            ("LINEBELOW", (0, 0), (-1, 0), 0.8, INK),
+            ("LINEBELOW", (0, 1), (-1, -1), 0.25, GRID),
+            ("LEFTPADDING", (0, 0), (-1, -1), 2),
+            ("TOPPADDING", (0, 0), (-1, -1), 1.5),
+            ("BOTTOMPADDING", (0, 0), (-1, -1), 1.5),
+            ("VALIGN", (0, 0), (-1, -1), "TOP"),
+        ],
+    )
+
+
+def _signature(width: float) -> Table:
+    return Table(
+        [[_text(word, 7.5, colour=FAINT) for word in ("Name", "Date", "Signature")]],
+        colWidths=[0.4 * width, 0.2 * width, 0.4 * width],
+        style=[("LINEABOVE", (0, 0), (-1, 0), 0.6, FAINT), ("LEFTPADDING", (0, 0), (-1, -1), 2)],
+    )
+
+
+class _SheetOfCurves(Flowable):  # type: ignore[misc]
+    """Panels in rows of three, with one legend below."""
+
+    def __init__(self, sheet: Sheet, content: ReportContent, width: float, height: float) -> None:
+        super().__init__()
+        self.sheet, self.content, self.width, self.height = sheet, content, width, height
+
+    def wrap(self, *_: float) -> tuple[float, float]:
+        """Its size, whatever is offered."""
+        return self.width, self.height
+
+    def draw(self) -> None:
+        """On the canvas that the document sets."""
+        legend = 6 * mm
+        size = self.width / SHEET_COLUMNS, (self.height - legend) / SHEET_ROWS
+        for k, panel in enumerate(self.sheet.panels):
+            row, column = divmod(k, SHEET_COLUMNS)
+            place = column * size[0], self.height - (row + 1) * size[1]
+            _Axes(self.canv, panel, place, size).draw(self.content.toe_off)
+        self._legend()
+
+    def _legend(self) -> None:
+        canvas, x = self.canv, 4 * mm
+        canvas.setFont(SANS, 7)
+        for side, colour in SIDE_COLOURS.items():
+            canvas.setStrokeColor(colour)
+            canvas.setLineWidth(1.4)
+            canvas.setDash(*([list(DASHES[side])] if DASHES[side] else [[]]))
+            canvas.line(x, 2 * mm, x + 8 * mm, 2 * mm)
+            x = _word(canvas, x + 9.5 * mm, f"{SIDE_WORDS[side]}, mean ± 1 standard error")
+        canvas.setDash([])
+        x = _word(canvas, x, "thin: strides, vertical: toe-off")
+        if self.content.norm:
+            canvas.setFillColor(NORM)
+            canvas.rect(x, 0.8 * mm, 8 * mm, 2.6 * mm, stroke=0, fill=1)
+            _word(canvas, x + 9.5 * mm, self.content.norm)
+
+
+def _word(canvas: Canvas, x: float, text: str) -> float:
+    canvas.setFillColor(INK)
+    canvas.drawString(x, 1.1 * mm, text)
+    return float(x + pdfmetrics.stringWidth(text, SANS, 7) + 5 * mm)
+
+
+class _Axes:
+    """One panel on a canvas: 0 to 100 % across, limits that hold curves and norm upwards."""
+
+    def __init__(
+        self, canvas: Canvas, panel: CurvePanel, place: tuple[float, float], size: tuple[float, float]
+    ) -> None:
+        self.canvas, self.panel = canvas, panel
+        self.x0, self.y0 = place[0] + 9.5 * mm, place[1] + 6.5 * mm
+        self.width, self.height = size[0] - 12 * mm, size[1] - 14 * mm
+        values = [v for strides in panel.strides.values() for v in strides]
+        if panel.norm is not None:
+            values += [panel.norm[0] - panel.norm[1], panel.norm[0] + panel.norm[1]]
+        self.low, self.high, self.step = _limits(values, panel.least)
+
+    def at(self, percent: float, value: float) -> tuple[float, float]:
+        """Points of the page."""
+        up = (value - self.low) / (self.high - self.low)
+        return self.x0 + self.width * percent / 100.0, self.y0 + self.height * up
+
+    def draw(self, toe_off: Mapping[str, float]) -> None:
+        """Grid, norm, strides, error bands, means."""
+        canvas, panel = self.canvas, self.panel
+        canvas.saveState()
+        self._frame()
+        clip = canvas.beginPath()
+        clip.rect(self.x0, self.y0, self.width, self.height)
+        canvas.clipPath(clip, stroke=0, fill=0)
+        if panel.norm is not None:
+            self._band(*panel.norm, NORM, 1.0)
+        for side, percent in toe_off.items():
+            canvas.setStrokeColor(SIDE_COLOURS[side])
+            self._line((np.array([percent, percent]), np.array([self.low, self.high])), 0.5, DASHES[side])
+        at = np.arange(101.0)
+        for side, strides in panel.strides.items():
+            canvas.setStrokeColor(SIDE_COLOURS[side])
+            canvas.setStrokeAlpha(0.35)
+            for stride in strides:
+                self._line((at, stride), 0.4, DASHES[side])
+            canvas.setStrokeAlpha(1.0)
+        for side, mean in panel.mean.items():
+            self._band(mean, panel.error[side], SIDE_COLOURS[side], 0.18)
+            canvas.setStrokeColor(SIDE_COLOURS[side])
+            self._line((at, mean), 1.4, DASHES[side])
+        canvas.restoreState()
+        if not any(np.isfinite(mean).any() for mean in panel.mean.values()):
+            canvas.setFillColor(FAINT)
+            canvas.setFont(SANS, 7)
+            canvas.drawCentredString(self.x0 + self.width / 2, self.y0 + self.height / 2, "no stride counts")
+
+    def _frame(self) -> None:
+        canvas, panel = self.canvas, self.panel
+        top = self.y0 + self.height
+        canvas.setFillColor(INK)
+        canvas.setFont(BOLD, 7.5)
+        canvas.drawString(self.x0 - 7 * mm, top + 4.2 * mm, f"{panel.title}, {panel.unit}")
+        canvas.setFont(SANS, 6)
+        canvas.setFillColor(FAINT)
+        canvas.drawString(self.x0 - 7 * mm, top + 1.4 * mm, f"+ {panel.senses[0]}   − {panel.senses[1]}")
+        canvas.setStrokeColor(GRID)
+        canvas.setLineWidth(0.4)
+        for value in np.arange(np.ceil(self.low / self.step), np.floor(self.high / self.step) + 1) * self.step:
+            x, y = self.at(0.0, value)
+            canvas.setLineWidth(0.9 if abs(value) < 1e-9 else 0.4)
+            canvas.line(x, y, x + self.width, y)
+            canvas.drawRightString(x - 1 * mm, y - 2, f"{value:.6g}".replace("-", "−"))
+        for percent in (0, 25, 50, 75, 100):
+            x, _ = self.at(percent, self.low)
+            canvas.line(x, self.y0, x, self.y0 - 1 * mm)
+            canvas.drawCentredString(x, self.y0 - 3.6 * mm, f"{percent}" + (" %" if percent == 100 else ""))
+
+    def _line(self, points: tuple[Array, Array], width: float, dashes: Sequence[float]) -> None:
+        self.canvas.setLineWidth(width)
+        self.canvas.setDash(list(dashes))
+        path, down = self.canvas.beginPath(), False
+        for percent, value in zip(*points, strict=True):
+            if not np.isfinite(value):
+                down = False
+                continue
+            (path.lineTo if down else path.moveTo)(*self.at(percent, value))
+            down = True
+        self.canvas.drawPath(path, stroke=1, fill=0)
+
+    def _band(self, mean: Array, half: Array, colour: Color, alpha: float) -> None:
+        """One polygon for each run of percents where both are known."""
+        known = np.isfinite(mean) & np.isfinite(half)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
+        self.canvas.setFillColor(colour)
+        self.canvas.setFillAlpha(alpha)
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            at = np.arange(start, stop)
+            path = self.canvas.beginPath()
+            corners = [(p, mean[p] + half[p]) for p in at] + [(p, mean[p] - half[p]) for p in at[::-1]]
+            for k, corner in enumerate(corners):
+                (path.lineTo if k else path.moveTo)(*self.at(*corner))
+            path.close()
+            self.canvas.drawPath(path, stroke=0, fill=1)
+        self.canvas.setFillAlpha(1.0)
+
+
+def _limits(values: Sequence[Array], least: float) -> tuple[float, float, float]:
+    """Lower and upper limit, and the step of the grid: 1, 2 or 5 times a power of ten, about five of them."""
+    finite = np.concatenate([v[np.isfinite(v)] for v in values] or [np.empty(0)])
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+    middle, half = (low + high) / 2, max(0.54 * (high - low), least / 2)
+    rough = 2 * half / 5
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = next(float(f * power) for f in (1.0, 2.0, 5.0, 10.0) if f * power >= rough)
+    return middle - half, middle + half, step

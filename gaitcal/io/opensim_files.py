@@ -1,0 +1,405 @@
+"""Files of OpenSim and its neighbours: markers in TRC, ground reactions in MOT and STO tables, ExternalLoads.
+
+TRC (Motion Analysis): marker coordinates, tab-separated. The header is believed only where nothing better is there:
+marker names and data columns are counted, the number of frames is what follows, and the Time column is the clock.
+Line 3 gives the unit; the vertical is found from the data.
+
+MOT, STO (OpenSim, SIMM): the header ends at `endheader`; its counts are not believed. Files of forces are in m, N and
+N·m, by definition of the format's users (OpenSim's ExternalLoads in the ground frame), and already as their maker
+wants them: no offset is removed here. They are y up there; one whose forces act along another axis is turned as its
+markers are (`axes.py`).
+
+ExternalLoads (`grf.xml`): a table of forces (`datafile`, relative to its own folder; it overrides the
+`data_source_name` of single forces) and, for each ExternalForce, the body it acts on and how the names of its columns
+begin: with `ground_force_v` for the force, its columns are `ground_force_vx`, `_vy`, `_vz`. Each becomes a plate of
+that name, given to the foot to which its body belongs. Refused by name: a force on another body than a foot, and one
+expressed in the frame of a body that moves.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from os import PathLike
+from pathlib import Path, PureWindowsPath
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.codes import Code
+from gaitcal.errors import InputError, nearest, side_named
+from gaitcal.io.atomic import atomic_file, atomic_text
+from gaitcal.io.axes import Vertical, make_y_up
+from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, find_plates, on_one_time, standing
+from gaitcal.io.labels import clean, common_prefix, is_unlabelled, unique
+from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
+from gaitcal.io.text_file import (
+    FileFault,
+    naming_file,
+    number_lines,
+    parse_rows,
+    read_lines,
+    readable_size,
+    require_increasing,
+    undo_rounding,
+)
+
+PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
+LONGEST_HEADER = 20
+AXIS_LINE = re.compile(r"(\s*[XYZ]\d+)*\s*", re.IGNORECASE)
+"""X1 Y1 Z1 X2 ..., or nothing."""
+USUAL_VERTICAL = Vertical(1, 1, "the usual practice, as the data do not tell")
+
+# ------------------------------------------------------------------------------------------------------------- TRC
+
+
+def read_trc(path: Path) -> Recording:
+    """Markers of a TRC file, in metres, y up."""
+    return make_y_up(parse_trc(path), USUAL_VERTICAL)
+
+
+@naming_file
+def parse_trc(path: Path) -> Recording:
+    """Markers of a TRC file, in metres, in the axes of the file."""
+    lines = [_single_tabs(line) for line in read_lines(path)]
+    starts = [line.split("\t")[0].strip().lower() for line in lines[:LONGEST_HEADER]]
+    label_line = next((i for i, word in enumerate(starts) if word.startswith("frame#")), None)
+    if label_line is None:
+        needed = f"a line that begins with 'Frame#' is needed among the first {LONGEST_HEADER}"
+        raise FileFault(f"found no line of marker names; {needed}")
+    separator = "\t" if "\t" in lines[label_line] else None
+    facts = _facts(lines[:label_line])
+    start = label_line + 1
+    while start < len(lines) and AXIS_LINE.fullmatch(lines[start]):
+        start += 1
+    width = len(lines[start].rstrip().split(separator)) if start < len(lines) else 0
+    names = _names(lines[label_line], separator, width)
+    table = parse_rows(lines, start, 2 + 3 * len(names), separator, short_step=3)
+    require_increasing(table.values[:, 1], table.lines)
+    time, notes = undo_rounding(table.values[:, 1])
+    frames = len(time)
+    if table.filled_rows:
+        notes += (f"{table.filled_rows} rows end before their last markers, which were taken as gaps.",)
+    if facts.get("numframes", str(frames)) not in (str(frames), f"{frames}.0"):
+        notes += (f"Header says {facts['numframes'][:20]} frames; {frames} found.",)
+    keep = [i for i, name in enumerate(names) if not is_unlabelled(name)]
+    if len(keep) < len(names):
+        notes += (f"{len(names) - len(keep)} unlabelled trajectories left out.",)
+    if not keep:
+        raise FileFault("found no marker with a name", f"line {label_line + 1}")
+    unit = PER_METRE.get(facts.get("units", "mm").lower())
+    if unit is None:
+        name = facts["units"]
+        raise FileFault(f"found '{name[:20]}'; allowed are mm, cm and m{nearest(name, PER_METRE)}", "Units")
+    if "units" not in facts:
+        notes += ("The header names no unit; millimetres were taken.",)
+    markers = table.values[:, 2:].reshape(frames, len(names), 3)[:, keep] / unit
+    markers, gap_notes = zeros_to_missing(markers)
+    prefix, prefix_notes = common_prefix([names[i] for i in keep])
+    labels, repetition_notes = unique(names[i].removeprefix(prefix) for i in keep)
+    notes += gap_notes + prefix_notes + repetition_notes
+    return Recording(source=str(path), time=time, labels=labels, markers=markers, notes=notes)
+
+
+@naming_file
+def write_trc(path: Path, recording: Recording) -> None:
+    """Markers in metres, y up; every float in the shortest form that reads back to the same bits."""
+    require_plain_labels(recording)
+    rate = recording.rate if len(recording.time) > 1 else 0.0
+    frames, markers = len(recording.time), len(recording.labels)
+    rows = [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate:.6g}\t{rate:.6g}\t{frames}\t{markers}\tm\t{rate:.6g}\t1\t{frames}",
+        "Frame#\tTime\t" + "\t\t\t".join(recording.labels) + "\t\t",
+        "\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(markers) for axis in "XYZ"),
+        "",
+    ]
+    with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
+        file.write("\n".join(rows) + "\n")
+        numbers = number_lines(np.column_stack([recording.time, recording.markers.reshape(frames, -1)]), "\t")
+        file.writelines(f"{index}\t{line}" for index, line in enumerate(numbers.splitlines(keepends=True), start=1))
+
+
+def _facts(lines: Sequence[str]) -> dict[str, str]:
+    """The two lines of keys and values, keys in small letters."""
+    for keys, values in pairwise(lines):
+        if "units" in keys.lower():
+            separator = "\t" if "\t" in keys else None
+            given = [keys.lower().split(separator), values.split(separator)]
+            filled = [[cell for cell in cells if cell.strip()] for cells in given]
+            words, numbers = filled if len(filled[0]) == len(filled[1]) else given  # tabs may be doubled in one line
+            return {key.strip(): value.strip() for key, value in zip(words, numbers, strict=False)}
+    return {}
+
+
+def _single_tabs(line: str) -> str:
+    """The line with single tabs, where all its tabs are doubled (some programs write so, in headers or throughout).
+
+    A gap in a line with single tabs leaves some tabs alone, so that it is not touched.
+    """
+    runs = re.findall(r"\t+", line.rstrip())
+    doubled = bool(runs) and all(len(run) % 2 == 0 for run in runs) and not line.startswith("\t")
+    return line.replace("\t\t", "\t") if doubled else line
+
+
+def _names(line: str, separator: str | None, width: int) -> list[str]:
+    """Names by their places, three columns each; by their order, where that alone fits the `width` of a row."""
+    cells = [clean(cell) for cell in line.split(separator)]
+    place = next((i for i, cell in enumerate(cells[1:], start=1) if cell), 0)  # after tabs of its own, in some files
+    cells = cells[:1] + cells[place:]
+    if len(cells) < 3 or cells[1].lower() != "time":
+        raise FileFault("'Frame#' must be followed by 'Time' and marker names", "marker names")
+    filled = [i for i, cell in enumerate(cells[2:]) if cell]
+    if not filled:
+        raise FileFault("found no marker name after 'Time'", "marker names")
+    by_place = all(i % 3 == 0 for i in filled) and (len(filled) > 1 or len(cells) > 3)
+    if by_place and not (width < 2 + filled[-1] + 1 and width == 2 + 3 * len(filled)):
+        return cells[2 : 2 + filled[-1] + 1 : 3]
+    return [cells[2 + i] for i in filled]
+
+
+# -------------------------------------------------------------------------------------------------------- MOT, STO
+
+MOT_LONGEST_HEADER = 500
+
+
+@dataclass(frozen=True)
+class StorageTable:
+    """What stands in a MOT or STO file."""
+
+    time: Array
+    """(rows,) s, as written."""
+    names: tuple[str, ...]
+    """Columns after time."""
+    values: Array
+    """(rows, columns), in the units of the file."""
+    in_degrees: bool | None
+    """What the header says of angles; None where it does not."""
+
+    def column(self, name: str) -> Array:
+        """(rows,) of one column."""
+        return np.asarray(self.values[:, self.names.index(name)])
+
+    def text(self, title: str, comments: tuple[str, ...] = ()) -> str:
+        """The table as a file holds it: every number in the shortest form that reads back to the same bits."""
+        header = [
+            title,
+            "version=1",
+            f"nRows={len(self.time)}",
+            f"nColumns={len(self.names) + 1}",
+            f"inDegrees={'yes' if self.in_degrees else 'no'}",
+            *comments,
+            "endheader",
+            "\t".join(("time", *self.names)),
+        ]
+        return "\n".join(header) + "\n" + number_lines(np.column_stack([self.time, self.values]), "\t", missing="nan")
+
+
+def read_table(path: str | PathLike[str]) -> StorageTable:
+    """Any MOT or STO table.
+
+    Raises
+    ------
+    InputError
+        Every fault of the file, in one line: file, field, what was found, what is allowed.
+    """
+    return _read_table(Path(path))
+
+
+@naming_file
+def _read_table(path: Path) -> StorageTable:
+    lines = read_lines(path)
+    header = [line.strip().lower() for line in lines[:MOT_LONGEST_HEADER]]
+    if "endheader" not in header:
+        raise FileFault(f"found no line 'endheader' among the first {MOT_LONGEST_HEADER}")
+    end = header.index("endheader")
+    first = next((i for i in range(end + 1, len(lines)) if lines[i].strip()), None)
+    if first is None:
+        raise FileFault("the file ends after its header")
+    separator = "\t" if "\t" in lines[first] else None
+    names = [name.strip() for name in lines[first].rstrip().split(separator)]
+    if names[0].lower() != "time":
+        raise FileFault(f"found '{names[0][:40]}'; the first column must be 'time'", f"line {first + 1}")
+    rows = parse_rows(lines, first + 1, len(names), separator)
+    time = rows.values[:, 0]
+    require_increasing(time, rows.lines)
+    entries = (line.partition("=") for line in header[:end])
+    angles = next((value.strip() for key, _, value in entries if key.strip() == "indegrees"), None)
+    in_degrees = None if angles is None else angles in ("yes", "true", "1")
+    return StorageTable(time, tuple(names[1:]), rows.values[:, 1:], in_degrees)
+
+
+@naming_file
+def read_mot_forces(path: Path) -> Forces:
+    """Plates "1", "2", ... of a MOT or STO file, in the order in which their columns first appear."""
+    table = read_table(path)
+    found = find_plates(table.names)
+    if not found:
+        names = ", ".join(table.names[:6])
+        raise FileFault(f"found no force columns among {names}...; names like ground_force_vx are needed")
+    time, notes = undo_rounding(table.time)
+    plates = []
+    for number, columns in enumerate(found, start=1):
+        plate, plate_notes = build_plate(str(number), time, table.values, columns)
+        plates.append(plate)
+        notes += (*plate_notes, f"Plate {number} holds the columns {columns.names[0]} and following.")
+    return standing(path, plates, notes)
+
+
+@naming_file
+def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
+    """Plates with one common time as an OpenSim MOT file: ground_force_1_vx, _px, ground_moment_1_mx, and so on."""
+    time, values = on_one_time(plates)
+    kinds = ("ground_force_{}_v", "ground_force_{}_p", "ground_moment_{}_m")
+    names = [f"{kind.format(k + 1)}{axis}" for k in range(len(plates)) for kind in kinds for axis in "xyz"]
+    atomic_text(path, StorageTable(time, tuple(names), values, True).text(path.name))
+
+
+# --------------------------------------------------------------------------------------------------- ExternalLoads
+
+FOOT = re.compile(r"calc|foot|toe|talus|heel|mtp|forefoot|hindfoot|rearfoot|midfoot", re.IGNORECASE)
+"""Bodies of a foot, in the models that people use."""
+GROUND = ("", "ground", "/ground", "/", "unassigned")
+NOTHING = ("", "unassigned")
+"""What an identifier says that names no columns."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExternalForce:
+    """One force of the file, as it is written there."""
+
+    name: str
+    body: str
+    frames: dict[str, str]
+    """`force` and `point` -> the body in whose frame they are expressed."""
+    columns: dict[str, str]
+    """`force`, `point`, `moment` -> how the names of its columns begin; the empty string where none are named."""
+    table: str
+    """File of its columns, as written; the empty string where the file does not say."""
+
+
+@naming_file
+def read_external_loads(path: Path) -> Forces:
+    """The plates of an ExternalLoads file, and the foot of each.
+
+    Raises
+    ------
+    InputError
+        The file or its table cannot be read, or it holds a force that is none of the ground on a foot.
+    """
+    forces, off = _forces(path)
+    notes = tuple(f"The force '{name}' is switched off in the file and left out." for name in off)
+    if not forces:
+        raise FileFault("found no ExternalForce that is switched on")
+    tables = {name: read_table(_table(path, name)) for name in dict.fromkeys(f.table for f in forces)}
+    names, _ = unique(clean(force.name) or "force" for force in forces)
+    plates, feet = [], {}
+    for name, force in zip(names, forces, strict=True):
+        field = f"ExternalForce {name}"
+        table = tables[force.table]
+        if not force.columns["force"]:
+            notes += (f"The force '{name}' has no columns and was left out.",)
+            continue
+        found = _columns(force, table)
+        side = side_named(force.body)
+        if not (side and FOOT.search(force.body)):
+            if not np.nan_to_num(table.values[:, list(found.columns["force"].values())]).any():
+                notes += (f"The force '{name}' on {force.body} is zero throughout and was left out.",)
+                continue
+            allowed = "allowed are forces on the right and left foot (calcn_r, calcn_l)"
+            raise FileFault(f"found a force on '{force.body}'; {allowed}", field)
+        for quantity, frame in force.frames.items():
+            if frame.lower() not in GROUND:
+                raise FileFault(f"found its {quantity} expressed in '{frame}'; allowed is ground", field)
+        time, time_notes = undo_rounding(table.time)
+        plate, plate_notes = build_plate(name, time, table.values, found)
+        plates.append(plate)
+        feet[name] = side
+        columns = f"Plate {name} holds the columns {force.columns['force']}x and following, on {force.body}."
+        notes += (*(n for n in time_notes if n not in notes), *plate_notes, columns)
+    if not plates:
+        raise FileFault("found no force on a foot")
+    return standing(path, plates, notes, feet)
+
+
+@naming_file
+def loads_tables(path: Path) -> tuple[Path, ...]:
+    """The tables that an ExternalLoads file draws on; none for a file of another kind."""
+    if path.suffix.lower() != ".xml":
+        return ()
+    return tuple(_table(path, name) for name in dict.fromkeys(force.table for force in _forces(path)[0]))
+
+
+def tables_there(path: Path) -> tuple[Path, ...]:
+    """The same of a file that may be none at all: the tables that are there."""
+    try:
+        return loads_tables(path)
+    except InputError:
+        return ()
+
+
+def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
+    """Forces that are switched on, and the names of those that are not."""
+    readable_size(path)
+    try:
+        root = ET.parse(path).getroot()
+    except (ET.ParseError, ValueError, LookupError, OSError) as error:
+        raise FileFault(f"is not well-formed XML: {error}") from None
+    loads = root if root.tag == "ExternalLoads" else root.find(".//ExternalLoads")
+    if loads is None:
+        raise FileFault(f"found <{root.tag}>; a file with <ExternalLoads> is needed")
+
+    def text(element: ET.Element, tag: str) -> str:
+        found = (element.findtext(tag) or "").strip()
+        return "" if found.lower() in NOTHING else found
+
+    common = (loads.findtext("datafile") or "").strip()
+    forces, off = [], []
+    for element in loads.iter("ExternalForce"):
+        name = element.get("name", "")
+        if text(element, "isDisabled").lower() == "true" or text(element, "appliesForce").lower() == "false":
+            off.append(name)
+            continue
+        identifiers = {"force": "force_identifier", "point": "point_identifier", "moment": "torque_identifier"}
+        force = ExternalForce(
+            name=name,
+            body=text(element, "applied_to_body").rpartition("/")[2],
+            frames={quantity: text(element, f"{quantity}_expressed_in_body") for quantity in ("force", "point")},
+            columns={quantity: text(element, tag) for quantity, tag in identifiers.items()},
+            table=common or text(element, "datafile") or text(element, "data_source_name"),
+        )
+        forces.append(force)
+    return forces, off
+
+
+def _table(path: Path, name: str) -> Path:
+    """The table of that name: from the folder of the file, or of the same name in it, where it was moved with it."""
+    if not name:
+        raise FileFault("names no table of forces", "datafile")
+    written = PureWindowsPath(name)  # takes / and \\ alike
+    for place in (path.parent / Path(*written.parts), path.parent / written.name):
+        if place.is_file():
+            return place
+    raise FileFault(f"found '{name}', which does not exist beside it", "datafile", Code.NO_FILE)
+
+
+def _columns(force: ExternalForce, table: StorageTable) -> PlateColumns:
+    """The columns of one force."""
+    found = PlateColumns()
+    lower = [name.lower() for name in table.names]
+    for quantity, start in force.columns.items():
+        if not start:
+            continue
+        names = [f"{start}{axis}" for axis in "xyz"]
+        if not all(name.lower() in lower for name in names):
+            names = [name for name in table.names if name.startswith(start)]
+        if len(names) != 3:
+            message = f"found {len(names)} columns; {start}x, {start}y and {start}z are needed"
+            raise FileFault(message, f"ExternalForce {force.name}, {quantity}")
+        found.columns[quantity] = {axis: lower.index(name.lower()) for axis, name in enumerate(names)}
+        found.names += names
+    return found

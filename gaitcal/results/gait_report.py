@@ -1,0 +1,349 @@
+"""What a printed gait report says of a result folder: read from its files, in the clinical convention.
+
+Curves are means over straight strides of all walks with the standard error of `ensemble.csv`'s kind, from `cycles.csv`
+in clinical signs (`gait/conventions.py`); comments come from a file that the clinic writes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.arrays import Array
+from gaitcal.codes import Code
+from gaitcal.errors import InputError, nearest
+from gaitcal.figures.document import COMMENT_SECTIONS, CurvePanel, ReportContent, Sheet
+from gaitcal.gait.conventions import Convention, MomentUnit, Signs
+from gaitcal.gait.cycles import POINTS, Kind, kind_of, typed
+from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
+from gaitcal.gait.normal_bands import Bands
+from gaitcal.gait.strides import TURNING
+from gaitcal.io.result_folder import MANIFEST, read_object
+from gaitcal.io.toml import read_toml
+from gaitcal.model.coordinates import senses_of
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.subject_model import Subject
+from gaitcal.page.steps import SHOWN
+from gaitcal.results.cycles_export import strides_in_convention
+from gaitcal.results.saved import load_result_model
+from gaitcal.results.verdict import SUMMARY, entries_of, table_of
+
+CLINICAL: Final = Convention(signs=Signs.CLINICAL, unit=MomentUnit.NM_PER_KG)
+KINEMATICS: Final = {
+    "pelvis_tilt": "Pelvic tilt",
+    "pelvis_list": "Pelvic obliquity",
+    "pelvis_rotation": "Pelvic rotation",
+    "hip_flexion": "Hip flexion",
+    "hip_adduction": "Hip adduction",
+    "hip_rotation": "Hip rotation",
+    "knee_angle": "Knee flexion",
+    "ankle_angle": "Ankle dorsiflexion",
+    "subtalar_angle": "Hindfoot inversion",
+    "lumbar_extension": "Trunk against pelvis, extension",
+    "lumbar_bending": "Trunk against pelvis, bending",
+    "lumbar_rotation": "Trunk against pelvis, rotation",
+}
+"""Variable of `cycles.csv` -> title, in the order of the sheet."""
+KINETICS: Final = {
+    "hip_flexion_moment": "Hip extensor moment",
+    "hip_adduction_moment": "Hip abductor moment",
+    "hip_rotation_moment": "Hip rotator moment",
+    "knee_angle_moment": "Knee extensor moment",
+    "knee_adduction_moment": "Knee abductor moment",
+    "ankle_angle_moment": "Ankle plantarflexor moment",
+    "hip_power": "Hip power",
+    "knee_power": "Knee power",
+    "ankle_power": "Ankle power",
+    "subtalar_angle_moment": "Hindfoot evertor moment",
+    "lumbar_extension_moment": "Trunk extensor moment",
+    "ground_reaction_vertical": "Vertical ground reaction",
+}
+LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
+"""Smallest range of a vertical axis (deg, N·m/kg, W/kg, N/kg), so that nothing small looks dramatic."""
+MOST_REASONS = 6
+
+
+def report_content(folder: Path, bands: Bands, comments: Mapping[str, str]) -> ReportContent:
+    """What the report of the result in `folder` says.
+
+    Parameters
+    ----------
+    bands : of healthy people; may be empty.
+    comments : section -> text (`read_comments`).
+
+    Raises
+    ------
+    InputError
+        It is no result of `gaitcal calibrate`, or is damaged.
+    """
+    model, _, _ = load_result_model(folder)
+    summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
+    strides = typed(strides_in_convention(folder, CLINICAL, model))
+    return ReportContent(
+        person=_person(model.subject, manifest),
+        verdict=str(summary.get("verdict", "")),
+        sentence=_sentence(summary),
+        reasons=_reasons(summary),
+        fit=tuple(_fit(summary)),
+        walks=tuple(_walks(summary, strides)),
+        steps=tuple(_steps(summary)),
+        sheets=(
+            Sheet(
+                title="Kinematics",
+                panels=tuple(_panels(strides, KINEMATICS, bands, model.subject)),
+                note="Joint angles over the gait cycle, mean over straight strides of all walks. Pelvis against the "
+                "line of progression of each stride.",
+                comment="kinematics",
+            ),
+            Sheet(
+                title="Kinetics",
+                panels=tuple(_panels(strides, KINETICS, bands, model.subject)),
+                note="Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only where "
+                "the foot stands wholly on a plate.",
+                comment="kinetics",
+            ),
+        ),
+        toe_off=_toe_off(summary),
+        norm=_norm_words(bands),
+        joints=tuple(_joints(folder)),
+        undetermined=_undetermined(folder),
+        comments=comments,
+        footer=f"gaitcal {manifest.get('gaitcal', '')}: every number and its error bar in {folder.resolve().name}",
+    )
+
+
+def read_comments(path: Path) -> dict[str, str]:
+    """Section -> text of a comments file: one line of TOML for each of `COMMENT_SECTIONS`.
+
+    Raises
+    ------
+    InputError
+        It is not there, is no TOML, or has another section.
+    """
+    found = read_toml(path)
+    for name, text in found.items():
+        if name not in COMMENT_SECTIONS:
+            hint = nearest(name, COMMENT_SECTIONS)
+            raise InputError(
+                f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{hint}",
+                source=path,
+                field=name,
+                code=Code.COMMENTS,
+            )
+        if not isinstance(text, str):
+            raise InputError(
+                f"found {type(text).__name__}; allowed: text in quotation marks",
+                source=path,
+                field=name,
+                code=Code.COMMENTS,
+            )
+    return {name: str(text) for name, text in found.items()}
+
+
+def _person(subject: Subject, manifest: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
+    known = (
+        ("Name or code", subject.name),
+        ("Session", subject.session or "not told"),
+        ("Sex", subject.sex or "not told"),
+        ("Body mass", f"{subject.mass:.1f} kg"),
+        ("Height", f"{subject.height:.3f} m"),
+        ("Marker set", str(manifest.get("marker_set", ""))),
+    )
+    return tuple((label, value) for label, value in known if value)
+
+
+def _sentence(summary: Mapping[str, object]) -> str:
+    if not entries_of(summary, "reasons"):
+        return "Nothing speaks against this result beyond its error bars."
+    return "What speaks against it, the worst first:"
+
+
+def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
+    reasons = entries_of(summary, "reasons")
+    out = [
+        (
+            f"{', '.join(r.get('trials') or ['study'])}: {r.get('cause')} ({r.get('evidence')}) [{r.get('code')}]",
+            str(r.get("action")),
+        )
+        for r in reasons[:MOST_REASONS]
+    ]
+    if len(reasons) > MOST_REASONS:
+        out.append(
+            (f"and {counted(len(reasons) - MOST_REASONS, 'more reason')}", "summary.json and the page have them all")
+        )
+    return tuple(out)
+
+
+def _fit(summary: Mapping[str, object]) -> Iterator[str]:
+    for name, trial in table_of(summary, "trials").items():
+        if trial.get("role") != "gait":
+            continue
+        rms = table_of(trial, "pelvis_and_legs_mm")
+        best = rms.get("joint_floor") or rms.get("rigid_floor")
+        told = (
+            f"{name}: marker fit of pelvis and legs {rms['calibrated']:.1f} mm"
+            if rms.get("calibrated")
+            else f"{name}: "
+        )
+        told += f" (best possible {best:.1f})" if best else ""
+        residual = next(reversed(table_of(trial, "pelvis_residual").values()), None)
+        limit = table_of(trial, "pelvis_residual_limit")
+        if residual:
+            told += f"; unexplained force at the pelvis {residual['force_N']:.0f} N RMS"
+            if limit:
+                high = residual["force_N"] > limit["force_N"]
+                told += f" (limit {limit['force_N']:.0f}{': too high' if high else ''})"
+        yield told
+
+
+def _walks(summary: Mapping[str, object], strides: pd.DataFrame) -> Iterator[tuple[str, ...]]:
+    yield ("walk", "leg", "verdict", "whole strides usable for moments", "why others are not")
+    moments = strides[strides["variable"] == "ankle_angle_moment"]
+    for name, trial in table_of(summary, "trials").items():
+        if trial.get("role") != "gait":
+            continue
+        for side in SIDES:
+            every = strides[(strides["trial"] == name) & (strides["side"] == side)]
+            of_leg = moments[(moments["trial"] == name) & (moments["side"] == side)]
+            shares = of_leg.groupby("stride")["valid"].mean()
+            usable, number = int((shares == 1).sum()), every["stride"].nunique()
+            turning = every[every["turn"].abs() > TURNING]["stride"].nunique()
+            yield (
+                name,
+                SIDE_WORDS[side],
+                str(trial.get(f"verdict_{side}", "")),
+                f"{usable} of {number}",
+                _why(number - usable, turning, bool(len(of_leg))),
+            )
+
+
+def _why(missing: int, turning: int, plates: bool) -> str:
+    if not plates:
+        return "no force plates, or refused"
+    told = ["foot beside a plate, or two feet on one"] if missing else []
+    if turning:
+        told.append(f"{counted(turning, 'stride')} turning: not in means")
+    return "; ".join(told)
+
+
+def _steps(summary: Mapping[str, object]) -> Iterator[tuple[str, ...]]:
+    yield ("measure", "unit", "right", "left", "asymmetry, %")
+    found = table_of(summary, "spatiotemporal")
+    for name, (title, digits) in SHOWN.items():
+        measure = table_of(found, name)
+        if measure:
+            cells = (_average(table_of(measure, side), digits) for side in SIDES)
+            asymmetry = measure.get("symmetry_percent")
+            yield (title, str(measure.get("unit", "")), *cells, "" if asymmetry is None else f"{asymmetry:.1f}")
+
+
+def _average(of_side: Mapping[str, object], digits: int) -> str:
+    mean, sd = of_side.get("mean"), of_side.get("sd")
+    if not isinstance(mean, int | float):
+        return "–"
+    spread = f" ± {sd:.{digits}f}" if isinstance(sd, int | float) else ""
+    return f"{mean:.{digits}f}{spread} (n = {of_side.get('strides')})"
+
+
+def _toe_off(summary: Mapping[str, object]) -> dict[str, float]:
+    stance = table_of(table_of(summary, "spatiotemporal"), "stance_percent")
+    means = {side: table_of(stance, side).get("mean") for side in SIDES}
+    return {side: float(mean) for side, mean in means.items() if mean is not None}
+
+
+def _panels(strides: pd.DataFrame, titles: Mapping[str, str], bands: Bands, subject: Subject) -> Iterator[CurvePanel]:
+    straight = strides[~(strides["turn"].abs() > TURNING)]
+    means = ensemble(strides[strides["variable"].isin(titles)]) if len(strides) else strides
+    for variable, title in titles.items():
+        rows = straight[straight["variable"] == variable]
+        kind = kind_of(variable)
+        factor = 1.0 / subject.mass if kind is Kind.FORCE else 1.0
+        curves: dict[str, tuple[Array, ...]] = {}
+        mean: dict[str, Array] = {}
+        error: dict[str, Array] = {}
+        for side in SIDES:
+            own = rows[rows["side"] == side]
+            values = np.where(own["valid"].to_numpy() == 1, factor * own["value"].to_numpy(dtype=float), np.nan)
+            curves[side] = tuple(values.reshape(-1, POINTS))
+            of_mean = means[(means["variable"] == variable) & (means["side"] == side)] if len(means) else means
+            known = len(of_mean) == POINTS
+            for out, column in ((mean, "mean"), (error, "se")):
+                out[side] = factor * of_mean[column].to_numpy(dtype=float) if known else np.full(POINTS, np.nan)
+        band = bands.get(variable)
+        norm = None
+        if band is not None:
+            average, sd = band.for_person(subject)
+            signed = _clinical(variable, average, subject)
+            norm = factor * signed, factor * np.abs(_clinical(variable, sd, subject))
+        yield CurvePanel(
+            title=title,
+            unit={Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}[kind],
+            senses=_senses(variable, kind),
+            strides=curves,
+            mean=mean,
+            error=error,
+            norm=norm,
+            least=LEAST[kind],
+        )
+
+
+def _clinical(variable: str, values: Array, subject: Subject) -> Array:
+    kind = kind_of(variable)
+    if kind is Kind.MOMENT:
+        return CLINICAL.moment(variable.removesuffix(kind.ending), values, subject)
+    if kind is Kind.POWER:
+        return CLINICAL.power(values, subject)
+    return CLINICAL.angle(variable, values, "r") if kind is Kind.ANGLE else values
+
+
+def _senses(variable: str, kind: Kind) -> tuple[str, str]:
+    """What positive and negative values mean, with clinical signs."""
+    if kind is Kind.POWER:
+        return "generated", "absorbed"
+    if kind is Kind.FORCE:
+        return "upward", "downward"
+    base = variable.removesuffix(kind.ending)
+    if kind is Kind.ANGLE:
+        pelvis = {
+            "pelvis_tilt": ("anterior", "posterior"),
+            "pelvis_list": ("this side up", "down"),
+            "pelvis_rotation": ("this side forward", "back"),
+        }
+        return pelvis.get(base) or senses_of(base) or ("", "")
+    positive, negative = senses_of(base) or ("", "")
+    first = CLINICAL.positive_moment(base).split(", ")[-1]
+    return first, negative if first == positive else positive
+
+
+def _norm_words(bands: Bands) -> str:
+    sources = dict.fromkeys(band.source.split(",")[0] for band in bands.values())
+    return f"norm ± SD ({'; '.join(s[:16] for s in sources)})" if bands else ""
+
+
+def _joints(folder: Path) -> Iterator[tuple[str, ...]]:
+    """How far each joint was moved, with the largest standard error of its fitted parameters."""
+    yield ("joint", "moved, mm", "standard error, mm", "turned, deg", "standard error, deg")
+    table = pd.read_csv(folder / "parameters.csv", comment="#")
+    fitted = table[table["kind"].str.startswith("joint ") & (table["status"] != "fixed")]
+    for joint, rows in fitted.groupby("joint", sort=False):
+        cells: list[str] = []
+        for kind in ("joint position", "joint orientation"):
+            of_kind = rows[rows["kind"] == kind]
+            change = np.linalg.norm(of_kind["fitted"] - of_kind["nominal"])
+            error = of_kind["standard_error"].max()
+            cells += [f"{change:.1f}", f"{error:.1f}" if np.isfinite(error) else "–"] if len(of_kind) else ["–", "–"]
+        yield (joint_words(str(joint)).capitalize(), *cells)
+
+
+def _undetermined(folder: Path) -> tuple[str, ...]:
+    table = pd.read_csv(folder / "parameters.csv", comment="#")
+    rows = table[(table["status"] == "unidentifiable") & table["joint"].notna()]
+    return tuple(
+        f"{joint_words(str(joint)).capitalize()}: {'; '.join(parameter_words(name) for name in of_joint['name'])}"
+        for joint, of_joint in rows.groupby("joint", sort=False)
+    )

@@ -1,0 +1,267 @@
+"""A session: one person's moving trials and models, as far as the stages of a calibration have come.
+
+A `MovingTrial` is a trial of the study that grows: cleaned and turned so that x is forward, with its least-squares
+problems (`prepared`), then with a motion and forces under the feet for every model that is reached (`tracked`).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.calibration.combined import CombinedFit
+from gaitcal.calibration.error_sources import TrialScores, whole_body_scores
+from gaitcal.calibration.inertial_calibration import InertialFit
+from gaitcal.calibration.joint_phases import JointCalibration
+from gaitcal.calibration.joint_prior import prior_of_study
+from gaitcal.dynamics.ground_contact import GroundReactions
+from gaitcal.dynamics.ground_reactions import reactions_of_motion
+from gaitcal.errors import InputError
+from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.exchanged import exchanged_back
+from gaitcal.faults.force_diagnosis import ForceDiagnosis
+from gaitcal.findings import Finding
+from gaitcal.io.axes import turn_to_progression
+from gaitcal.io.recording import Recording
+from gaitcal.io.still import still_window
+from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.bandwidth import with_bandwidth
+from gaitcal.motion.motion import Motion, tracked_motion
+from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.soft_tissue import SoftTissue
+from gaitcal.motion.spline import NODES_PER_SECOND, NodeRule
+from gaitcal.motion.trial_problem import FEWEST_FRAMES, TrialProblem, trial_problem
+from gaitcal.session.bandwidth import Bandwidth, bandwidth_of
+from gaitcal.session.result import HeldOut, Stage, Uncertainty
+from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.settings import CalibrationSettings, Mode, Protocol
+from gaitcal.study.study import Study, cleaned, completed_static
+from gaitcal.study.study_trial import Role, StudyTrial
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingTrial(StudyTrial):
+    """A moving trial with its least-squares problems, and what these have given so far."""
+
+    bandwidth: Bandwidth
+    body: TrialProblem
+    """The whole body, with the bandwidth of the motion that leaves the trial."""
+    fitted: TrialProblem
+    """What fit figures are about: the segments of an isolated trial's joint alone, or the whole body."""
+    joints: TrialProblem
+    """What joint parameters are fitted by: `fitted`, or pelvis and legs where all trials are fitted at once."""
+    tissue: SoftTissue | None = None
+    """The skin that moves on the markers of `body`: what error bars count."""
+    stages: Mapping[Stage, tuple[Parameters, Motion]] = field(default_factory=dict)
+    """Every model that was reached, in order, each with the whole-body motion tracked with it; the nominal motion of an
+    isolated trial is of the segments of its joint."""
+    reactions: GroundReactions | None = None
+    """On the feet; None without force plates."""
+    scores: TrialScores | None = None
+    """Of the markers of a gait trial."""
+    held_out: HeldOut | None = None
+
+    @property
+    def with_skin(self) -> TrialProblem:
+        """The whole body with the skin that its error bars count."""
+        return replace(self.body, tissue=self.tissue)
+
+    @property
+    def nominal(self) -> Motion:
+        """The motion with the nominal model."""
+        return self.stages[Stage.NOMINAL][1]
+
+    @property
+    def parameters(self) -> Parameters:
+        """Of the last model that was reached."""
+        return self._last[0]
+
+    @property
+    def motion(self) -> Motion:
+        """Of the whole body, with the last model that was reached."""
+        return self._last[1]
+
+    @property
+    def _last(self) -> tuple[Parameters, Motion]:
+        return list(self.stages.values())[-1]
+
+    def reached(self, stage: Stage, parameters: Parameters, motion: Motion) -> MovingTrial:
+        """With one more model, and the motion tracked with it."""
+        return replace(self, stages={**self.stages, stage: (parameters, motion)})
+
+    def scored(self, uncertainty: Uncertainty) -> MovingTrial:
+        """With the scores of its markers about the last model; an isolated trial needs none."""
+        if self.joint is not None:
+            return self
+        scores = whole_body_scores(self.with_skin, self.motion.nodes, self.parameters, uncertainty.joint)
+        return replace(self, scores=scores)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """What the stages of a calibration hand on."""
+
+    model: SubjectModel
+    """The person: nominal in a calibration, calibrated where further trials are analysed."""
+    settings: CalibrationSettings
+    parameters: Parameters
+    """Of the last model that was reached."""
+    trials: tuple[MovingTrial, ...]
+    static: Recording | None = None
+    """The static trial, completed; None where further trials are analysed."""
+    prior: JointPrior = field(default_factory=lambda: prior_of_study({}))
+    """Of anatomy, study and cohort."""
+    checked: tuple[Finding, ...] = ()
+    """What the checks found before anything was fitted."""
+    findings: tuple[Finding, ...] = ()
+    """What robust losses left out or put right."""
+    joint: JointCalibration | None = None
+    """None where the settings leave joint parameters alone."""
+    static_angles: Mapping[str, float] = field(default_factory=dict)
+    """Coordinate -> m, rad: with which the last model meets the static posture."""
+    forces: ForceDiagnosis = field(default_factory=ForceDiagnosis)
+    inertial: InertialFit | None = None
+    combined: CombinedFit | None = None
+    uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(None, None))
+
+    @property
+    def walks(self) -> tuple[MovingTrial, ...]:
+        """The gait trials."""
+        return tuple(trial for trial in self.trials if trial.joint is None)
+
+
+def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] = ()) -> Session:
+    """The cleaned trials of a study, prepared for its nominal model."""
+    settings, findings, trials = study.settings, list[Finding](), []
+    for trial in cleaned(study).moving:
+        if settings.robust != "none":
+            marker_set = study.marker_set.with_weights(study.weights)
+            evidence = TrialEvidence.of(trial, marker_set, study.subject, settings, model)
+            recording, found = exchanged_back(evidence)
+            trial, findings = replace(trial, recording=recording), [*findings, *found]
+        trials.append(prepare_trial(trial, model, settings))
+    return Session(
+        model=model,
+        settings=settings,
+        parameters=model.parameters,
+        trials=tuple(trials),
+        static=completed_static(study).static,
+        prior=prior_of_study(settings.joint_prior, study.joint_prior),
+        checked=checked,
+        findings=tuple(findings),
+    )
+
+
+def fits_legs_together(settings: CalibrationSettings) -> bool:
+    """Whether the joint parameters of all trials are fitted at once, by pelvis and legs."""
+    return settings.jp and settings.decided_by is Protocol.PUBLISHED and Mode(settings.mode) is Mode.SIMULTANEOUS
+
+
+def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationSettings) -> MovingTrial:
+    """Turn a cleaned trial so that x is forward, find its bandwidth and set up its problems."""
+    recording = turn_to_progression(trial.recording, forward_direction(model, trial.recording))
+    rule = NodeRule(settings.nodes_per_second or NODES_PER_SECOND, settings.nodes)
+    joint = trial.joint
+
+    def part(segments: Sequence[str]) -> TrialProblem:
+        return trial_problem(
+            trial.name, model, recording, rule, root=segments[0], segments=tuple(segments), isolated=joint
+        )
+
+    body = trial_problem(trial.name, model, recording, rule, carrier=carrier_of(joint), isolated=joint)
+    if body.guessed:
+        recording = recording.with_notes(
+            f"markers do not determine {', '.join(body.guessed)}: what is known of walking does, as uncertain as that "
+            "is (a trunk stays upright in the laboratory, arms hang along it)"
+        )
+    if body.held:
+        held = f"The pelvis is not seen: {carrier_of(joint)} carries the body, {', '.join(body.held)} held at zero."
+        recording = recording.with_notes(held)
+    alone = body if joint is None else part(joint_segments(joint))
+    turned = replace(trial, recording=recording)
+    bandwidth = bandwidth_of(alone, turned, model, settings)
+
+    def smoothed(problem: TrialProblem, hz: float) -> TrialProblem:
+        return with_bandwidth(problem, model.nominal, hz) if bandwidth.penalised else problem
+
+    body = smoothed(body, bandwidth.motion_hz)
+    same = joint is None and bandwidth.joints_hz == bandwidth.motion_hz
+    fitted = joints = body if same else smoothed(body if joint is None else alone, bandwidth.joints_hz)
+    if fits_legs_together(settings):
+        try:
+            joints = smoothed(
+                part(("pelvis", *(LOWER_BODY[1:] if joint is None else LEGS[joint[-1]]))), bandwidth.joints_hz
+            )
+        except InputError:  # the pelvis is not seen in an isolated trial
+            if joint is None:
+                raise
+    read = {f.name: getattr(turned, f.name) for f in fields(turned)}
+    return MovingTrial(**read, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints)
+
+
+def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
+    """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen together."""
+    column = {label: i for i, label in enumerate(recording.labels)}
+    pelvis = [
+        i
+        for i, (label, segment) in enumerate(zip(model.markers.labels, model.markers.segments, strict=True))
+        if segment == "pelvis" and label in column
+    ]
+    if len(pelvis) < 3:
+        return None
+    measured = recording.markers[:, [column[model.markers.labels[i]] for i in pelvis]].transpose(1, 2, 0)
+    seen = np.asarray(np.isfinite(measured).all(axis=1))
+    fit = rigid_fit(model.markers.local[pelvis], np.where(seen[:, None], measured, 0.0), seen.astype(float))
+    if not fit.determined.any():
+        return None
+    out: Array = fit.rotation[fit.determined][:, :, 0].mean(axis=0)
+    return out
+
+
+def standing_problem(model: SubjectModel, static: Recording) -> TrialProblem:
+    """The mean posture of the still window of the static trial, where every marker is in its place, as a trial."""
+    still = still_window(static, model.markers.labels).frames
+    # in one order of memory, so that a file and its conversion give the same bits
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a marker that this trial lost stays lost
+        mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
+    posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
+    window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
+    return trial_problem("static", model, window, NodeRule())
+
+
+def tracked(trial: MovingTrial, session: Session, stage: Stage) -> MovingTrial:
+    """A trial tracked with the nominal and the last model of its session, which is of `stage`, and its forces."""
+    model, parameters = session.model, session.parameters
+    part = trial.body if trial.joint is None else trial.fitted
+    trial = trial.reached(Stage.NOMINAL, model.nominal, tracked_motion(part, model.nominal))
+    if trial.joint is not None and stage is Stage.NOMINAL:
+        stage = Stage.JP  # the whole body beside the segments of the joint
+    if stage is not Stage.NOMINAL:
+        trial = trial.reached(stage, parameters, tracked_motion(trial.body, parameters))
+    if trial.role is Role.GAIT and trial.recording.plates:
+        reactions = measured_reactions(trial, model, parameters, trial.motion, session.settings)
+        trial = replace(trial, reactions=reactions)
+    return trial.scored(session.uncertainty)
+
+
+def measured_reactions(
+    trial: StudyTrial, model: SubjectModel, parameters: Parameters, motion: Motion, settings: CalibrationSettings
+) -> GroundReactions:
+    """Ground reactions on the feet at the frames of a whole-body motion."""
+    hz = force_cutoff(trial, motion, settings)
+    return reactions_of_motion(model, parameters, motion, trial.recording, trial.plates, hz)
+
+
+def force_cutoff(trial: StudyTrial, motion: Motion, settings: CalibrationSettings) -> float | None:
+    """Hz of the force filter of a trial; None for none."""
+    chosen = settings.force_filter_hz if trial.filter_hz is None else trial.filter_hz
+    if chosen == "none":
+        return None
+    return motion.cutoff_hz if chosen == "matched" else float(chosen)

@@ -1,0 +1,491 @@
+"""Results appear whole or not at all, by one writer at a time, and replace nothing but results of their own kind."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from gaitcal.cli.application import app
+from gaitcal.errors import InputError
+from gaitcal.io import result_folder
+from gaitcal.io.atomic import atomic_file, atomic_text
+from gaitcal.io.result_folder import (
+    KEPT,
+    MANIFEST,
+    OLD,
+    ResultKind,
+    amended,
+    atomic_directory,
+    file_in_place,
+    listed,
+    locked,
+    require_room,
+    sha256_of,
+)
+from gaitcal.results.cycles import read_cycles
+
+
+def write_result(
+    target: Path, content: str, kind: ResultKind = ResultKind.CALIBRATION, inputs: tuple[Path, ...] = ()
+) -> None:
+    with atomic_directory(target, kind, inputs) as folder:
+        (folder / MANIFEST).write_text('{"gaitcal": "0.1.0"}')
+        (folder / "motion").mkdir()
+        (folder / "motion" / "walk.mot").write_text(content)
+
+
+def result(target: Path) -> str:
+    return (target / "motion" / "walk.mot").read_text()
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+# ------------------------------------------------------------------------------------------- whole, or not at all
+
+
+def test_new_then_replaced(tmp_path: Path) -> None:
+    target = tmp_path / "deep" / "out"
+    write_result(target, "one")
+    (target / "motion" / ".DS_Store").touch()
+    write_result(target, "two")
+    assert result(target) == "two"
+    assert names(target) == ["manifest.json", "motion"]
+    assert names(target.parent) == ["out"]
+    (tmp_path / "plain").mkdir()
+    assert target.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+@pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(2)], ids=repr)
+@pytest.mark.parametrize("write", [lambda path: atomic_directory(path, ResultKind.CALIBRATION), amended])
+def test_failure_leaves_the_old_or_none(tmp_path: Path, error: BaseException, write: object) -> None:
+    def fail(target: Path) -> None:
+        with write(target) as folder:  # type: ignore[operator]
+            (folder / "motion").mkdir()
+            (folder / "motion/walk.mot").write_text("half")
+            raise error
+
+    with pytest.raises(type(error)):
+        fail(tmp_path / "new")
+    assert names(tmp_path) == []
+    write_result(tmp_path / "out", "one")
+    before = content(tmp_path)
+    with pytest.raises(type(error)):
+        fail(tmp_path / "out")
+    assert content(tmp_path) == before
+
+
+def test_what_a_killed_run_left_is_put_right_by_the_next(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    write_result(target, "one")
+    write_result(target / "dynamics", "further", ResultKind.DYNAMICS)
+    (target / "dynamics").rename(target / f"{OLD}dynamics")
+    target.rename(tmp_path / f"{OLD}out")
+    assert require_room(target, ResultKind.CALIBRATION) == ("dynamics",)
+    assert result(target) == "one"
+    assert result(target / "dynamics") == "further"
+    assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("words", ["export", "figures", "view", "montecarlo", "compare", "dynamics", "read_cycles"])
+def test_who_reads_after_a_kill_puts_the_hidden_result_back_and_says_so(
+    tmp_path: Path, words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Every command that reads a result. (What is read here is too little: each ends in an error after that.)"""
+    target = tmp_path / "out"
+    write_result(target, "one")
+    target.rename(tmp_path / f"{OLD}out")
+    if words == "read_cycles":
+        with pytest.raises(InputError):
+            read_cycles(target)
+    else:
+        further = {"compare": [str(target)], "dynamics": ["walk.c3d"]}.get(words, [])
+        CliRunner().invoke(app, [words, str(target), *further])
+    assert result(target) == "one"
+    assert names(tmp_path) == ["out"]
+    assert "the earlier result is back" in caplog.text
+
+
+def test_a_result_that_is_being_replaced_while_it_is_read_is_the_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The writer is between its two renames when the reader looks, and has ended when the reader has the lock."""
+    target = tmp_path / "out"
+    write_result(target, "new")
+    held = result_folder.locked
+
+    @contextmanager
+    def late(folder: Path) -> Iterator[None]:
+        with held(folder):
+            (tmp_path / "new").rename(target)
+            yield
+
+    target.rename(tmp_path / "new")
+    write_result(target, "one")
+    target.rename(tmp_path / f"{OLD}out")
+    monkeypatch.setattr(result_folder, "locked", late)
+    result_folder.put_back(target)
+    assert (result(target), names(tmp_path), caplog.text) == ("new", ["out"], "")
+
+
+REPLACE = """
+import sys
+from pathlib import Path
+from gaitcal.io.result_folder import ResultKind, atomic_directory
+n = 0
+while True:
+    n += 1
+    with atomic_directory(Path(sys.argv[1]), ResultKind.CALIBRATION) as folder:
+        (folder / "manifest.json").write_text('{"gaitcal": "0"}')
+        (folder / "motion").mkdir()
+        (folder / "motion/walk.mot").write_text(f"{n}\\n" * 1000)
+    n == 1 and print(n, flush=True)
+"""
+
+
+def test_kill_at_any_moment_leaves_a_whole_result(tmp_path: Path) -> None:
+    """A loop that replaces a result as fast as it can, killed at six different moments."""
+    target = tmp_path / "out"
+    write_result(target, "0\n" * 1000)
+    (target / "montecarlo").mkdir()
+    (target / "montecarlo/draws").write_text("hours")
+    for number in range(6):
+        process = subprocess.Popen([sys.executable, "-c", REPLACE, str(target)], stdout=subprocess.PIPE)
+        assert process.stdout is not None
+        with process.stdout as stream:
+            stream.readline()
+        time.sleep(0.007 * number)
+        process.kill()
+        process.wait()
+        require_room(target, ResultKind.CALIBRATION)
+        assert len(set(result(target).split())) == 1 and result(target).count("\n") == 1000
+        assert (target / "montecarlo/draws").read_text() == "hours"
+    write_result(target, "end")
+    assert names(tmp_path) == ["out"]
+
+
+def test_full_disk_is_one_line_but_other_errors_of_the_body_stay_themselves(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No space left"), atomic_directory(tmp_path / "out", ResultKind.CALIBRATION):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with pytest.raises(PermissionError), atomic_directory(tmp_path / "out", ResultKind.CALIBRATION):
+        raise PermissionError(errno.EACCES, "an input file")
+    assert names(tmp_path) == []
+
+
+def test_unwritable_places_end_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for target in (tmp_path / "file", tmp_path / "file" / "out", tmp_path / ("x" * 300), Path("/proc/none/out")):
+        for write in (
+            lambda path: write_result(path, "one"),
+            lambda path: atomic_text(path / "deeper" / "file.txt", "text"),
+            lambda path: require_room(path, ResultKind.CALIBRATION),
+        ):
+            with pytest.raises(InputError) as caught:
+                write(target)
+            assert len(str(caught.value).splitlines()) == 1
+    with pytest.raises(InputError, match="no usable path"):
+        write_result(tmp_path / "nul\0", "one")
+    assert names(tmp_path) == ["file"]
+
+
+def test_links_stay_links(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "disk/draws").touch()
+    (tmp_path / "out").symlink_to("real")
+    write_result(tmp_path / "out", "one")
+    (tmp_path / "out/montecarlo").symlink_to("../disk")
+    write_result(tmp_path / "out", "two")
+    assert (tmp_path / "out").is_symlink() and (tmp_path / "real/montecarlo").is_symlink()
+    assert result(tmp_path / "real") == "two"
+    assert (tmp_path / "out/montecarlo/draws").exists()
+
+
+# --------------------------------------------------------------------------------------------- what is not ours
+
+
+def assert_refused(target: Path, kind: ResultKind, told: str, inputs: tuple[Path, ...] = ()) -> None:
+    before = content(target)
+    with pytest.raises(InputError, match=told) as early:
+        require_room(target, kind, inputs)
+    with pytest.raises(InputError, match=told) as late:
+        write_result(target, "two", kind, inputs)
+    assert str(early.value) == str(late.value)
+    assert len(str(late.value).splitlines()) == 1
+    assert content(target) == before
+
+
+@pytest.mark.parametrize("there", ResultKind)
+def test_only_the_same_kind_is_replaced(there: ResultKind, tmp_path: Path) -> None:
+    write_result(tmp_path / "out", "one", there)
+    manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
+    assert (manifest["kind"], manifest["files"]) == (there.value, ["motion/walk.mot"])
+    coming = ResultKind.COHORT if there is not ResultKind.COHORT else ResultKind.EXAMPLE
+    told = rf"another kind of result \({there.value}, this would be {coming.value}\)"
+    assert_refused(tmp_path / "out", coming, told)
+    write_result(tmp_path / "out", "two", there)
+    assert result(tmp_path / "out") == "two"
+
+
+@pytest.mark.parametrize("name", ["mynotes.txt", "moments/mine.png", "motion/walk.csv", "dynamic/x", "montecarlo"])
+def test_a_file_that_is_not_ours_is_named(name: str, tmp_path: Path) -> None:
+    write_result(tmp_path / "out", "one")
+    (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
+    (tmp_path / "out" / name).write_text("hours of work")
+    assert_refused(tmp_path / "out", ResultKind.CALIBRATION, f"holds '{name}', which gaitcal did not write there")
+
+
+@pytest.mark.parametrize("there", [{"notes.txt": "mine"}, {"manifest.json": "{}"}, {"manifest.json": "\0"}])
+def test_a_folder_of_the_users_is_refused_and_an_empty_one_used(tmp_path: Path, there: dict[str, str]) -> None:
+    (tmp_path / "out").mkdir()
+    for name, text in there.items():
+        (tmp_path / "out" / name).write_text(text)
+    assert_refused(tmp_path / "out", ResultKind.CALIBRATION, "gaitcal did not write there")
+    (tmp_path / "empty").mkdir()
+    write_result(tmp_path / "empty", "one")
+
+
+def test_a_link_and_a_file_that_appears_during_the_run_are_not_ours(tmp_path: Path) -> None:
+    write_result(tmp_path / "out", "one")
+    with pytest.raises(InputError, match="notes.txt"), atomic_directory(tmp_path / "out", ResultKind.CALIBRATION):
+        (tmp_path / "out/notes.txt").write_text("mine")
+    assert (tmp_path / "out/notes.txt").read_text() == "mine"
+    (tmp_path / "out/notes.txt").unlink()
+    (tmp_path / "data").mkdir()
+    (tmp_path / "out/data").symlink_to(tmp_path / "data")
+    assert_refused(tmp_path / "out", ResultKind.CALIBRATION, "holds 'data'")
+
+
+def test_inputs_are_never_replaced(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "raw").mkdir(parents=True)
+    (out / "raw/walk.c3d").touch()
+    (tmp_path / "link").symlink_to(out)
+    for target in (out, tmp_path / "link", tmp_path):
+        assert_refused(target, ResultKind.CALIBRATION, "walk.c3d', an input of this run", (out / "raw/walk.c3d",))
+    write_result(tmp_path / "result", "one", inputs=(out / "raw/walk.c3d",))
+
+
+@pytest.mark.parametrize("links", [True, False], ids=["hard links", "copies"])
+def test_what_later_commands_added_is_kept(links: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError
+
+    if not links:
+        monkeypatch.setattr(os, "link", refuse)
+    out = tmp_path / "out"
+    write_result(out, "one")
+    for name in KEPT[ResultKind.CALIBRATION]:
+        (out / name / "deeper").mkdir(parents=True)
+        (out / name / "deeper/file").write_text(name)
+    (out / ".gaitcal-tmp-abc").mkdir()  # a killed run's
+    kept = tuple(sorted(KEPT[ResultKind.CALIBRATION]))
+    for text in ("two", "three"):
+        assert require_room(out, ResultKind.CALIBRATION) == kept
+        write_result(out, text)
+    assert result(out) == "three"
+    assert {name: (out / name / "deeper/file").read_text() for name in kept} == {name: name for name in kept}
+    assert json.loads((out / MANIFEST).read_text())["kept_from_earlier_result"] == list(kept)
+    assert names(tmp_path) == ["out"]
+
+
+# ------------------------------------------------------------------------------------------------- single files
+
+
+def test_a_file_has_its_name_while_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    with atomic_file(path) as stage:
+        assert stage.name == "a.txt"
+        stage.write_text("whole")
+        assert not path.exists()
+    atomic_text(path, "ν\r\n")
+    assert path.read_bytes() == "ν\r\n".encode()
+    with pytest.raises(UnicodeEncodeError):
+        atomic_text(path, "\ud800")
+    assert path.read_text() == "ν\n"
+    with pytest.raises(InputError, match="is a folder"):
+        atomic_text(tmp_path, "x")
+    assert names(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_files_take_their_places_though_a_signal_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out, replace = tmp_path / "out", Path.replace
+    for name in ("one", "two"):
+        atomic_text(out / name, "old")
+
+    def signalled(path: Path, target: Path) -> Path:
+        os.kill(os.getpid(), signal.SIGINT)
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", signalled)
+    with pytest.raises(KeyboardInterrupt), amended(out) as stage:
+        for name in ("one", "two", "deeper/three"):
+            (stage / name).parent.mkdir(exist_ok=True)
+            (stage / name).write_text("new")
+    assert content(out) == dict.fromkeys(("deeper/three", "one", "two"), b"new")
+    assert names(out) == ["deeper", "one", "two"]
+
+
+def test_a_folder_in_the_way_is_told_before_anything_moves(tmp_path: Path) -> None:
+    atomic_text(tmp_path / "one", "old")
+    (tmp_path / "three").mkdir()
+    with pytest.raises(InputError, match="three: is a folder"), amended(tmp_path) as stage:
+        for name in ("one", "three"):
+            (stage / name).write_text("new")
+    assert content(tmp_path) == {"one": b"old"}
+
+
+def test_the_manifest_learns_of_it(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with atomic_directory(out, ResultKind.CALIBRATION) as folder:
+        (folder / MANIFEST).write_text('{"gaitcal": "0"}')
+        (folder / "report.html").write_text("old")
+        (folder / "view.html").write_text("old")
+    with amended(out) as stage:
+        (stage / "report.html").write_text("new")
+        (stage / "export").mkdir()
+        (stage / "export/model.osim").write_text("of nobody's list")
+    with file_in_place(out / "view.html") as path:
+        path.write_text("new")
+    assert listed(out) == {name: sha256_of(out / name) for name in ("report.html", "view.html")}
+    with file_in_place(tmp_path / "view.html") as path:
+        assert path == tmp_path / "view.html"  # no result of ours: nothing but the file
+    manifest = json.loads((out / MANIFEST).read_text())
+    (out / MANIFEST).write_text(json.dumps({**manifest, "number": 1}))
+    with amended(out) as stage:
+        (stage / "report.html").write_text("newer")
+    with pytest.raises(InputError, match="damaged"):  # a damaged manifest does not become sound by this
+        listed(out)
+
+
+# ----------------------------------------------------------------------------------------------- one writer at a time
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from gaitcal.io.result_folder import locked
+with locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(float(sys.argv[2]))
+"""
+COUNT = """
+import sys, time
+from pathlib import Path
+from gaitcal.io.result_folder import locked
+path = Path(sys.argv[1])
+for _ in range(40):
+    with locked(path.parent):
+        number = int(path.read_text())
+        time.sleep(0.001)
+        path.write_text(str(number + 1))
+"""
+
+
+def holder(folder: Path, seconds: float) -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder), str(seconds)], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    with process.stdout as stream:
+        assert stream.readline() == "held\n"
+    return process
+
+
+def test_no_change_of_several_processes_is_lost(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/number").write_text("0")
+    command = [sys.executable, "-c", COUNT, str(tmp_path / "out/number")]
+    for process in [subprocess.Popen(command) for _ in range(3)]:
+        assert process.wait() == 0
+    assert (tmp_path / "out/number").read_text() == "120"
+    assert names(tmp_path) == ["out"]
+
+
+def test_it_is_told_while_waiting_and_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(result_folder, "NOTICE_S", 0.1)
+    process = holder(tmp_path / "out", 60)
+    try:
+        told = "out: is being written by another process"
+        with pytest.raises(InputError, match=told), locked(tmp_path / "out", wait_s=0.5):
+            pass
+        assert "is being written by another process; waiting" in caplog.text
+        with locked(tmp_path / "other", wait_s=0.0), locked(tmp_path / "out", "another purpose", wait_s=0.0):
+            pass
+    finally:
+        process.kill()
+        process.wait()
+    with locked(tmp_path / "out", wait_s=0.0):  # the killed process holds it no longer
+        pass
+    assert names(tmp_path) == []
+
+
+def test_again_within_and_in_another_thread(tmp_path: Path) -> None:
+    others: list[str] = []
+
+    def other() -> None:
+        try:
+            with locked(tmp_path / "out", wait_s=0.1):
+                others.append("had it too")
+        except InputError as error:
+            others.append(str(error))
+
+    with locked(tmp_path / "out"), locked(tmp_path / "out"):
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+    assert "is being written by" in others[0]
+    assert names(tmp_path) == []
+
+
+def test_parts_of_a_result_have_its_lock_and_other_folders_of_such_names_their_own(tmp_path: Path) -> None:
+    result = tmp_path / "result"
+    (result / "dynamics").mkdir(parents=True)
+    process = holder(result, 60)
+    try:
+        with locked(result / "dynamics", wait_s=0.0):
+            pass  # a folder of the user's that is called so
+        (result / MANIFEST).write_text('{"gaitcal": "0"}')
+        for part in ("dynamics", "montecarlo", "export"):
+            with pytest.raises(InputError, match="is being written by"), locked(result / part, wait_s=0.0):
+                pass
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS], ids=errno.errorcode.get)
+def test_a_file_system_without_locks_is_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, number: int
+) -> None:
+    """In one line; the work goes on."""
+
+    def none(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(pytest.importorskip("fcntl"), "flock", none)
+    with locked(tmp_path / "out"):
+        pass
+    (line,) = caplog.messages
+    assert "no locks; run one command at a time" in line
+    assert names(tmp_path) == []

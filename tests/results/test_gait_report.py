@@ -1,0 +1,96 @@
+"""`gaitcal report`: numbers of the tables on paper, in the clinical convention; comments; the same bytes each time."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from gaitcal.cli.application import app
+from gaitcal.errors import InputError
+from gaitcal.figures.document import CurvePanel, ReportContent, write_pdf
+from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.results.cycles import read_cycles
+from gaitcal.results.gait_report import KINEMATICS, KINETICS, read_comments, report_content
+from gaitcal.results.saved import load_result_model
+from tests.fake_result import HOSTILE
+from tests.results.test_cycles_export import kept_strides
+
+ROUNDED = 2e-6
+NORMS = "schwartz2008"
+
+
+@pytest.fixture(scope="module")
+def made(kept: Path) -> Path:
+    return kept_strides(kept)
+
+
+@pytest.fixture(scope="module")
+def content(made: Path) -> ReportContent:
+    return report_content(made, read_normal_bands(NORMS), {"kinematics": HOSTILE})
+
+
+def panel(content: ReportContent, variable: str) -> CurvePanel:
+    sheet, titles = (1, KINETICS) if variable in KINETICS else (0, KINEMATICS)
+    return content.sheets[sheet].panels[list(titles).index(variable)]
+
+
+@pytest.mark.parametrize(
+    ("variable", "clinical"),
+    [("hip_flexion", 1.0), ("pelvis_tilt", -1.0), ("ankle_angle_moment", -1.0), ("hip_power", 1.0)],
+)
+def test_curves_are_those_of_the_table_with_clinical_signs(
+    made: Path, content: ReportContent, variable: str, clinical: float
+) -> None:
+    table = read_cycles(made)
+    mass = load_result_model(made)[0].subject.mass
+    size = 1.0 if variable in KINEMATICS else mass
+    for side in "rl":
+        rows = table[(table["variable"] == variable) & (table["side"] == side)]
+        expected = np.where(rows["valid"] == 1, clinical * rows["value"] / size, np.nan).reshape(-1, 101)
+        shown = panel(content, variable)
+        np.testing.assert_allclose(np.array(shown.strides[side]), expected, atol=ROUNDED)
+        if len(expected) == 1:
+            np.testing.assert_allclose(shown.mean[side], expected[0], atol=ROUNDED)
+
+
+def test_a_norm_stands_beside_what_it_is_of(content: ReportContent) -> None:
+    """The peak plantarflexor moment of healthy people is positive, 1.2 N·m/kg, and the panel says so."""
+    shown = panel(content, "ankle_angle_moment")
+    assert shown.norm is not None and 1.0 < np.nanmax(shown.norm[0]) < 1.5 and (shown.norm[1][1:-1] > 0).all()
+    assert shown.senses == ("plantarflexion", "dorsiflexion") and shown.unit == "N·m/kg"
+    assert "Schwartz" in content.norm
+
+
+def test_the_same_content_gives_the_same_pages(content: ReportContent, tmp_path: Path) -> None:
+    hostile = replace(content, person=(("Name or code", HOSTILE), *content.person[1:]), reasons=((HOSTILE, HOSTILE),))
+    pages = [write_pdf(hostile, tmp_path / name) for name in ("one.pdf", "two.pdf")]
+    one, two = ((tmp_path / name).read_bytes() for name in ("one.pdf", "two.pdf"))
+    assert one == two and 2 <= pages[0] == pages[1] <= 4 and len(one) < 1_000_000
+    assert len(re.findall(rb"/Type /Page\b", one)) == pages[0]
+
+
+def test_command_takes_the_comments_beside_the_result(made: Path, tmp_path: Path) -> None:
+    comments = tmp_path / "comments.toml"
+    comments.write_text('summary = "walks without aids"\n')
+    words = ["report", str(made), "--pdf", str(tmp_path / "report.pdf"), "--comments", str(comments)]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert done.exit_code == 0 and f"4 pages, comments of {comments}" in done.output.replace("\n", " ")
+    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('kinematic = "x"\n', "kinematic: unknown section; allowed: summary, .*; did you mean 'kinematics'?"),
+        ("joints = 3\n", "joints: found int; allowed: text in quotation marks"),
+    ],
+)
+def test_other_comments_are_refused(text: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / "comments.toml").write_text(text)
+    with pytest.raises(InputError, match=told):
+        read_comments(tmp_path / "comments.toml")
