@@ -389,14 +389,10 @@ def _divided(trial: TrialEvidence, loadings: Sequence[Loading], places: Sequence
     how_far = f": {np.median(away):.0f} mm (at most {away.max():.0f} mm) outside of the foot" if len(away) else ""
     both: BoolArray = np.asarray(divided.any(axis=0))
     share = divided.sum() / sum(len(one.load) for one, *_ in shared)
-    return trial.warning(
-        TOPIC,
-        f"{spans(trial.recording.time, runs(both))}{how_far}, in {100 * share:.0f} % of the loaded frames",
-        "export what each plate or belt measured by itself; no torque of either leg counts in these frames",
-        cause=divided_cause(list(dict.fromkeys(one.plate.name for one, *_ in shared))),
-        weight=3.0,
-        code=Code.DIVIDED_FORCE,
-    )
+    found = f"{spans(trial.recording.time, runs(both))}{how_far}, in {100 * share:.0f} % of the loaded frames"
+    cure = "export what each plate or belt measured by itself; no torque of either leg counts in these frames"
+    cause = divided_cause(list(dict.fromkeys(one.plate.name for one, *_ in shared)))
+    return trial.warning(TOPIC, found, cure, cause=cause, weight=3.0, code=Code.DIVIDED_FORCE)
 
 
 def _explained(trial: TrialEvidence, off: _Outside, others: Sequence[Finding]) -> bool:

@@ -299,9 +299,6 @@ def flat(trial: TrialEvidence) -> Iterator[Finding]:
         if (way == 0).any() and way.max() > MOVED_M:
             labels.append(label)
     if 0 < len(labels) < HALF * len(trial.present):
-        yield trial.warning(
-            "frozen",
-            f"one coordinate never changes: {listed(labels)}",
-            "a column of the file is constant: export the trial again",
-            code=Code.CONSTANT_COORDINATE,
-        )
+        found = f"one coordinate never changes: {listed(labels)}"
+        cure = "a column of the file is constant: export the trial again"
+        yield trial.warning("frozen", found, cure, code=Code.CONSTANT_COORDINATE)

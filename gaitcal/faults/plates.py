@@ -139,14 +139,11 @@ def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Fi
     still = {name: loaded[0, axis] for axis, name in ((0, "Fx"), (2, "Fz")) if np.ptp(loaded[:, axis]) <= DEAD_N}
     if still:
         missing = " and ".join(still)
-        yield trial.warning(
-            "plates",
-            f"plate {plate.name}: {missing} stays at {next(iter(still.values())):.0f} N in all "
-            f"{len(loaded)} samples under load; walking moves it by some 100 N (fore-aft) and 40 N (sideways)",
-            "look for the channel, its cable and its column in the file; without it leave the plate out of torques",
-            cause=f"a horizontal force of plate {plate.name} is missing: {missing} is constant",
-            code=Code.DEAD_CHANNEL,
-        )
+        found = f"plate {plate.name}: {missing} stays at {next(iter(still.values())):.0f} N in all "
+        found += f"{len(loaded)} samples under load; walking moves it by some 100 N (fore-aft) and 40 N (sideways)"
+        cure = "look for the channel, its cable and its column in the file; without it leave the plate out of torques"
+        cause = f"a horizontal force of plate {plate.name} is missing: {missing} is constant"
+        yield trial.warning("plates", found, cure, cause=cause, code=Code.DEAD_CHANNEL)
 
 
 def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
@@ -172,14 +169,11 @@ def corners(trial: TrialEvidence) -> Iterator[Finding]:
     for plate in trial.recording.plates:
         share, farthest = (0.0, 0.0) if plate.corners is None else share_outside(plate, plate.corners, BODY_N)
         if share > OUTSIDE_SHARE:
-            yield trial.warning(
-                "plates",
-                f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load lies over "
-                f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * farthest:.0f} mm)",
-                "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL",
-                cause=f"the corners of plate {plate.name} do not hold its centre of pressure",
-                code=Code.PLATE_CORNERS,
-            )
+            found = f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load lies over "
+            found += f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * farthest:.0f} mm)"
+            cure = "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL"
+            cause = f"the corners of plate {plate.name} do not hold its centre of pressure"
+            yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_CORNERS)
 
 
 def covered(trial: TrialEvidence) -> Iterator[Finding]:
@@ -345,14 +339,11 @@ def step_loads(trial: TrialEvidence) -> Iterator[Finding]:
                 continue  # a part of the foot is elsewhere
             share, peak = float(up[run].mean()) / weight, float(up[run].max()) / weight
             if not (STANCE_SHARE[0] <= share <= STANCE_SHARE[1] and peak < PEAK):
-                yield trial.warning(
-                    "body mass",
-                    f"plate {plate.name}, {spans(plate.time, [run])}: mean {share:.2f} and peak {peak:.2f} body "
-                    f"weights of {trial.subject.mass:g} kg; a step of walking has about 0.8 and 1.1",
-                    "check mass_kg, the gain of the plate, and whether the whole foot was on it",
-                    cause=f"steps on plate {plate.name} do not carry the body",
-                    code=Code.STEP_LOAD,
-                )
+                found = f"plate {plate.name}, {spans(plate.time, [run])}: mean {share:.2f} and peak {peak:.2f} body "
+                found += f"weights of {trial.subject.mass:g} kg; a step of walking has about 0.8 and 1.1"
+                cure = "check mass_kg, the gain of the plate, and whether the whole foot was on it"
+                cause = f"steps on plate {plate.name} do not carry the body"
+                yield trial.warning("body mass", found, cure, cause=cause, code=Code.STEP_LOAD)
 
 
 def _parts(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:

@@ -146,13 +146,9 @@ def stillness(trial: TrialEvidence) -> Iterator[Finding]:
     if window.speed <= RESTLESS * STILL_M_S:
         yield trial.info("still window", words, code=Code.STILLNESS)
         return
-    yield trial.warning(
-        "still window",
-        f"{words}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused",
-        "let the person stand still for some seconds; segment frames come from this posture",
-        weight=window.speed / STILL_M_S,
-        code=Code.STILLNESS,
-    )
+    found = f"{words}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused"
+    cure = "let the person stand still for some seconds; segment frames come from this posture"
+    yield trial.warning("still window", found, cure, weight=window.speed / STILL_M_S, code=Code.STILLNESS)
 
 
 def heading(trial: TrialEvidence) -> Iterator[Finding]:
@@ -192,14 +188,10 @@ def one_joint_alone(trial: TrialEvidence) -> Iterator[Finding]:
         hip, knee = np.rad2deg(turns)
         signs.append(f"hip and knee of the other leg turn by {hip:.0f} and {knee:.0f} deg RMS")
     if signs:
-        yield trial.warning(
-            "role",
-            " and ".join(signs),
-            'write role = "gait", or name the file of the isolated trial',
-            cause=f"the trial is declared for {declared} alone, but this looks like a walk",
-            weight=5.0,
-            code=Code.LOOKS_LIKE_WALK,
-        )
+        found = " and ".join(signs)
+        cure = 'write role = "gait", or name the file of the isolated trial'
+        cause = f"the trial is declared for {declared} alone, but this looks like a walk"
+        yield trial.warning("role", found, cure, cause=cause, weight=5.0, code=Code.LOOKS_LIKE_WALK)
 
 
 def declared_joint(trial: TrialEvidence) -> Iterator[Finding]:

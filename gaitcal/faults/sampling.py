@@ -68,41 +68,29 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the frame rate is one of motion capture."""
     time = trial.recording.time
     if not trial.is_static and len(time) < FEWEST_FRAMES:
-        found = f"found {len(time)} frames; allowed: at least {FEWEST_FRAMES}"
-        yield trial.error(
-            "sampling", found, "export the whole trial", cause="the trial is too short", code=Code.SHORT_TRIAL
-        )
+        found, cause = f"found {len(time)} frames; allowed: at least {FEWEST_FRAMES}", "the trial is too short"
+        yield trial.error("sampling", found, "export the whole trial", cause=cause, code=Code.SHORT_TRIAL)
     if len(time) < 2:
         return
     hz = trial.recording.rate
     if not RATES[0] <= hz <= RATES[1]:
         found = f"frames come at {hz:.4g} Hz; cameras have {RATES[0]:.0f} to {RATES[1]:.0f} Hz"
-        cure = "is the time column in seconds?"
+        cure, cause = "is the time column in seconds?", "the time column is not in seconds"
         if abs(hz - 1) < 1e-6:
             cure = "the time column counts frames: divide it by the frame rate"
-        yield trial.error("time", found, cure, cause="the time column is not in seconds", code=Code.TIME_UNIT)
+        yield trial.error("time", found, cure, cause=cause, code=Code.TIME_UNIT)
     elif trial.is_gait and hz < SLOW_GAIT:
-        cure = "joint moments at heel strike will be blunted; record at 100 Hz"
-        yield trial.warning(
-            "sampling",
-            f"frames come at {hz:.4g} Hz",
-            cure,
-            cause="frames come slowly for walking",
-            code=Code.SLOW_FRAMES,
-        )
+        cure, cause = "joint moments at heel strike will be blunted; record at 100 Hz", "frames come slowly for walking"
+        yield trial.warning("sampling", f"frames come at {hz:.4g} Hz", cure, cause=cause, code=Code.SLOW_FRAMES)
     steps = np.diff(time)
     middle = float(np.median(steps))
     odd = np.abs(steps - middle) > UNEVEN * middle
     if odd.any():
-        yield trial.warning(
-            "time",
-            f"{int(odd.sum())} time steps depart from {1e3 * middle:.3g} ms by more than {100 * UNEVEN:.0f} %, the "
-            f"first at {time[int(np.argmax(odd))]:.3f} s ({1e3 * steps[odd].min():.3g} to "
-            f"{1e3 * steps[odd].max():.3g} ms)",
-            "frames are missing, or the time column was put together: export the trial again",
-            cause="time steps are not even",
-            code=Code.UNEVEN_TIME,
-        )
+        found = f"{int(odd.sum())} time steps depart from {1e3 * middle:.3g} ms by more than {100 * UNEVEN:.0f} %, the "
+        found += f"first at {time[int(np.argmax(odd))]:.3f} s ({1e3 * steps[odd].min():.3g} to "
+        found += f"{1e3 * steps[odd].max():.3g} ms)"
+        cure = "frames are missing, or the time column was put together: export the trial again"
+        yield trial.warning("time", found, cure, cause="time steps are not even", code=Code.UNEVEN_TIME)
 
 
 def speed(trial: TrialEvidence) -> Iterator[Finding]:
@@ -110,12 +98,11 @@ def speed(trial: TrialEvidence) -> Iterator[Finding]:
     time = trial.recording.time
     if not trial.is_gait or len(time) < 2:
         return
-    found = float(np.linalg.norm(trial.way)) / float(time[-1] - time[0])
-    if found > SPEED_M_S:
+    speed = float(np.linalg.norm(trial.way)) / float(time[-1] - time[0])
+    if speed > SPEED_M_S:
+        found, cause = f"the body moves at {speed:.2f} m/s", "nobody walks so fast"
         cure = "if the person did not run, the time column or the unit of length is wrong"
-        yield trial.warning(
-            "time", f"the body moves at {found:.2f} m/s", cure, cause="nobody walks so fast", code=Code.TOO_FAST
-        )
+        yield trial.warning("time", found, cure, cause=cause, code=Code.TOO_FAST)
 
 
 def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
@@ -161,17 +148,13 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
     settings = trial.settings
     passed, of_what = _passed(settings, time)
     if settings.nodes is not None and settings.nodes > len(time):
-        found = f"nodes = {settings.nodes} for {len(time)} frames"
-        cure = "fewer nodes than frames are needed"
+        found, cure = f"nodes = {settings.nodes} for {len(time)} frames", "fewer nodes than frames are needed"
         yield trial.error("sampling", found, cure, cause="there are too many spline nodes", code=Code.MANY_NODES)
     elif passed is not None and passed < STEADY_HZ and trial.is_gait:
-        yield trial.warning(
-            "sampling",
-            f"{of_what} in {time[-1] - time[0]:.2f} s pass {passed:.1f} Hz; walking needs {STEADY_HZ:g} Hz",
-            "leave nodes, nodes_per_second and bandwidth_hz out of [calibration]",
-            cause="the settings smooth the motion too much",
-            code=Code.SMOOTHED_TOO_MUCH,
-        )
+        found = f"{of_what} in {time[-1] - time[0]:.2f} s pass {passed:.1f} Hz; walking needs {STEADY_HZ:g} Hz"
+        cure = "leave nodes, nodes_per_second and bandwidth_hz out of [calibration]"
+        cause = "the settings smooth the motion too much"
+        yield trial.warning("sampling", found, cure, cause=cause, code=Code.SMOOTHED_TOO_MUCH)
     chosen = settings.force_filter_hz if trial.trial.filter_hz is None else trial.trial.filter_hz
     if not isinstance(chosen, float):
         return
@@ -179,19 +162,17 @@ def splines(trial: TrialEvidence) -> Iterator[Finding]:
     for plate in trial.recording.plates:
         if filterable(plate, chosen):
             continue
-        sampled = 1.0 / float(np.median(np.diff(plate.time))) if len(plate.time) > 1 else 0.0
+        name, sampled = f"plate {plate.name}", 0.0
+        if len(plate.time) > 1:
+            sampled = 1.0 / float(np.median(np.diff(plate.time)))
         if by_default:
-            found = f"plate {plate.name}: forces sampled at {sampled:.4g} Hz hold nothing above {chosen:.3g} Hz"
+            found = f"{name}: forces sampled at {sampled:.4g} Hz hold nothing above {chosen:.3g} Hz"
             yield trial.info("sampling", found, "they are not filtered", code=Code.FORCE_FILTER)
         else:
-            yield trial.error(
-                "sampling",
-                f"plate {plate.name}: forces are filtered at {chosen:.3g} Hz and sampled at {sampled:.4g} Hz; allowed: "
-                f"below half of that, {0.5 * sampled:.4g} Hz",
-                'lower filter_hz, or set it to "none"',
-                cause=f"the filter does not suit plate {plate.name}",
-                code=Code.FORCE_FILTER,
-            )
+            found = f"{name}: forces are filtered at {chosen:.3g} Hz and sampled at {sampled:.4g} Hz; allowed: "
+            found += f"below half of that, {0.5 * sampled:.4g} Hz"
+            cause, cure = f"the filter does not suit {name}", 'lower filter_hz, or set it to "none"'
+            yield trial.error("sampling", found, cure, cause=cause, code=Code.FORCE_FILTER)
 
 
 def _passed(settings: CalibrationSettings, time: Array) -> tuple[float | None, str]:
@@ -232,12 +213,9 @@ def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         if a.labels != b.labels or not np.array_equal(a.markers[:1], b.markers[:1], equal_nan=True):
             continue  # one frame is soon compared, and tells most apart
         if np.array_equal(a.markers, b.markers, equal_nan=True):
-            yield other.error(
-                "trials",
-                f"holds the same {len(b.time)} frames as trial '{one.name}' ({one.source})",
-                "name the file of this trial, leave the trial out, or give each its part with time = [start, end]",
-                code=Code.SAME_RECORDING,
-            )
+            found = f"holds the same {len(b.time)} frames as trial '{one.name}' ({one.source})"
+            cure = "name the file of this trial, leave the trial out, or give each its part with time = [start, end]"
+            yield other.error("trials", found, cure, code=Code.SAME_RECORDING)
 
 
 def jump_limit(trial: TrialEvidence) -> float:

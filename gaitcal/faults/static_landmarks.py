@@ -312,14 +312,9 @@ def _impossible(trial: TrialEvidence, found: Sequence[Measure]) -> Iterator[Find
     worst = [m for m in found if m.absolute and abs(m.z) > IMPOSSIBLE_Z]
     if worst:
         names = dict.fromkeys(name for m in worst for name in m.landmarks)
-        yield trial.error(
-            "landmarks",
-            _evidence(worst),
-            f"look at {', '.join(label_words(trial, name) for name in names)}: labels, place, unit",
-            cause="the static trial shows lengths that nobody has",
-            weight=10.0,
-            code=Code.IMPOSSIBLE_LENGTHS,
-        )
+        cure = f"look at {', '.join(label_words(trial, name) for name in names)}: labels, place, unit"
+        cause = "the static trial shows lengths that nobody has"
+        yield trial.error("landmarks", _evidence(worst), cure, cause=cause, weight=10.0, code=Code.IMPOSSIBLE_LENGTHS)
 
 
 def _evidence(found: Sequence[Measure]) -> str:

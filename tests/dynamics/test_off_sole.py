@@ -17,7 +17,7 @@ from gaitcal.faults.foot_on_plate import Feet
 from gaitcal.findings import Severity
 from gaitcal.io.recording import Recording
 from tests.dynamics.test_ground_contact import STANCE, TIME, right_foot, square
-from tests.faults.test_outside_sole import HEIGHT, divided_walk, evidence
+from tests.faults.test_foot_on_plate import HEIGHT, divided_walk, evidence
 
 Array = NDArray[np.float64]
 

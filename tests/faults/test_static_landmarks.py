@@ -34,7 +34,7 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import StudyTrial
 from gaitcal.synthetic.motion import standing_pose, static_motion, synthetic_markers
 from gaitcal.synthetic.subject import on_the_floor, recording_of, synthetic_model
-from tests.faults.spoilt import Array, Change, moved, sound_study, swapped, with_trial
+from tests.faults.spoilt import Array, Change, moved, swapped, with_trial
 from tests.real_studies import REAL, study_text
 
 ERROR, WARNING = Severity.ERROR, Severity.WARNING
@@ -51,11 +51,6 @@ def evidence(study: Study, trial: StudyTrial) -> TrialEvidence:
 
 def body(study: Study) -> tuple[dict[str, Array], float]:
     return landmarks(evidence(study, study.static)), study.subject.height
-
-
-@pytest.fixture(scope="module")
-def sound() -> Study:
-    return sound_study()
 
 
 @pytest.fixture(scope="module")

@@ -13,13 +13,8 @@ from gaitcal.faults.static_landmarks import landmarks
 from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Finding, Severity
 from gaitcal.study.study import Study, nominal_of
-from tests.faults.spoilt import Array, moved, sound_study, with_trial
+from tests.faults.spoilt import Array, moved, with_trial
 from tests.real_studies import REAL, write_study
-
-
-@pytest.fixture(scope="module")
-def sound() -> Study:
-    return sound_study()
 
 
 def told(study: Study) -> list[Finding]:
