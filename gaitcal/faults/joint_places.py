@@ -8,15 +8,11 @@ the prior. With d = theta - theta_0, of n parameters,
 
 P the scatter of people about theta_0, in which that of palpation and regressions is (`joint_prior.py`), and E what
 noise and skin of the fit's own markers move theta by. A fit that leans on a prior has theta = theta_0 + K (true -
-theta_0 + e), K at most 1, and E = K cov(e) K^T, so that cov(d) = K P K^T + E is at most P + E: the prior that holds a
-joint accuses nobody, and a fit without one is judged alike. Two hips that are each a little too far out are together
-where nobody has them: the distance between them is judged in the same way.
+theta_0 + e), K at most 1, and E = K cov(e) K^T, so that cov(d) = K P K^T + E is at most P + E: a fit without a prior is
+judged alike. The distance between the hips is judged in the same way. A doubted joint is some four scatters off; from
+`UNUSUAL` on, some three, it is named in a note.
 
-A joint that is doubted is some four scatters off. From `UNUSUAL` on, some three, it is named in a note, which doubts
-nothing: 17 places are looked at, and healthy joints lie so far, too, beside those that skin has moved by 30 mm.
-
-A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's, as a prior made
-wide to let a joint go does not make people scatter more.
+A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's.
 """
 
 from __future__ import annotations

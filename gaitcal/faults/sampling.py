@@ -1,8 +1,7 @@
 """Frames and their times: rates, time columns, seams, single positions out of line; splines and filters that suit them.
 
-Where frames were cut out, a frame stands twice, or two parts were joined, and the times run on over it, all markers
-make one step at the same time that their paths before and after do not lead to. No marker is wrong there. With the H
-frames on either side of a place between two frames, a marker leaves
+A seam is where frames were cut out, a frame stands twice, or two parts were joined, and the times run on over it: all
+markers make one step that their paths do not lead to. With the H frames on either side of it, a marker leaves
 
     Q_one    sum of squares about one quintic through all of them
     Q_two    about a parabola through either half: as many coefficients, and a step between the halves

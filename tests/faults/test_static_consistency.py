@@ -109,12 +109,6 @@ def test_exchanged_labels_are_told_once_and_refused(sound: Study, pair: tuple[st
     assert all(f"'{label}'" in found[0].evidence for label in pair)
 
 
-def test_labels_exchanged_for_a_stretch_are_refused_with_their_time(sound: Study) -> None:
-    spoilt = with_trial(sound, "walk", swapped("R.Thigh.Upper", "R.Thigh.Front", slice(50, 91)))
-    (found,) = [f for f in check_study(spoilt) if f.severity is Severity.ERROR]
-    assert found.topic == "exchanged" and "in 41 frames" in found.found
-
-
 def test_a_turned_cluster_is_an_error(sound: Study, trials: dict[str, TrialEvidence]) -> None:
     walk = trials["walk"]
     cluster = walk.clusters["thigh_r"]

@@ -221,11 +221,6 @@ def test_markers_of_thigh_and_shank_exchanged(sound: Study) -> None:
     assert "'R.Thigh.Upper'" in found[0].found and "nearest: shank_r" in found[0].found
 
 
-def test_upside_down(sound: Study) -> None:
-    (found,) = spoilt(sound, lambda r: replace(r, markers=r.markers * [1.0, -1.0, -1.0]))
-    assert "points down" in found.cause and found.severity is ERROR
-
-
 @pytest.mark.parametrize("factor", [0.87, 1.15])
 def test_a_height_that_no_length_goes_with(people: dict[str, tuple[dict[str, Array], float]], factor: float) -> None:
     for name, (p, height) in people.items():
