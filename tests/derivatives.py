@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,3 +76,10 @@ def random_trial(
     data = MarkerData(placed, x, np.ones((len(segment), frames)))
     labels = tuple(f"m{i}" for i in range(len(segment)))
     return TrialProblem(name="random", chain=chain, basis=basis, data=data, labels=labels), true
+
+
+def seeded_trial(seed: int, **shape: Any) -> tuple[np.random.Generator, Parameters, TrialProblem, Array]:
+    """A generator of that seed, the person and the trial that it draws (`random_trial`), and the trial's true nodes."""
+    rng = np.random.default_rng(seed)
+    parameters = perturbed_parameters(rng)
+    return rng, parameters, *random_trial(rng, parameters, **shape)

@@ -18,8 +18,7 @@ from gaitcal.explanations.explanation import PARTS, all_explanations, explanatio
 from gaitcal.explanations.markdown import Paragraph, parts_of
 from gaitcal.faults.verdict import judge
 from gaitcal.findings import Finding, Severity
-from gaitcal.page.sheet.rows import explained_code
-from gaitcal.page.sheet.sheet import verdict_sheet
+from gaitcal.page.page_data import explained_code, verdict_page_data
 
 PACKAGE = Path(__file__).parents[1] / "gaitcal"
 PAGES = PACKAGE / "explanations" / "pages"
@@ -121,7 +120,7 @@ def test_the_page_of_a_result_holds_the_page_of_each_reason() -> None:
     finding = Finding(
         code=Code.SPIKES, severity=Severity.WARNING, topic="jumps", where="walk", found="64 mm", cure="label again"
     )
-    (reason,) = verdict_sheet(judge([finding], ["walk"]))["reasons"]
+    (reason,) = verdict_page_data(judge([finding], ["walk"]))["reasons"]
     assert reason["code"] == "GC-018"
     told = explained_code(Code.SPIKES)["page"]
     assert reason["page"] == told

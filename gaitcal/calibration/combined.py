@@ -6,7 +6,7 @@ sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s B
 s, the weight between markers and loads: how large a pelvis residual measurement alone explains. x are the variables of
 `inertial_chart.py`. Residual loads depend on positions, velocities and accelerations, hence on the same six nodes as
 the markers of the frame: the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
-(`motion/arrow.py`). Levenberg-Marquardt from the end of phases 1 and 2.
+(`motion/banded.py`). Levenberg-Marquardt from the end of phases 1 and 2.
 
 Arms that a fit turned about themselves: one marker on an upper arm does not tell how it is turned about its length.
 

@@ -25,7 +25,7 @@ from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.result_folder import amended, put_back, read_object
 from gaitcal.io.snapshot import read_whole
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.sheet.sheet import SHEET, read_sheet
+from gaitcal.page.page_data import PAGE_DATA, read_page_data
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.verdict import SUMMARY
 
@@ -78,7 +78,7 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
             source=result,
             code=Code.NO_RESULT,
         )
-    names = [name for name in (SHEET, SUMMARY, CYCLES, PARAMETERS, TRUTH) if (result / name).exists()]
+    names = [name for name in (PAGE_DATA, SUMMARY, CYCLES, PARAMETERS, TRUTH) if (result / name).exists()]
     with console.working() as step:
         step("reading the result")
         if options.purpose == REPORT:
@@ -162,12 +162,14 @@ def _width(text: str) -> float:
 
 def _sheet(folder: Path) -> dict[str, Any]:
     """Of the folder, or, of further trials that have none, of the result that they lie in."""
-    if (folder / SHEET).exists():
-        return read_sheet(folder / SHEET)
-    around = folder.resolve().parent / SHEET
+    if (folder / PAGE_DATA).exists():
+        return read_page_data(folder / PAGE_DATA)
+    around = folder.resolve().parent / PAGE_DATA
     if (folder / CYCLES).exists() and around.exists():
-        return {**read_sheet(around), "trials": []}
-    raise InputError(f"has no {SHEET}; calibrate again, or name a result folder", source=folder, code=Code.NO_RESULT)
+        return {**read_page_data(around), "trials": []}
+    raise InputError(
+        f"has no {PAGE_DATA}; calibrate again, or name a result folder", source=folder, code=Code.NO_RESULT
+    )
 
 
 def _subject(sheet: Mapping[str, Any]) -> Subject:
@@ -197,7 +199,9 @@ def _told(folder: Path, normal: Path | None) -> Told:
     sheet = _sheet(folder)
     if not sheet["trials"]:
         raise InputError(
-            f"has no {SHEET} of its own; run its trials again, or draw --for paper", source=folder, code=Code.NO_RESULT
+            f"has no {PAGE_DATA} of its own; run its trials again, or draw --for paper",
+            source=folder,
+            code=Code.NO_RESULT,
         )
     parameters = pd.read_csv(folder / PARAMETERS).to_dict("records") if (folder / PARAMETERS).exists() else []
     known = pd.read_csv(folder / TRUTH, comment="#") if (folder / TRUTH).exists() else None

@@ -20,8 +20,8 @@ from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, put_back, require_room
-from gaitcal.page.sections.monte_carlo import with_monte_carlo
-from gaitcal.page.sheet.sheet import SHEET
+from gaitcal.page.monte_carlo import with_monte_carlo
+from gaitcal.page.page_data import PAGE_DATA
 from gaitcal.published.case import MODEL, case_from, read_case
 from gaitcal.published.claims import Claim, Kind, Verdict
 from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
@@ -160,7 +160,7 @@ def run_monte_carlo(folder: Path, options: Options, expected_mm: float | None, c
 
 def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFrame) -> str:
     """Put the study on the page beside it; a line on that, empty where there is no page."""
-    if not (folder / SHEET).exists():
+    if not (folder / PAGE_DATA).exists():
         return ""
     with amended(folder) as stage:
         try:
@@ -168,7 +168,7 @@ def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFra
         except InputError as error:
             return f"warning: the page was not brought up to date: {error}"
         rms = _marker_rms(folder, study.case.name)
-        sheet = with_monte_carlo(shown.sheet or {}, study, marker_rms=rms, contributions=contributions)
+        sheet = with_monte_carlo(shown.data or {}, study, marker_rms=rms, contributions=contributions)
         rewrite_page(stage, shown.scene, sheet)
     return f"page: {folder / PAGE}, preset Trust"
 

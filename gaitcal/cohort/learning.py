@@ -1,6 +1,6 @@
 """Which prior of joint parameters a cohort supports, decided by people who were left out.
 
-Anatomy's prior says N(0, 1) of every deviation in its own units (`person_evidence.py`). Of that variance a part
+Anatomy's prior says N(0, 1) of every deviation in its own units (`learn_priors.py`). Of that variance a part
 (`COMMON`) is the same in all people along directions in which both sides deviate alike: an error of the nominal model.
 From there on more and more is learnt (`Learning`): nothing; where people are on average; how far they spread along each
 direction that their recordings show; how all of it goes together; whether it goes with size and sex. People are dealt
@@ -41,6 +41,14 @@ from gaitcal.study.joint_prior import UNLEARNT, Person, design, mirror, sided_di
 
 MOST_STEPS, RISE = 50, 5e-3
 """Of the iteration, and rise of the log likelihood of each person at which it ends."""
+COMMON = (0.5, 0.2, 0.05)
+"""Of the default variance, the part that is the same in all people; the likeliest of them is taken."""
+BY_SIZE = 0.25
+"""Variance of what goes with 10 cm of height, and with sex, before anybody is known."""
+FEWEST, FOLDS = 8, 8
+SURE_OF_AXES, SURE_OF_ALL = 3.0, 30.0
+"""People as many as whom the first spread counts."""
+WIDER = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,16 +188,6 @@ class PersonEvidence:
     def seen(self) -> float:
         """How much the recordings tell: how far the prior is narrowed, in units of its volume's logarithm."""
         return float(sum(np.linalg.slogdet(np.eye(len(p.right)) + p.information)[1] for p in self.parts.values()))
-
-
-COMMON = (0.5, 0.2, 0.05)
-"""Of the default variance, the part that is the same in all people; the likeliest of them is taken."""
-BY_SIZE = 0.25
-"""Variance of what goes with 10 cm of height, and with sex, before anybody is known."""
-FEWEST, FOLDS = 8, 8
-SURE_OF_AXES, SURE_OF_ALL = 3.0, 30.0
-"""People as many as whom the first spread counts."""
-WIDER = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 
 
 class Learning(Enum):

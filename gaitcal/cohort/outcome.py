@@ -73,7 +73,7 @@ class Outcome:
     reasons: Sequence[Mapping[str, str]] = ()
     """Of its verdict, the worst first: severity, cause, action."""
     curves: str = ""
-    """Mean curves over the stride (`mean_curves.py`)."""
+    """Mean curves over the stride (`row.mean_curves`)."""
     computed: bool = True
     """Whether this run did it; False where nothing had changed."""
 

@@ -8,25 +8,29 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pyarrow.parquet as pq
 
+from gaitcal.arrays import Array
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.row import COLUMNS, EVERY, STEPS, VARIABLES, Column, no_curves
+from gaitcal.cohort.row import COLUMNS, EVERY, STEPS, VARIABLES, no_curves
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.toml import package_version
 from gaitcal.model.coordinates import coordinate_words
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.packing import floats
-from gaitcal.page.sheet.rows import joint_of, sheet_rows
+from gaitcal.page.page_data import coordinate_rows
+from gaitcal.page.plain_data import floats
+from gaitcal.page.trial_data import joint_of
 from gaitcal.page.view import write_cohort_page
 
 
@@ -81,11 +85,58 @@ MEASURES: Final = (
 )
 
 
-def measures() -> list[dict[str, Any]]:
-    """As plain data."""
-    return [asdict(measure) for measure in MEASURES]
+def measured(measure: Measure, read: Callable[[str], Array]) -> list[dict[str, Any]]:
+    """The columns of a measure as the page takes them: of the person, or of each leg; none that nobody has.
+
+    Parameters
+    ----------
+    read : name of a column of the table of people -> its numbers (people,), NaN where there is none.
+    """
+    about = {"title": measure.title, "unit": measure.unit, "digits": measure.digits}
+    per_leg = "{}" in measure.column
+    if measure.joined:
+        right, left = (read(measure.column.format(side)) for side in SIDES)
+        if measure.joined == "asymmetry":
+            joined = 200.0 * (right - left) / (right + left)
+            words = "200 % (right − left) / (right + left): positive where the right is longer"
+        else:
+            joined = np.where(np.isnan(right), left, np.where(np.isnan(left), right, (right + left) / 2))
+            words = f"mean of both legs' {measure.column.replace('_{}', '')}"
+        known = bool(np.isfinite(joined).any())
+        return [{"name": measure.name, **about, "meaning": words, "numbers": floats(joined)}] if known else []
+    out = []
+    for side in SIDES if per_leg else ("",):
+        column = measure.column.format(side)
+        if not np.isfinite(read(column)).any():
+            continue
+        words = f"{column} with the other sign" if measure.sign < 0 else column
+        if measure.error:
+            words += ": peak of the mean curve over the strides, not the mean of each stride's peak"
+        error = measure.error.format(side)
+        known_error = bool(error) and bool(np.isfinite(read(error)).any())
+        leg = (
+            {"name": f"{measure.name}_{side}", "measure": measure.name, "side": side}
+            if side
+            else {"name": measure.name}
+        )
+        source = {"of": column, "sign": measure.sign, "error": error if known_error else None}
+        out.append({**leg, **about, "meaning": words, **source})
+    return out
 
 
+TITLES: Final = {
+    "person": "Person", "session": "Session", "group": "Group", "verdict": "Verdict", "first_cause": "First cause",
+}  # fmt: skip
+"""What columns of words are called that stand first."""
+USUAL: Final = {
+    "columns": [
+        *TITLES, "mass", "height", "marker_rms", "residual", "speed", "cadence", "step_asymmetry",
+        *("knee_flexion_r", "knee_flexion_l", "hip_extension_r", "hip_extension_l", "plantarflexion_moment_r"),
+        *("plantarflexion_moment_l", "ankle_power_r", "ankle_power_l", "adduction_moment_r", "adduction_moment_l"),
+    ],
+    "measures": ["speed", "step_asymmetry", "knee_flexion", "plantarflexion_moment"],
+}  # fmt: skip
+"""What table and distributions show unless something else is chosen."""
 PAGE: Final = "cohort.html"
 NO_STRIDE: Final = (
     "info",
@@ -127,6 +178,26 @@ class _Causes:
         causes = [dict(zip(names, key, strict=True)) for key in self._known]
         return {"causes": causes, "of": self._of, "strideless": self._known.get(NO_STRIDE)}
 
+    def ranked(self, failures: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
+        """Each cause once, those of `failures` too, with what to do and how many people; that of most first."""
+        keys = list(self._known)
+        found: dict[str, dict[str, Any]] = {}
+
+        def noted(severity: str, cause: str, action: str) -> str:
+            entry = found.setdefault(cause, {"severity": severity, "cause": cause, "actions": [], "count": 0})
+            if severity == "error":
+                entry["severity"] = severity
+            if action and action not in entry["actions"]:
+                entry["actions"].append(action)
+            return cause
+
+        for own in self._of:
+            for cause in {noted(*keys[k]) for k in own}:
+                found[cause]["count"] += 1
+        for line in failures:
+            found[noted("failed", line["cause"], line["what_to_do"])]["count"] += 1
+        return sorted(found.values(), key=lambda entry: (-entry["count"], entry["cause"]))
+
 
 def _curves(people: Sequence[CohortPerson], ended: Outcomes, causes: _Causes) -> Iterator[str]:
     """Packed curves of everyone with a result, in the order of the table, whose causes are noted meanwhile."""
@@ -149,45 +220,65 @@ def _content(
             "version": package_version("gaitcal"),
             "settings": json.loads(common.calibration.model_dump_json(exclude_unset=True)),
         }
-        yield f'{{"about":{_text(about)},"measures":{_text(measures())},"every":{EVERY},"columns":['
-        means = {}
+        yield f'{{"about":{_text(about)},"usual":{_text(USUAL)},"every":{EVERY},"columns":['
+
+        def read(name: str) -> Array:
+            return np.asarray(table.read(columns=[name]).column(0).to_numpy(), dtype=np.float64)
+
         comma = ""
-        for column in COLUMNS:
-            values = table.read(columns=[column.name]).column(0)
-            packed = _column(column, values.to_numpy())
-            if column.name in ("mass_kg", "height_m") and values.null_count < len(values):
-                means[column.name] = float(np.nanmean(values.to_numpy().astype(float)))
-            if packed is not None:
-                yield comma + _text(packed)
-                comma = ","
-    yield f'],"reasons":{_text(causes.content)},"curves":{_text(_variables(common, means))},"failures":['
-    comma = ""
-    with tables["failures"].open(encoding="utf-8", newline="") as stream:
-        for line in csv.DictReader(stream):
-            yield comma + _text(line)
+        for column in _columns(table, read):
+            yield comma + _text(column)
             comma = ","
-    yield "]}"
+        sizes = [read(name) if table.metadata.num_rows else np.array([]) for name in ("mass_kg", "height_m")]
+        mass, height = (
+            float(np.nanmean(values)) if np.isfinite(values).any() else usual
+            for values, usual in zip(sizes, (70.0, 1.7), strict=True)
+        )
+    with tables["failures"].open(encoding="utf-8", newline="") as stream:
+        failures = list(csv.DictReader(stream))
+    yield f'],"reasons":{_text(causes.content)},"ranked":{_text(causes.ranked(failures))},'
+    yield f'"curves":{_text(_variables(common, mass, height))},"failures":{_text(failures)}}}'
 
 
-def _column(column: Column, values: Any) -> dict[str, Any] | None:
-    """A column as the page takes it; None where nobody has a value."""
-    about = {"name": column.name, "unit": column.unit, "meaning": column.meaning}
-    if column.kind is str:
-        words = [str(value or "") for value in values]
-        if not any(words):
-            return None
-        known = {word: number for number, word in enumerate(dict.fromkeys(words))}
-        return {**about, "words": list(known), "of": [known[word] for word in words]}
-    numbers = np.asarray(values, dtype=np.float64)
-    return {**about, "numbers": floats(numbers)} if np.isfinite(numbers).any() else None
+def _columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[dict[str, Any]]:
+    """The columns of the page that somebody has a value in: words that stand first, measures, and every other one."""
+    columns = {column.name: column for column in COLUMNS}
+
+    def known(name: str, title: str) -> Iterator[dict[str, Any]]:
+        about = {"name": name, "title": title, "unit": columns[name].unit, "meaning": columns[name].meaning}
+        if columns[name].kind is str:
+            words = [str(value or "") for value in table.read(columns=[name]).column(0).to_numpy()]
+            numbered = {word: number for number, word in enumerate(dict.fromkeys(words))}
+            if any(words):
+                yield {**about, "words": list(numbered), "of": [numbered[word] for word in words]}
+            return
+        numbers = read(name)
+        if np.isfinite(numbers).any():
+            yield {**about, "digits": _digits_of(numbers), "numbers": floats(numbers)}
+
+    for name, title in TITLES.items():
+        yield from known(name, title)
+    for measure in MEASURES:
+        yield from measured(measure, read)
+    for name in columns:
+        if name not in TITLES:
+            yield from known(name, name)
 
 
-def _variables(common: CommonSettings, means: Mapping[str, float]) -> list[dict[str, Any]]:
+def _digits_of(numbers: Array) -> int:
+    """As many digits as tell people apart: about three that count."""
+    there = np.abs(numbers[np.isfinite(numbers)])
+    most = float(there.max())
+    if most == 0.0 or (there == np.rint(there)).all():
+        return 0
+    return min(4, max(0, 2 - math.floor(math.log10(most))))
+
+
+def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[str, Any]]:
     """What the packed curves are of, with normal bands where there are some, per kg for a body of mean size."""
     bands = {} if common.normal is None else read_normal_bands(common.normal)
-    mass, height = means.get("mass_kg", 70.0), means.get("height_m", 1.7)
     body = Subject(name="", mass=mass, height=height, sex="male")
-    words = {row["base"]: row for joint in sheet_rows() for row in joint["rows"]}
+    words = {row["base"]: row for joint in coordinate_rows() for row in joint["rows"]}
     out = []
     for name in VARIABLES:
         base, kind = coordinate_of(name), kind_of(name)

@@ -27,7 +27,6 @@ from gaitcal.cohort.outcome import (
     COMPRESSION,
     STATE,
     STRIDES,
-    Cell,
     Outcome,
     Outcomes,
     Task,
@@ -37,11 +36,20 @@ from gaitcal.cohort.outcome import (
 )
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import Cohort, CohortPerson
-from gaitcal.cohort.row import COLUMNS, NAMES
+from gaitcal.cohort.row import COLUMNS, NAMES, Cell
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import UNFINISHED, real_path
-from gaitcal.io.result_folder import MANIFEST, SELF, ResultKind, amended, read_object, self_hash, sha256_of
-from gaitcal.io.snapshot import FILES, HASHES
+from gaitcal.io.result_folder import (
+    FILES,
+    HASHES,
+    MANIFEST,
+    SELF,
+    ResultKind,
+    amended,
+    read_object,
+    self_hash,
+    sha256_of,
+)
 from gaitcal.io.toml import package_version
 from gaitcal.published.workers import LocalProcesses, Workers, alone
 

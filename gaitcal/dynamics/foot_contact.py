@@ -30,7 +30,7 @@ RESTING = 0.4
 SLOWEST_BELT = 0.05
 """m/s: what heels and toes of feet that roll over a floor, and still ones, may seem to move by."""
 SLOWEST_SWING = 0.25
-"""m/s against the belt that a foot in swing exceeds, as in `gait/swing.py`."""
+"""m/s against the belt that a foot in swing exceeds, as in `gait/events.py`."""
 SWINGING = 0.9
 """Share of the moments of all points below the speed that some swing must exceed."""
 EDGE = 0.08

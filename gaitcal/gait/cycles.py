@@ -242,6 +242,10 @@ _WHOLE: Final = ("stride", "percent", "valid")
 _NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *_LACKING))
 
 
+def _fault(text: str, source: object, field: str | None = None) -> InputError:
+    return InputError(text, source=source, field=field, code=Code.STRIDE_TABLE)
+
+
 def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
     """A table of strides, which may hold text or be read by pandas alone, made whole.
 
@@ -256,24 +260,17 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
     missing = [name for name in _NEEDED if name not in table]
     if missing:
         found = ", ".join(map(str, table.columns[: len(CYCLE_COLUMNS)]))
-        raise InputError(
-            f"is no table of strides: found the columns {found}, without {', '.join(missing)}; allowed: those of "
-            "cycles.csv, with commas between them",
-            source=source,
-            code=Code.STRIDE_TABLE,
-        )
+        without = f"found the columns {found}, without {', '.join(missing)}"
+        allowed = "those of cycles.csv, with commas between them"
+        raise _fault(f"is no table of strides: {without}; allowed: {allowed}", source)
     numbers = {name: _number(table, name, source) for name in ("value", *_LACKING) if name in table}
     for name in _WHOLE:
         values = _number(table, name, source)
         if not np.isfinite(values).all():
             at = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
-            raise InputError(
-                f"found nothing in row {at}; allowed: a whole number (a line that is read as if it ended at a # in a "
-                "name loses them: gaitcal.read_cycles reads it whole)",
-                source=source,
-                field=name,
-                code=Code.STRIDE_TABLE,
-            )
+            allowed = "a whole number (a line that is read as if it ended at a # in a name loses them: "
+            allowed += "gaitcal.read_cycles reads it whole)"
+            raise _fault(f"found nothing in row {at}; allowed: {allowed}", source, name)
         numbers[name] = values.astype(int)
     names = {name: table[name].where(table[name].notna(), "") if name in table else "" for name in _NAMES}
     whole = table.assign(**names, **numbers, **{name: np.nan for name in _LACKING if name not in table})
@@ -289,12 +286,7 @@ def _number(table: pd.DataFrame, name: str, source: object) -> pd.Series:
     numbers = pd.to_numeric(text, errors="coerce").astype(np.float64)
     wrong = np.flatnonzero(numbers.isna() & text.notna() & (text.astype(str).str.strip() != ""))
     if len(wrong) and (said := str(text.iloc[wrong[0]])).lower() != "nan":
-        raise InputError(
-            f"found '{said}' in row {wrong[0] + 1}; allowed: a number",
-            source=source,
-            field=name,
-            code=Code.STRIDE_TABLE,
-        )
+        raise _fault(f"found '{said}' in row {wrong[0] + 1}; allowed: a number", source, name)
     return numbers
 
 
@@ -308,14 +300,12 @@ def conventions_of(strides: pd.DataFrame) -> dict[str, tuple[str, str]]:
     """
     if not any(name in strides for name in TOLD):
         return {str(name): (unit_of(str(name)), "") for name in strides["variable"].unique()}
-    told = strides.reindex(columns=["variable", *TOLD]).fillna("").drop_duplicates()
+    columns = strides.reindex(columns=["variable", *TOLD]).fillna("").drop_duplicates()
     out: dict[str, tuple[str, str]] = {}
-    for variable, unit, positive in told.itertuples(index=False, name=None):
+    for variable, unit, positive in columns.itertuples(index=False, name=None):
         now = (unit or unit_of(variable), positive)
         before = out.setdefault(variable, now)
         if before != now:
             ways = " and as ".join(" ".join(filter(None, (f"[{u}]", p))) for u, p in (before, now))
-            raise InputError(
-                f"found {variable} as {ways}; allowed: one convention", field="strides", code=Code.STRIDE_TABLE
-            )
+            raise _fault(f"found {variable} as {ways}; allowed: one convention", None, "strides")
     return out

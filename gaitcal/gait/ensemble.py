@@ -158,8 +158,8 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
     strides = typed(strides)
     require_once(strides)
     found = mean_curves({name: strides[name].to_numpy() for name in CYCLE_COLUMNS})
-    told = conventions_of(strides) if any(name in strides for name in TOLD) else {}
-    words = [told.get(str(variable), ("", "")) for variable in found["variable"]] if told else []
+    conventions = conventions_of(strides) if any(name in strides for name in TOLD) else {}
+    words = [conventions.get(str(variable), ("", "")) for variable in found["variable"]] if conventions else []
     return pd.DataFrame({**found, **{name: [of[k] for of in words] for k, name in enumerate(TOLD) if words}})
 
 

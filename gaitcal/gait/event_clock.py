@@ -198,17 +198,13 @@ def _from_plate(event: FootEvent, plates: Sequence[FootEvent], motion: Sequence[
 
 def _fit(events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> _Fit:
     """Events before and after the trial count as not agreeing: unless others do, nothing tells that they were cut."""
-    agreeing = judged = 0
-    squares = 0.0
-    for event in events:
-        nearest = _nearest(event, shown)
-        if abs(nearest) <= AGREE:
-            agreeing, judged, squares = agreeing + 1, judged + 1, squares + nearest**2
-        elif time[0] + EDGE < event.time < time[-1] - EDGE:
-            judged += 1
+    nearest = [_nearest(event, shown) for event in events]
+    agreeing = [d for d in nearest if abs(d) <= AGREE]
+    inside = [time[0] + EDGE < event.time < time[-1] - EDGE for event in events]
+    judged = sum(abs(d) <= AGREE or is_inside for d, is_inside in zip(nearest, inside, strict=True))
     if judged == 0:  # all of them lie outside of the trial
         judged = sum(not time[0] <= e.time <= time[-1] for e in events)
-    return _Fit(agreeing, judged, float(np.sqrt(squares / agreeing)) if agreeing else np.inf)
+    return _Fit(len(agreeing), judged, float(np.sqrt(np.mean(np.square(agreeing)))) if agreeing else np.inf)
 
 
 def _common_offset(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> float:

@@ -177,9 +177,11 @@ def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float 
     """
     if len(time) < 3 or not np.isfinite(slower).all():
         return np.array([]), np.array([])
-    padded = np.concatenate([[0.0], slower, [0.0]])
+    from scipy.signal import find_peaks  # only walks ask for it
+
     least = max(SLOWEST_SWING, SMALLEST_SWING * float(slower.max()))
-    peaks = np.array([k - 1 for k in _peaks(padded, least) if _alone(padded, int(k))], dtype=np.int64)
+    peaks, found = find_peaks(np.concatenate([[0.0], slower, [0.0]]), height=least, prominence=0.0)
+    peaks = peaks[found["prominences"] > DIP * found["peak_heights"]] - 1
     inner = [float(slower[k]) for k in peaks if 0 < k < len(time) - 1]
     strikes, offs = [], []
     for k in peaks:
@@ -197,34 +199,10 @@ def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float 
     return np.unique(strikes), np.unique(offs)
 
 
-def _peaks(values: Array, least: float) -> Array:
-    """Samples of at least that height that are higher than those beside them; of a flat top the middle one."""
-    turns = np.flatnonzero(np.diff(values))  # the last sample of each flat stretch, whose length is mostly one
-    starts = np.concatenate([[0], turns + 1])
-    ends = np.concatenate([turns, [len(values) - 1]])
-    height = values[starts]
-    top = np.zeros(len(height), dtype=bool)
-    top[1:-1] = (height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])
-    return ((starts + ends) // 2)[top & (height >= least)]
-
-
-def _alone(speed: Array, peak: int) -> bool:
-    """Whether no higher peak follows or precedes before the speed has fallen by `DIP`; of equals, the first counts."""
-    low, before, after = (1.0 - DIP) * speed[peak], speed[:peak][::-1], speed[peak + 1 :]
-    falls_before = _first(before < low) < _first(before >= speed[peak])
-    return falls_before and _first(after < low) < _first(after > speed[peak])
-
-
-def _first(marked: BoolArray) -> int:
-    """The first marked entry; the length where there is none."""
-    return int(np.argmax(marked)) if marked.any() else len(marked)
-
-
 def _below(speed: Array, start: int, threshold: float, step: int) -> int | None:
     """The first frame after `start`, forwards or backwards, that is slower than the threshold; None without one."""
-    along = speed[start:] if step > 0 else speed[start::-1]
-    k = _first(along < threshold)
-    return None if k in (0, len(along)) else start + step * k
+    slow = np.flatnonzero((speed[start:] if step > 0 else speed[start::-1]) < threshold)
+    return start + step * int(slow[0]) if len(slow) and slow[0] else None
 
 
 def _crossing(time: Array, speed: Array, before: int, threshold: float) -> float:

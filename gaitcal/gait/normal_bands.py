@@ -76,7 +76,8 @@ UNITS: Final[Mapping[Kind, tuple[str, ...]]] = {
     Kind.MOMENT: ("N m/kg", "N mm/kg", "%BW*H", "N m"),
     Kind.POWER: ("W/kg", "W"),
     Kind.FORCE: ("BW", "%BW", "N/kg", "N"),
-}  # What a file may say, per kind of variable
+}
+"""What a file may say, per kind of variable."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +110,7 @@ class NormalBand:
         return 1.0
 
 
-Bands: TypeAlias = Mapping[str, NormalBand]  # Variable of `cycles.csv` -> its band
+Bands: TypeAlias = Mapping[str, NormalBand]  # variable of `cycles.csv` -> its band
 
 
 def _to_ours(unit: str, subject: Subject) -> float:

@@ -78,7 +78,8 @@ MEASURES: Final = {
     "double_support_percent": "%",
     "single_support": "s",
     "single_support_percent": "%",
-}  # Name -> unit, in the order of tables; `_percent` is of the stride
+}
+"""Name -> unit, in the order of tables; `_percent` is of the stride."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,23 +115,39 @@ def strides_measured(
     faced : (nf,) rad, where the pelvis points (`gait/strides.py`); None: whether a stride turns is not known.
     """
     of_feet = {side: events.of(side) for side in SIDES}
-    heels = _heels(time, feet, unseen or {})
+    places: dict[str, Array] = {}  # side -> (nf, 2) m, forward and to the right; NaN where no marker shows the foot
+    if feet is not None:
+        for k, side in enumerate(SIDES):
+            lost = (unseen or {}).get(f"foot_{side}", np.zeros(len(time), dtype=bool))
+            against_ground = feet.heel[:, k] - (time - time[0])[:, None] * feet.ground
+            places[side] = np.where(lost[:, None], np.nan, against_ground[:, [0, 2]])
+
+    def heel(side: str, when: float) -> Array:
+        return resample(time, places[side], np.array([when]))[0]
+
     out: list[Stride] = []
     for side, other in OTHER_SIDE.items():
-        number = 0
-        for start, stop in _spans(of_feet[side], of_feet[other]):
+        foot, opposite, number = of_feet[side], of_feet[other], 0
+        for start, stop in _spans(foot, opposite):
             whole = start is not None and stop is not None
             number += whole
-            struck = None if stop is None else _step_before(of_feet[side], of_feet[other], start, stop)
-            measures = _times(of_feet[side], of_feet[other], start, stop, struck)
-            period = _period(of_feet[other], start, stop, struck)
-            along = None
-            if heels is not None and stop is not None and period is not None:
-                along = heels.between(side if start is not None else other, *period)
-                measures |= _lengths(heels, side, start, stop, struck, along)
-            length = np.nan if along is None else float(np.linalg.norm(along))
-            goes_on = length >= LEAST_STRIDE
-            foot, sources = of_feet[side], list[EventSource]()
+            struck = None if stop is None else _step_before(foot, opposite, start, stop)
+            measures, lengths = _times(foot, opposite, start, stop, struck), dict[str, float]()
+            period = _period(opposite, start, stop, struck)
+            along, length = np.full(2, np.nan), np.nan  # m, of the stride
+            if places and stop is not None and period is not None:
+                stepping = side if start is not None else other
+                along = heel(stepping, period[1]) - heel(stepping, period[0])
+                length = float(np.linalg.norm(along))
+            gets_further = length >= LEAST_STRIDE
+            if gets_further and stop is not None and start is not None:
+                lengths |= {"stride_length": length, "speed": length / (stop - start)}
+            if gets_further and stop is not None and struck is not None:
+                step, forward = heel(side, stop) - heel(other, struck), along / length
+                across = float(step @ np.array([-forward[1], forward[0]]))
+                lengths |= {"step_length": float(step @ forward), "step_width": across if side == "r" else -across}
+            measures |= {name: value for name, value in lengths.items() if np.isfinite(value)}
+            sources: list[EventSource] = []
             if len(foot.sources) == len(foot.strikes):
                 sources = [s for t, s in zip(foot.strikes, foot.sources, strict=True) if t in (start, stop)]
             if measures:
@@ -142,7 +159,7 @@ def strides_measured(
                         stop=stop,
                         sources=tuple(sources),
                         measures={name: measures[name] for name in MEASURES if name in measures},
-                        line=float(np.arctan2(-along[1], along[0])) if along is not None and goes_on else None,
+                        line=float(np.arctan2(-along[1], along[0])) if gets_further else None,
                         turn=None if faced is None or period is None else turn_between(time, faced, *period),
                         on_the_spot=length < LEAST_STRIDE,
                     )
@@ -202,38 +219,10 @@ def _off(foot: FootEvents, other: FootEvents, start: float | None, stop: float |
 
 def _step_before(foot: FootEvents, other: FootEvents, start: float | None, stop: float) -> float | None:
     """s, the other foot's strike from which a foot steps to its own one at `stop`."""
-    before = other.strikes[(other.strikes < stop) & (other.strikes > stop - CYCLE_RANGE[1])]
-    if start is not None:
-        before = before[before > start]
-    earlier = foot.strikes[foot.strikes < stop]
-    if len(earlier):  # not across a strike of its own
-        before = before[before > earlier[-1]]
+    earlier = foot.strikes[foot.strikes < stop]  # not across a strike of its own
+    since = max([stop - CYCLE_RANGE[1], *([] if start is None else [start]), *earlier[-1:]])
+    before = between(other.strikes, since, stop)
     return float(before[-1]) if len(before) else None
-
-
-@dataclass(frozen=True)
-class _Heels:
-    """Side -> (nf, 2) m, forward and to the right against the ground; NaN where no marker shows the foot."""
-
-    time: Array
-    places: Mapping[str, Array]
-
-    def at(self, side: str, when: float) -> Array:
-        return resample(self.time, self.places[side], np.array([when]))[0]
-
-    def between(self, side: str, start: float, stop: float) -> Array:
-        return self.at(side, stop) - self.at(side, start)
-
-
-def _heels(time: Array, feet: FootPoints | None, unseen: Mapping[str, BoolArray]) -> _Heels | None:
-    if feet is None:
-        return None
-    places = {}
-    for foot, side in enumerate(SIDES):
-        against_ground = feet.heel[:, foot] - (time - time[0])[:, None] * feet.ground
-        lost = unseen.get(f"foot_{side}", np.zeros(len(time), dtype=bool))
-        places[side] = np.where(lost[:, None], np.nan, against_ground[:, [0, 2]])
-    return _Heels(time, places)
 
 
 def _period(
@@ -246,26 +235,6 @@ def _period(
         return None
     ahead = other.strikes[(other.strikes > stop) & (other.strikes <= struck + CYCLE_RANGE[1])]
     return (struck, float(ahead[0])) if len(ahead) else None
-
-
-def _lengths(
-    heels: _Heels, side: str, start: float | None, stop: float, struck: float | None, along: Array
-) -> dict[str, float]:
-    """Lengths, width and speed of a stride `along` (2,) m that ends at `stop`, its step beginning where the other foot
-    `struck`; nothing where it gets no further.
-    """
-    out: dict[str, float] = {}
-    length = float(np.linalg.norm(along))
-    if not length >= LEAST_STRIDE:
-        return out
-    if start is not None:
-        out |= {"stride_length": length, "speed": length / (stop - start)}
-    if struck is not None:
-        step, forward = heels.at(side, stop) - heels.at(OTHER_SIDE[side], struck), along / length
-        right = np.array([-forward[1], forward[0]])
-        out["step_length"] = float(step @ forward)
-        out["step_width"] = float(step @ right) * (1.0 if side == "r" else -1.0)
-    return {name: value for name, value in out.items() if np.isfinite(value)}
 
 
 def counts(name: str, side: str, refused: Sequence[str]) -> bool:
@@ -308,11 +277,8 @@ def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...
 
 def _named(strides: Sequence[Stride]) -> str:
     """`right 1 and 2, left 1 (turned by 48 deg at most)`."""
-    by_side = [
-        f"{SIDE_WORDS[side]} {listed([str(s.number) for s in strides if s.side == side])}"
-        for side in SIDES
-        if any(s.side == side for s in strides)
-    ]
+    numbers = {side: [str(s.number) for s in strides if s.side == side] for side in SIDES}
+    by_side = [f"{SIDE_WORDS[side]} {listed(of_side)}" for side, of_side in numbers.items() if of_side]
     most = max((abs(s.turn) for s in strides if turns(s.turn) and s.turn is not None), default=None)
     return ", ".join(by_side) + ("" if most is None else f" (by up to {most:.0f} deg)")
 
@@ -352,30 +318,28 @@ def measure_means(strides: Mapping[str, Sequence[Stride]]) -> tuple[MeasureMeans
     """Of every measure that some stride shows, in the order of `MEASURES`; `strides`: trial -> those that count."""
     out = []
     for name, unit in MEASURES.items():
-        right, left = (_average(strides, side, name) for side in ("r", "l"))
+        right, left = (_average(strides, side, name) for side in SIDES)
         if right is not None or left is not None:
             out.append(MeasureMeans(name, unit, right, left))
     return tuple(out)
 
 
 def _average(strides: Mapping[str, Sequence[Stride]], side: str, name: str) -> Average | None:
-    known = [
-        (trial, s.measures[name]) for trial, of in strides.items() for s in of if s.side == side if name in s.measures
-    ]
+    measured = [(trial, s.measures) for trial, of in strides.items() for s in of if s.side == side]
+    known = [(trial, measures[name]) for trial, measures in measured if name in measures]
     if not known:
         return None
     found = spread(np.array([[value] for _, value in known]), np.array([trial for trial, _ in known]))
-
-    def figure(value: np.ndarray) -> float | None:
-        return float(value[0]) if np.isfinite(value[0]) else None
-
+    sd, within, between_trials = (
+        float(value[0]) if np.isfinite(value[0]) else None for value in (found.sd, found.sd_within, found.sd_between)
+    )
     return Average(
         n=len(known),
         trials=int(found.trials[0]),
         mean=float(found.mean[0]),
-        sd=figure(found.sd),
-        sd_within=figure(found.sd_within),
-        sd_between=figure(found.sd_between),
+        sd=sd,
+        sd_within=within,
+        sd_between=between_trials,
     )
 
 

@@ -85,7 +85,7 @@ def standing_ankles(
             code=Code.GIVEN_BY_FILE,
         )
     feet = {side: _Foot.of(posture, legs, side, plantarflexion.get(side)) for side in SIDES}
-    angles, told = {}, []
+    angles, sentences = {}, []
     for side, foot in feet.items():
         if rule is AnkleZero.AUTO:
             angle, why = _automatic(foot, feet[OTHER_SIDE[side]])
@@ -96,11 +96,11 @@ def standing_ankles(
         else:
             angle, why = foot.by_markers, "the line from heel to toe marker is taken as the sole's"
         angles[side], slope = angle, np.rad2deg(foot.slope)
-        told.append(
+        sentences.append(
             f"{SIDE_WORDS[side]} {np.rad2deg(angle):.1f} deg ({why}; heel to toe marker slopes {slope:+.1f} deg)"
         )
     doubts = {s: why for s in SIDES if rule is AnkleZero.AUTO and (why := _doubt(feet[s], feet[OTHER_SIDE[s]]))}
-    return StandingAnkles(angles, (f"dorsiflexion in the static trial: {', '.join(told)}",), doubts)
+    return StandingAnkles(angles, (f"dorsiflexion in the static trial: {', '.join(sentences)}",), doubts)
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,8 @@ GROWING: dict[str, str] = {
     "Thigh": "thigh",
     "Shank2": "shank_foot",
     "Foot": "shank_foot",
-}  # Segment of de Leva's -> the part of Jensen's that it belongs to; the torso is in neither
+}
+"""Segment of de Leva's -> the part of Jensen's that it belongs to; the torso is in neither."""
 
 
 @functools.cache

@@ -100,53 +100,44 @@ class Chain:
     ) -> None:
         self.root = root
         self.segments = tuple(s for s in SEGMENTS if s in segments)
-        coordinates: list[str] = []
         elements: list[Element] = []
         parents: list[int] = []
         # per segment, the frame it hangs on and the constant steps from there; per coordinate, those before it
-        self._walks: dict[str, tuple[int, list[_Step]]] = {}
+        self._walks: dict[str, tuple[int, list[_Step]]] = {"": (-1, [])}
         self._before: list[list[_Step]] = []
         # per free joint parameter, the frame it is constant in and the steps from there up to itself
         passed: dict[str, tuple[int, list[_Step]]] = {}
-        # per segment, the coordinates and the free joint parameters that move it
-        ancestors: dict[str, tuple[set[int], set[str]]] = {}
-
-        def walk(sequence: tuple[Element, ...], start: str | None, child: str) -> None:
+        moved_by: dict[str, set[str]] = {"": set()}  # per segment, the coordinates and free joint parameters
+        walks = [(root_elements(root), "", root)]
+        walks += [
+            (joint_elements(joint, reactions=reactions), joint.parent, joint.child)
+            for joint in JOINTS
+            if joint.child in self.segments and joint.child != root
+        ]
+        for sequence, parent, child in walks:
             # `pending` gathers constant steps until a coordinate makes a new frame of them. Lists are built anew, not
             # extended: the walks of all children begin with that of their parent.
-            if start is None:
-                frame, pending, above = -1, [], (set[int](), set[str]())
-            else:
-                frame, before = self._walks[start]
-                pending, above = list(before), (set(ancestors[start][0]), set(ancestors[start][1]))
+            (frame, pending), above = self._walks[parent], set(moved_by[parent])
             for e in sequence:
                 if e.source is Source.COORDINATE:
                     for second in SECONDARY.get(e.name, ()):
                         for name in (second.name + bend for bend in BENDS if second.name + bend in free):
-                            passed[name] = (frame, [*pending, _Step(second, len(coordinates))])
-                            above[1].add(name)
-                    coordinates.append(e.name)
+                            passed[name] = (frame, [*pending, _Step(second, len(elements))])
+                            above.add(name)
+                    self._before.append(pending)
                     elements.append(e)
                     parents.append(frame)
-                    self._before.append(pending)
-                    frame, pending = len(coordinates) - 1, []
-                    above[0].add(frame)
+                    frame, pending = len(elements) - 1, []
+                    above.add(e.name)
                     continue
                 index = JP_INDEX[e.name] if e.source is Source.JOINT_PARAMETER else ZERO_ANGLES.index(e.name)
-                step = _Step(e, index)
+                pending = [*pending, _Step(e, index)]
                 if e.name in free:
-                    passed[e.name] = (frame, [*pending, step])
-                    above[1].add(e.name)
-                pending = [*pending, step]
-            self._walks[child] = (frame, pending)
-            ancestors[child] = above
+                    passed[e.name] = (frame, pending)
+                    above.add(e.name)
+            self._walks[child], moved_by[child] = (frame, pending), above
 
-        walk(root_elements(root), None, root)
-        for joint in JOINTS:
-            if joint.child in self.segments and joint.child != root:
-                walk(joint_elements(joint, reactions=reactions), joint.parent, joint.child)
-
-        self.coordinates: tuple[str, ...] = tuple(coordinates)
+        self.coordinates: tuple[str, ...] = tuple(e.name for e in elements)
         self.elements: tuple[Element, ...] = tuple(elements)
         self.parents: tuple[int, ...] = tuple(parents)
         self.free: tuple[str, ...] = tuple(name for name in free if name in passed)
@@ -165,16 +156,10 @@ class Chain:
         self.coordinate_slides: IntArray = np.flatnonzero(~self.coordinate_rotates)
         self.parameter_slides: IntArray = np.flatnonzero(~self.parameter_rotates)
         self.reversed_coordinates: tuple[int, ...] = tuple(k for k, e in enumerate(self.elements) if e.sign < 0)
-        nq, n_free = len(coordinates), len(self.free)
-        support = np.zeros((nq + n_free, len(self.segments)))
-        for column, segment in enumerate(self.segments):
-            frames, names = ancestors[segment]
-            support[list(frames), column] = 1.0
-            for k, name in enumerate(self.free):
-                support[nq + k, column] = float(name in names)
-        self.support: Array = support
+        names = (*self.coordinates, *self.free)
+        self.support: Array = np.array([[float(name in moved_by[s]) for s in self.segments] for name in names])
         """(nq + np, ns): 1 where a coordinate or a free joint parameter moves a segment."""
-        self.moved_sets, row_of = np.unique(support, axis=0, return_inverse=True)
+        self.moved_sets, row_of = np.unique(self.support, axis=0, return_inverse=True)
         self.moved_set: IntArray = row_of.ravel()
         """(n, ns) the distinct rows of `support`, and (nq + np,) which of them each variable has."""
 
@@ -182,18 +167,14 @@ class Chain:
         """The constants for joint parameters (np,) and zero angles (4,), in m and rad."""
         offsets = [_compose(steps, joint, zero_angles) for steps in self._before]
         places = [_compose(self._walks[s][1], joint, zero_angles) for s in self.segments]
-        axes, points = np.empty((len(self.free), 3)), np.empty((len(self.free), 3))
-        for k, (_, steps) in enumerate(self._passed):
-            rotation, translation = _compose(steps[:-1], joint, zero_angles)
-            axes[k] = steps[-1].element.sign * rotation[:, steps[-1].element.axis]
-            points[k] = translation
+        ahead = [(_compose(steps[:-1], joint, zero_angles), steps[-1].element) for _, steps in self._passed]
         return ChainConstants(
             offset_rotation=np.array([rotation for rotation, _ in offsets]),
             offset_translation=np.array([translation for _, translation in offsets]),
             segment_rotation=np.array([rotation for rotation, _ in places]),
             segment_translation=np.array([translation for _, translation in places]),
-            parameter_axis=axes,
-            parameter_point=points,
+            parameter_axis=np.array([e.sign * rotation[:, e.axis] for (rotation, _), e in ahead]).reshape(-1, 3),
+            parameter_point=np.array([translation for (_, translation), _ in ahead]).reshape(-1, 3),
         )
 
 
@@ -261,7 +242,7 @@ class SecondaryMotion:
 
     amounts: dict[str, Array]
     """Coordinate -> (4, nf) m, rad: slides along x and y, then turns about x and y, before the coordinate moves."""
-    regressors: dict[str, tuple[Array, Array]]  # Coordinate -> (nf,) of each of `BENDS`: d amount / d variable
+    regressors: dict[str, tuple[Array, Array]]  # coordinate -> (nf,) of each of `BENDS`: d amount / d variable
 
     def frames(self, part: slice | IntArray) -> SecondaryMotion:
         """The same for some frames."""

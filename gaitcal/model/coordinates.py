@@ -87,7 +87,8 @@ GROUPS: Final = {
     "pelvis": Group("Pelvis", ""),
     "trunk": Group("Trunk", "lumbar"),
     "arm": Group("Arm", ""),
-}  # In the order of pages
+}
+"""In the order of pages."""
 LEG_GROUPS: Final = ("hip", "knee", "ankle")
 
 # fmt: off
@@ -147,7 +148,8 @@ COMPONENT_SENSES: Final = {
     "knee_rotation": ("internal rotation", "external rotation"),
     "ankle_inversion": ("inversion", "eversion"),
     "ankle_rotation": ("internal rotation", "external rotation"),
-}  # Moments of legs along axes that have no coordinate (`dynamics/joint_moments.py`) -> their senses
+}
+"""Moments of legs along axes that have no coordinate (`dynamics/joint_moments.py`) -> their senses."""
 
 
 def split_side(name: str) -> tuple[str, str]:
@@ -208,4 +210,5 @@ JOINT_TABLE: Final[dict[str, JointWords]] = {
     "back": JointWords(words="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
     "shoulder": JointWords(words="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
     "elbow": JointWords(words="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
-}  # Joint of the linkage without its side -> its names
+}
+"""Joint of the linkage without its side -> its names."""

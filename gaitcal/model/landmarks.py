@@ -180,12 +180,12 @@ def _missing(name: str, labels: tuple[str, ...], recording: Recording, marker_se
     """Why a required landmark is missing, whose markers `labels` were not seen, and what would do instead."""
     if not labels:
         return f"the marker set does not name it; it needs {instead_of(name)}"
-    label = labels[0]
+    label, instead = labels[0], instead_of(name)
     if label in recording.labels:
-        return f"marker '{label}' was not seen while the subject stood still; it needs {instead_of(name)}"
+        return f"marker '{label}' was not seen while the subject stood still; it needs {instead}"
     taken = {m for group in marker_set.landmarks.values() for m in group}
     known = nearest(label, [other for other in recording.labels if other not in taken])
-    return f"the file has no marker '{label}'{known}; instead it could be {instead_of(name)}, put in place by 'rename'"
+    return f"the file has no marker '{label}'{known}; instead it could be {instead}, put in place by 'rename'"
 
 
 def check_plausible(posture: StaticPosture, height: float) -> None:
@@ -251,8 +251,7 @@ def corner(
     inwards : (nf, 3) some length, towards the other knee; None: not known.
     modelled : (nf, 3) m, where another program has the corner, which is believed about the side.
     """
-    a, b = second - axis, third - axis
-    normal = np.cross(a, b)
+    normal = np.cross(second - axis, third - axis)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / np.where(length > 0, length, np.nan)
     mean = (axis + second + third) / 3.0
@@ -269,9 +268,7 @@ def is_device(axis: Array, second: Array, third: Array) -> bool:
     """Whether three markers (nf, 3) m, NaN where not seen, are as far from each other as those of a device."""
     distances = _distances(axis, second, third)
     distances = distances[np.isfinite(distances).all(axis=1)]
-    if not len(distances):
-        return False
-    usual = np.median(distances, axis=0)
+    usual = np.median(distances, axis=0) if len(distances) else np.full(3, np.nan)
     mean = float(usual.mean())
     return bool(SIZE_M[0] <= mean <= SIZE_M[1] and np.abs(usual - mean).max() <= EQUAL * mean)
 

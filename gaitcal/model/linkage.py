@@ -67,7 +67,7 @@ _SEGMENTS = (
         palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
 )
 # fmt: on
-SEGMENT_TABLE: dict[str, Segment] = {row.name: row for row in _SEGMENTS}  # Name without its side -> what it is
+SEGMENT_TABLE: dict[str, Segment] = {row.name: row for row in _SEGMENTS}  # name without its side -> what it is
 _OF_SHORT = {row.short or row.name: row for row in _SEGMENTS}
 
 
@@ -87,7 +87,7 @@ class Element:
     axis: int  # 0, 1, 2: x, y, z of the frame that the elements before have moved
     sign: float
     source: Source
-    name: str  # Of the coordinate, joint parameter or zero angle
+    name: str  # of the coordinate, joint parameter or zero angle
 
 
 @dataclass(frozen=True)
@@ -156,18 +156,20 @@ def _joint(row: _Row, side: str) -> Joint:
 
     before, after = parameters(parent, in_parent, 1.0), parameters(child, in_child, -1.0)
     elements = (*before, *map(motion, motions.split(", ")), *after)
-    return Joint(sided(kind), *(of_side(_OF_SHORT[short].name, side) for short in (parent, child)), elements)
+    above, below = (of_side(_OF_SHORT[short].name, side) for short in (parent, child))
+    return Joint(sided(kind), above, below, elements)
 
 
 JOINTS: tuple[Joint, ...] = (
     *(_joint(row, side) for side in SIDES for row in _LEG),
     *(_joint(row, "") for row in _BACK),
     *(_joint(row, side) for side in SIDES for row in _ARM),
-)  # All joints, each after the joint of its parent
+)
+"""All joints, each after the joint of its parent."""
 
 JOINT_OF_CHILD: dict[str, Joint] = {joint.child: joint for joint in JOINTS}
 
-SEGMENTS: tuple[str, ...] = ("pelvis", *JOINT_OF_CHILD)  # All segments, each after its parent
+SEGMENTS: tuple[str, ...] = ("pelvis", *JOINT_OF_CHILD)  # all segments, each after its parent
 
 
 def segment_kind(segment: str) -> Segment:
@@ -175,10 +177,10 @@ def segment_kind(segment: str) -> Segment:
     return SEGMENT_TABLE[segment if segment in SEGMENT_TABLE else segment[:-2]]
 
 
-LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # Pelvis and legs
+LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # pelvis and legs
 LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES}
 """Side -> segments of that leg, each after its parent."""
-LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)  # Joints of a leg from hip to foot, without the side
+LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)  # joints of a leg from hip to foot, without the side
 LEG_SEGMENTS: tuple[str, ...] = tuple(f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed)
 """Without markers on these there are no joint torques of a leg."""
 

@@ -48,7 +48,8 @@ SEGMENT_OF: dict[str, str] = {
     "sacrum": "pelvis",
     **dict.fromkeys(("c7", "t10", "jugular_notch", "xiphoid"), "head_trunk"),
     **{f"{name}_{side}": of_side(segment, side) for side in SIDES for segment, name in _SIDED},
-}  # Landmark -> the segment that it lies in
+}
+"""Landmark -> the segment that it lies in."""
 LANDMARKS: tuple[str, ...] = tuple(SEGMENT_OF)
 """All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre; `knee_axis` is
 a point on the knee's flexion axis outwards of the lateral epicondyle, as a knee alignment device shows it; `hjc` the
@@ -66,7 +67,8 @@ REQUIRED: tuple[str, ...] = tuple(name for name in LANDMARKS if name == "sacrum"
 """Landmarks without which there is no model; all others have a default or freeze their segment."""
 PARTNER: dict[str, str] = {
     f"{one}_{side}": f"{other}_{side}" for side in SIDES for one, other in (("heel", "toe"), ("toe", "heel"))
-}  # Landmark of a foot -> the one from which it is guessed where no marker shows it
+}
+"""Landmark of a foot -> the one from which it is guessed where no marker shows it."""
 PELVIS_NEEDS = 3  # markers of the pelvis, from which the pose of the body starts
 DEVICE_MARKERS = 3  # of a knee alignment device
 NO_REASON = "weight of the study"  # stands as the reason of weights that a study gave without one

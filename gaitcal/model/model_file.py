@@ -41,7 +41,8 @@ _TABLES = {
     "joint_parameters": (JP_NAMES, tuple(p.kind.unit for p in JOINT_PARAMETERS), "mm, deg"),
     "zero_angles": (ZERO_ANGLES, ("deg",) * len(ZERO_ANGLES), _ZERO_WORDS),
     "inertial_parameters": (IP_NAMES, IP_UNITS, "kg, mm, kg*mm^2; moments about the mass centre"),
-}  # Table of the file -> names and units of its entries, and what the file says of them
+}
+"""Table of the file -> names and units of its entries, and what the file says of them."""
 _ARRAYS = {"joint_parameters": "joint", "zero_angles": "zero_angles", "inertial_parameters": "inertial"}
 """Table of the file -> field of `Parameters`."""
 _MEASURED = {"age": ("age_years", "kg"), "asis_distance": ("asis_distance_mm", "mm")}

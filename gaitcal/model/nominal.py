@@ -72,7 +72,8 @@ CENTRE_OF: dict[str, str] = {
     for joint in JOINTS
     for kind, side in (split_side(joint.name),)
     if (centre := JOINT_TABLE[kind].centre)
-}  # Joint -> landmark that is its centre
+}
+"""Joint -> landmark that is its centre."""
 _OF_POINT = SEGMENT_OF | {CENTRE_OF[joint.name]: joint.parent for joint in JOINTS if joint.name in CENTRE_OF}
 """Landmark or joint centre -> the segment that keeps it."""
 

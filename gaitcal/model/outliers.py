@@ -66,11 +66,6 @@ def without_outliers(recording: Recording, segment_of: Mapping[str, str]) -> tup
     return replace(recording, labels=labels, markers=masked[:, kept]).with_notes(note), outliers
 
 
-def outlier_mask(recording: Recording, segment_of: Mapping[str, str]) -> BoolArray:
-    """(nf, nm) where a marker of one of the segments is metres away from the body."""
-    return _outliers(recording, segment_of)[0]
-
-
 def _outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[BoolArray, Array]:
     """(nf, nm) where a marker is out of reach, and how far (m) each is from the median of the markers around it."""
     x, seen = recording.markers, seen_mask(recording.markers)

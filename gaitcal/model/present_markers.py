@@ -65,7 +65,7 @@ def _check_no_rod_is_a_knee(static: Recording, marker_set: MarkerSet) -> None:
     seen = _seen(static)
     for label, (axis, second, third) in marker_set.knee_device.items():
         rods = {label, second, third} <= seen and axis not in seen
-        if rods and is_device(*(_path(static, part) for part in (label, second, third))):
+        if rods and is_device(*(path_of(static, part) for part in (label, second, third))):
             raise InputError(
                 f"found the end of a rod of a knee alignment device, as far from '{second}' and '{third}' as they are "
                 "from each other; allowed: a marker on the knee. "
@@ -100,7 +100,7 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         return marker_set
     seen = _seen(static)
     landmarks: dict[str, tuple[str, ...]] = {}
-    told: list[str] = []
+    choices: list[str] = []
     notes: list[str] = []
     for name in marker_set.landmarks:
         options = marker_set.options(name)
@@ -116,7 +116,7 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         landmarks[name] = chosen
         if len(options) > 1 and seen.issuperset(chosen):
             instead = f", as {', '.join(options[0])} are not worn" if name in REQUIRED and chosen != options[0] else ""
-            told.append(f"{name} is {', '.join(chosen)}{instead}")
+            choices.append(f"{name} is {', '.join(chosen)}{instead}")
     whole = _devices(static, marker_set)
     for label, parts in marker_set.knee_device.items():
         if label in whole or _on_rod(static, label, parts[0]):
@@ -134,7 +134,7 @@ def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
         alternatives={},
         knee_device={},
         devices=tuple(m for parts in marker_set.knee_device.values() for m in parts),
-        notes=(*([f"landmarks of the set that have alternatives: {'; '.join(told)}"] if told else []), *notes),
+        notes=(*([f"landmarks of the set that have alternatives: {'; '.join(choices)}"] if choices else []), *notes),
         tracking=tracking,
         static_only=static_only,
         optional={},
@@ -183,14 +183,14 @@ def _seen(recording: Recording) -> set[str]:
     return {label for i, label in enumerate(recording.labels) if seen[:, i].any()}
 
 
-def _path(recording: Recording, label: str) -> Array:
-    """(nf, 3) m."""
+def path_of(recording: Recording, label: str) -> Array:
+    """(nf, 3) m, of a marker."""
     return recording.markers[:, recording.labels.index(label)]
 
 
 def _mean(recording: Recording, labels: tuple[str, ...]) -> Array:
     """(nf, 3) m."""
-    return np.mean([_path(recording, label) for label in labels], axis=0)
+    return np.mean([path_of(recording, label) for label in labels], axis=0)
 
 
 def _devices(static: Recording, marker_set: MarkerSet) -> dict[str, Array]:
@@ -202,7 +202,7 @@ def _devices(static: Recording, marker_set: MarkerSet) -> dict[str, Array]:
     for label, parts in marker_set.knee_device.items():
         if not seen.issuperset(parts):
             continue
-        axis, second, third = (_path(static, part) for part in parts)
+        axis, second, third = (path_of(static, part) for part in parts)
         if is_device(axis, second, third):
             inwards = across if across is None or _side_of(marker_set, label) == "r" else -across
             found = corner(axis, second, third, inwards, _computed(static, label))
@@ -225,7 +225,7 @@ def _on_rod(static: Recording, label: str, end: str) -> bool:
     """
     if _computed(static, label) is None or not {label, end} <= _seen(static):
         return False
-    return ROD_M[0] <= _apart(_path(static, end), _path(static, label)) <= ROD_M[1]
+    return ROD_M[0] <= _apart(path_of(static, end), path_of(static, label)) <= ROD_M[1]
 
 
 def _apart(one: Array, other: Array) -> float:

@@ -30,6 +30,7 @@ from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.present_markers import path_of
 from gaitcal.model.segment_frames import HipCentre, hip_centre, off_line, pelvis_frame, rigid_motions
 
 FEWEST = 3  # points that tell how a segment is turned
@@ -124,8 +125,8 @@ def rebuild_lost(
                 standing[label] = best.place
     for marker in found:
         static = _filled(static, marker, window, standing, marker_set)
-    told = [f"markers that this trial lost: {'; '.join(marker.words for marker in found)}"] if found else []
-    return Rebuilding(static=static.with_notes(*told), markers=tuple(found), left=left)
+    notes = [f"markers that this trial lost: {'; '.join(marker.words for marker in found)}"] if found else []
+    return Rebuilding(static=static.with_notes(*notes), markers=tuple(found), left=left)
 
 
 def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:
@@ -137,22 +138,14 @@ def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:
 
 
 def _shows(recording: Recording, label: str) -> bool:
-    return label in recording.labels and bool(np.isfinite(_path(recording, label)).any())
-
-
-def _path(recording: Recording, label: str) -> Array:
-    """(nf, 3) m."""
-    return recording.markers[:, recording.labels.index(label)]
+    return label in recording.labels and bool(np.isfinite(path_of(recording, label)).any())
 
 
 def _means(recording: Recording, window: slice) -> dict[str, Array]:
     """Label -> (3,) m, mean over the window, of the markers seen there."""
     seen = seen_mask(recording.markers[window])
-    return {
-        label: recording.markers[window, k][seen[:, k]].mean(axis=0)
-        for k, label in enumerate(recording.labels)
-        if seen[:, k].any()
-    }
+    tracks = {label: recording.markers[window, k][seen[:, k]] for k, label in enumerate(recording.labels)}
+    return {label: track.mean(axis=0) for label, track in tracks.items() if len(track)}
 
 
 def _attempt(
@@ -160,7 +153,7 @@ def _attempt(
 ) -> RebuiltMarker | str:
     """The marker as one trial has it, or why this one does not tell."""
     segment = marker_set.segment_of[label]
-    path = _path(recording, label)
+    path = path_of(recording, label)
     frames = np.flatnonzero(np.isfinite(path).all(axis=1))
     points = _companions(label, marker_set, standing, recording)
     names = [name for name, (_, way) in points.items() if np.isfinite(way[frames]).all(axis=1).any()]
@@ -202,7 +195,7 @@ def _companions(
 
     def on(segment: str) -> dict[str, tuple[Array, Array]]:
         labels = [m for m in marker_set.tracked if marker_set.segment_of[m] == segment and m != label]
-        return {m: (standing[m], _path(recording, m)) for m in labels if m in standing and _shows(recording, m)}
+        return {m: (standing[m], path_of(recording, m)) for m in labels if m in standing and _shows(recording, m)}
 
     segment = marker_set.segment_of[label]
     out = on(segment)
@@ -270,6 +263,5 @@ def _filled(
         markers = np.concatenate([static.markers, path[:, None]], axis=1)
         return replace(static, labels=(*static.labels, marker.label), markers=markers)
     markers, k = static.markers.copy(), static.labels.index(marker.label)
-    gaps = ~np.isfinite(markers[:, k]).all(axis=1)
-    markers[gaps, k] = path[gaps]
+    markers[:, k] = np.where(np.isfinite(markers[:, k]).all(axis=1, keepdims=True), markers[:, k], path)
     return replace(static, markers=markers)

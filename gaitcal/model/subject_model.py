@@ -140,7 +140,7 @@ class MarkerPlacement:
     """Tracking markers, fixed in their segments."""
 
     labels: tuple[str, ...]
-    segments: tuple[str, ...]  # Name of the segment of each marker
+    segments: tuple[str, ...]  # name of the segment of each marker
     local: Array  # (nm, 3) m, in the segment frame
     weight: Array  # (nm,) >= 0; a marker with weight 0 is reported but does not pull
 
@@ -159,7 +159,7 @@ class SubjectModel:
     """Where the tracking markers sit in their segments."""
     frozen: tuple[str, ...] = ()
     """Coordinates that no marker of the static trial moves with (no arms, no head): arms hang along the trunk, and the
-    trunk stays upright (`motion/undetermined.py`)."""
+    trunk stays upright (`motion/coordinate_prior.py`)."""
     posture: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> rad in the static posture, the pelvis as if it faced along x; what is not there is zero."""
     landmarks: dict[str, tuple[str, Array]] = field(default_factory=dict)

@@ -76,7 +76,7 @@ SHOULDER_BELOW_ACROMION = 0.17
 """Of the distance between the acromia, along the trunk: Rab, Petuskey and Bagley, Gait & Posture 15 (2002)."""
 SHOULDER_UP, SHOULDER_OUT = 0.3519, 0.165  # m from the lumbar joint in the nominal subject
 _WORDS = {"c7": "C7", "t10": "T10", "jugular_notch": "jugular notch", "xiphoid": "xiphoid"}
-MIDLINE = tuple(_WORDS)  # Landmarks in the trunk's sagittal plane
+MIDLINE = tuple(_WORDS)  # landmarks in the trunk's sagittal plane
 _UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -116,7 +116,7 @@ def _shoulders(
         right, left = p["acromion_r"], p["acromion_l"]
         notes = ("shoulder centres 17 % of the distance between the acromia below them (Rab 2002)",)
         return _below(right, left, lumbar), right - left, notes
-    z, told = _lateral(posture, pelvis)
+    z, plane = _lateral(posture, pelvis)
     if known:
         side, other = known[0], OTHER_SIDE[known[0]]
         middle = [p[name] for name in MIDLINE if posture.has(name)] or [lumbar]
@@ -124,7 +124,7 @@ def _shoulders(
         mirrored = acromion - 2.0 * float((acromion - np.mean(middle, axis=0)) @ z) * z
         right, left = (acromion, mirrored) if side == "r" else (mirrored, acromion)
         why = f"acromion, {SIDE_WORDS[other]}: {posture.why_not(f'acromion_{other}')}"
-        note = f"{why}; taken as the mirror image of the other across the {told}"
+        note = f"{why}; taken as the mirror image of the other across the {plane}"
         return _below(right, left, lumbar), right - left, (note,)
     if posture.has("c7", "jugular_notch"):
         middle_of_neck = 0.5 * (p["c7"] + p["jugular_notch"])
@@ -135,12 +135,12 @@ def _shoulders(
         note = (
             f"no acromion is known: shoulder centres {1e3 * down:.0f} mm below the middle of C7 and jugular notch "
             f"(de Leva 1996) and {1e3 * out:.0f} mm beside it (nominal subject), both in proportion to height; the "
-            f"trunk faces along the {told}"
+            f"trunk faces along the {plane}"
         )
         return {f"sjc_{side}": centre + sign(side) * out * sideways for side in SIDES}, z, (note,)
     note = (
         "neither acromia nor both C7 and jugular notch are known: shoulder centres straight above the lumbar joint in "
-        f"the static trial, as in the nominal subject, in proportion to height; the trunk faces along the {told}"
+        f"the static trial, as in the nominal subject, in proportion to height; the trunk faces along the {plane}"
     )
     scale, sideways = subject.height / NOMINAL_HEIGHT, _horizontal(z)
     above = lumbar + scale * SHOULDER_UP * _UP

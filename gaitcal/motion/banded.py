@@ -22,14 +22,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from scipy.linalg import blas, lapack
 
-from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.arrays import Array, IntArray
 from gaitcal.motion.descent import Evaluation
 from gaitcal.motion.marker_residual import FrameEquations, VariablePairs
 from gaitcal.motion.spline import ORDER, SplineBasis, Stretch
@@ -124,12 +124,6 @@ class Assembler:
         )
 
 
-@lru_cache(maxsize=64)
-def _above(size: int) -> BoolArray:
-    """(size, size) above the diagonal."""
-    return np.triu(np.ones((size, size), dtype=bool), 1)
-
-
 class BandFactor:
     """Cholesky factor L of H_qq + damping * diagonal (+ a floor where nothing determines a node).
 
@@ -196,8 +190,7 @@ class BandFactor:
     def _coupling(self, first: int) -> Array:
         """E of the rows after a block and the columns of the block that begins at `first`."""
         width, n = self.factor.shape
-        part = self._dense(first, width, min(width, n - first - width), width)
-        return np.where(_above(width)[: len(part)], part, 0.0)
+        return np.triu(self._dense(first, width, min(width, n - first - width), width), 1)
 
     def _dense(self, first: int, below: int, rows: int, columns: int) -> Array:
         """A part of L as a matrix, from column `first` and so far below the diagonal; what is beyond the band or above

@@ -62,10 +62,12 @@ MARKER_M = 0.005  # m, e: the noise of a marker on skin
 BEYOND = np.deg2rad(5.0)  # rad beyond a wall that cost e
 WALLS: Mapping[str, tuple[float, float]] = {
     with_side(row.name, side): row.wall for side in SIDES for row in COORDINATE_TABLE.values() if row.wall
-}  # Coordinate -> deg from the static posture
+}
+"""Coordinate -> deg from the static posture."""
 DEVIATION: Mapping[str, float] = {
     with_side(row.name, side): row.spread for side in SIDES for row in COORDINATE_TABLE.values() if row.spread
-}  # Coordinate -> deg, standard deviation of a normal prior
+}
+"""Coordinate -> deg, standard deviation of a normal prior."""
 STEADY = 0.8  # part of the variance of e_k
 STRIDE_S = 1.0  # s, T_k
 WITH_EVERY_STEP = ("lumbar_extension",)  # coordinates whose T_k is half of that

@@ -11,9 +11,6 @@ cost at x and M its Gauss-Newton matrix,
   a short undamped step its factor is kept, until a step predicts more than a tenth of what the one before did.
 - *Curvature.* Where the residuals stay large, Gauss-Newton's steps shrink slowly, or grow. M then becomes half the
   whole Hessian, as long as that is positive definite, and the steps are Newton's.
-- *Going further.* With s the step at x and d the changes since the step before, x + s - t d(x + s) takes back the part
-  of the last step that did not do what was predicted; t makes s - t d(s) shortest in the metric of M, where M d(s) is
-  -d(g): t = d(s) . g / d(s) . d(g) (Anderson 1965, with one step remembered).
 - *The end.* A step that predicts too little, or is too short, is the last and is taken; so is one after which the cost
   has hardly fallen. Whatever else ends the iteration has an `Ending` of its own, and is not called converged.
 """
@@ -22,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -117,7 +114,6 @@ class DescentSettings:
     lowered_by: float = 30.0  # divides the damping after a step that lowered the cost
     curved: bool = False  # whether to begin with Newton's steps
     curved_tries: int = 3  # times that Newton's steps are begun, where those of Gauss-Newton are slow
-    goes_further: bool = False  # whether slow steps try to go further
     persistent: bool = True  # False: end with `Ending.SLOW` where damping or another matrix would be needed
 
 
@@ -145,39 +141,17 @@ class Descent(Generic[Point, AnyFactor]):
         return self.ending.converged
 
 
-class Step(NamedTuple):
-    """A step that a matrix formed where it begins gives."""
-
-    x: Array  # where it begins
-    step: Array
-    gradient: Array  # half of it, at x
-
-
-def further(now: Step, before: Step | None) -> Array | None:
-    """Where a step and the one before it lead together; None where they tell nothing."""
-    if before is None:
-        return None
-    change = now.step - before.step
-    curvature = float(np.vdot(change, now.gradient - before.gradient))
-    if curvature >= 0.0:
-        return None
-    t = float(np.vdot(change, now.gradient)) / curvature
-    return now.x + now.step - t * (now.x - before.x + change)
-
-
 def descend(
     problem: Problem[Point, AnyFactor], start: Array, settings: DescentSettings, known: AnyFactor | None = None
 ) -> Descent[Point, AnyFactor]:
     """Minimise from `start`; `known` is a factor that serves there already."""
     x, small = start, problem.nothing_left
+    # linear: at x, as long as its matrix may be wanted with other damping
     linear = problem.linearise(x, curved=settings.curved) if known is None else None
-    """At x, as long as its matrix may be wanted with other damping."""
     here = problem.evaluate(x) if linear is None else linear.evaluation
     factor, fresh, damping = known, False, settings.first_damping  # fresh: the factor was formed at x
     curved, curved_tries = settings.curved, settings.curved_tries if problem.has_curvature else 0
-    predicted = predicted_fresh = np.inf
-    """By the step before, and by the last one whose factor was formed where it was used."""
-    before: Step | None = None  # the one before, if its factor was formed where it was used
+    predicted = predicted_fresh = np.inf  # by the step before, and by the last one whose factor was formed there
     taken_blindly, steps, ending = 0.0, 0, None
     while ending is None:
         if steps == settings.most_steps or damping > MOST_DAMPING:
@@ -218,30 +192,23 @@ def descend(
         else:
             tried, predicted = True, reduction
             predicted_fresh = reduction if fresh else predicted_fresh
-            now = Step(x, step, here.gradient) if fresh and damping == 0.0 else None
-            leap = further(now, before) if now and stale and settings.goes_further else None
-            before = now
             keep = length < settings.keep_within and damping == 0.0
-            # the leap, if it gains half of what the plain step predicts; else the plain step, if it lowers the cost
-            aims = [(x + step, keep, here.cost + ROUNDING * small)]
-            for aim, kept, highest in aims if leap is None else [(leap, False, here.cost - 0.5 * predicted), *aims]:
-                there = None  # a large matrix, or factor, makes room for the next
-                factor = factor if kept or linear is not None else None
-                there = None if kept else problem.linearise(aim, curved=curved)
-                evaluation = problem.evaluate(aim) if there is None else there.evaluation
-                if evaluation.cost <= highest:
-                    gained, x, here, linear, there = here.cost - evaluation.cost, aim, evaluation, there, None
-                    if here.cost <= small:
-                        ending = Ending.NOTHING_LEFT
-                    elif gained <= enough and damping < DECISIVE_DAMPING:
-                        ending = Ending.SMALL_GAIN
-                    damping = damping / settings.lowered_by if damping > NO_DAMPING else 0.0
-                    fresh, factor = False, factor if kept else None
-                    break
+            factor = factor if keep or linear is not None else None  # a large one makes room
+            there = None if keep else problem.linearise(x + step, curved=curved)
+            evaluation = problem.evaluate(x + step) if there is None else there.evaluation
+            if evaluation.cost <= here.cost + ROUNDING * small:
+                gained, x, here, linear = here.cost - evaluation.cost, x + step, evaluation, there
+                if here.cost <= small:
+                    ending = Ending.NOTHING_LEFT
+                elif gained <= enough and damping < DECISIVE_DAMPING:
+                    ending = Ending.SMALL_GAIN
+                damping = damping / settings.lowered_by if damping > NO_DAMPING else 0.0
+                fresh, factor = False, factor if keep else None
+            elif predicted <= max(ROUNDING * here.cost, small) and damping < DECISIVE_DAMPING:
+                ending = Ending.SMALL_REDUCTION
             else:
-                there, refused = None, True
-                if predicted <= max(ROUNDING * here.cost, small) and damping < DECISIVE_DAMPING:
-                    ending = Ending.SMALL_REDUCTION
+                refused = True
+            there = None  # a large matrix makes room, too
         if not refused or ending is not None:
             continue
         if not settings.persistent:

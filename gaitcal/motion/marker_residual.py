@@ -170,13 +170,6 @@ def _place(placed: PlacedMarkers, segments: Array, shift: Array | None) -> Array
     return out
 
 
-def marker_cost(chain: Chain, constants: ChainConstants, data: MarkerData, q: Array) -> float:
-    """Sum of w |r|^2 over markers and frames, m^2."""
-    r = marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
-    r -= data.measured
-    return float(np.vdot(data.weight[:, None] * r, r))
-
-
 def frame_equations(
     chain: Chain,
     constants: ChainConstants,

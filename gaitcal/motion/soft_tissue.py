@@ -121,7 +121,7 @@ class SoftTissue:
     """
 
     groups: tuple[SegmentTissue, ...]
-    secondary: SecondaryColumns | None = None  # Variables of the chain, before the columns of segments
+    secondary: SecondaryColumns | None = None  # variables of the chain, before the columns of segments
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
@@ -165,7 +165,7 @@ def with_tissue_columns(
     columns = jacobian(chain, constants, poses, data.secondary)
     position = marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
     mixed = np.zeros((basis.nodes, nq, nz))
-    by_parameter, own, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
+    by_parameter, corner, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis.matrices[0].T.tocsr(), 0
     for group in tissue.groups:
         axes, psi = segments[group.segment, :3], group.regressors  # (3 axes, 3, nf), (nr, nf)
@@ -181,7 +181,7 @@ def with_tissue_columns(
             inertia += weight * (pattern.T @ pattern)[:, :, None]
         here = slice(at, at + WIDTH * len(psi))
         gradient[here] = (psi @ pull.T).ravel()
-        own[here, here] = np.einsum("rf,sf,ijf->risj", psi, psi, inertia, optimize=True).reshape(
+        corner[here, here] = np.einsum("rf,sf,ijf->risj", psi, psi, inertia, optimize=True).reshape(
             WIDTH * len(psi), WIDTH * len(psi)
         )
         shaped = met[:, None] * psi[:, None]  # (nk, nr, 6, nf)
@@ -192,7 +192,7 @@ def with_tissue_columns(
     return replace(
         equations,
         mixed=np.hstack([equations.mixed, mixed.reshape(-1, nz)]),
-        parameters=np.block([[equations.parameters, by_parameter], [by_parameter.T, own]]),
+        parameters=np.block([[equations.parameters, by_parameter], [by_parameter.T, corner]]),
         parameter_gradient=np.concatenate([equations.parameter_gradient, gradient]),
     )
 

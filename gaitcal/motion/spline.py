@@ -233,7 +233,7 @@ class Roughness:
     @cached_property
     def matrix(self) -> csr_array:
         """(nn, nn) R."""
-        return csr_array(sum(back @ products @ by_node for back, products, by_node in self.terms))
+        return csr_array(sum(by_node.T @ products @ by_node for _, products, by_node in self.terms))
 
     @cached_property
     def band(self) -> Array:

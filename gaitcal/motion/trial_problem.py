@@ -39,7 +39,6 @@ from gaitcal.motion.marker_residual import (
     PlacedMarkers,
     VariablePairs,
     frame_equations,
-    marker_cost,
     marker_positions,
 )
 from gaitcal.motion.rigid import FEWEST_MARKERS
@@ -282,10 +281,8 @@ class TrialProblem:
 
     def marker_cost(self, nodes: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, m^2."""
-        q, total = self.basis.evaluate(nodes), 0.0
-        for stretch in self.basis.stretches:
-            total += marker_cost(self.chain, constants, self.data.frames(stretch.frames), q[stretch.frames])
-        return total
+        r = self.positions(nodes, constants) - self.data.measured
+        return float(np.vdot(self.data.weight[:, None] * r, r))
 
     def positions(self, nodes: Array, constants: ChainConstants) -> Array:
         """(nm, 3, nf) m, model markers."""
@@ -328,31 +325,31 @@ def trial_problem(
         message = f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}"
         raise InputError(message, source=recording.source, code=Code.TOO_LITTLE_SEEN)
     at = {label: i for i, label in enumerate(recording.labels)}
-    chosen = [
-        i
-        for i, (label, segment) in enumerate(zip(model.markers.labels, model.markers.segments, strict=True))
-        if segment in segments and label in at
-    ]
     chain = chain_of(root, segments)
-    index = np.array([chain.segments.index(model.markers.segments[i]) for i in chosen], dtype=np.intp)
-    order = np.argsort(index, kind="stable")
-    chosen = [chosen[k] for k in order]
-    labels = tuple(model.markers.labels[i] for i in chosen)
+    all_labels, segment_of = model.markers.labels, model.markers.segments
+    chosen = [i for i, label in enumerate(all_labels) if segment_of[i] in segments and label in at]
+    chosen.sort(key=lambda i: chain.segments.index(segment_of[i]))
+    index = np.array([chain.segments.index(segment_of[i]) for i in chosen], dtype=np.intp)
+    labels = tuple(all_labels[i] for i in chosen)
     measured = recording.markers[:, [at[label] for label in labels]].transpose(1, 2, 0)
     seen = np.asarray(np.isfinite(measured).all(axis=1))
     weight = np.where(seen, model.markers.weight[chosen][:, None], 0.0)
-    on_root = (index[order] == 0) & (weight > 0).any(axis=1)
+    on_root = (index == 0) & (weight > 0).any(axis=1)
     held: tuple[str, ...] = ()
-    if carrier and carrier != root and shown_share(weight[index[order] == 0]) < CARRIES_ITSELF:
-        root, held = carrier, _between(chain, carrier)
-        weight[~_moved_with(chain, carrier)[index[order]]] = 0.0
-        on_root = (index[order] == chain.segments.index(carrier)) & (weight > 0).any(axis=1)
+    if carrier and carrier != root and shown_share(weight[index == 0]) < CARRIES_ITSELF:
+        root, s = carrier, chain.segments.index(carrier)
+        moves = chain.support[: len(chain.coordinates)] > 0  # (nq, ns)
+        held = tuple(np.array(chain.coordinates)[moves[:, s]].tolist())[len(ROOT_SUFFIXES) :]
+        # what moves all that moves the carrier lies beyond it, seen from the root
+        beyond = np.asarray((moves >= moves[:, [s]]).all(axis=0))
+        weight[~beyond[index]] = 0.0
+        on_root = (index == s) & (weight > 0).any(axis=1)
     if on_root.sum() < FEWEST_MARKERS:
         found = ", ".join(np.array(labels)[on_root]) or "none"
         message = f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and have weight"
         raise InputError(message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN)
     basis = spline_basis(recording.time, rule.nodes(recording.time))
-    placed = PlacedMarkers(index[order], model.markers.local[chosen])
+    placed = PlacedMarkers(index, model.markers.local[chosen])
     data = MarkerData(placed, np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight)
     moved = coordinates_before(joint.child for joint in moved_joints(isolated)) if isolated else ()
     problem = TrialProblem(
@@ -397,15 +394,3 @@ def _with_posture(problem: TrialProblem, model: SubjectModel) -> TrialProblem:
 def shown_share(weight: Array) -> float:
     """Share of the frames in which three of a segment's markers, weights (nm, nf), are seen and pull."""
     return float(np.mean((weight > 0).sum(axis=0) >= FEWEST_MARKERS))
-
-
-def _between(chain: Chain, segment: str) -> tuple[str, ...]:
-    """Coordinates of the joints between the root and a segment."""
-    moving = chain.support[: len(chain.coordinates), chain.segments.index(segment)] > 0
-    return tuple(name for name, moves in zip(chain.coordinates, moving, strict=True) if moves)[len(ROOT_SUFFIXES) :]
-
-
-def _moved_with(chain: Chain, segment: str) -> BoolArray:
-    """(ns,) a segment and those beyond it, seen from the root: what moves all that moves the segment moves."""
-    support = chain.support[: len(chain.coordinates)] > 0
-    return np.asarray((support >= support[:, [chain.segments.index(segment)]]).all(axis=0))

@@ -1,26 +1,12 @@
 """What people open: body in motion, curves and tables in one self-contained file that needs no network."""
 
-from gaitcal.page.bones.bone_files import BoneMeshes, bones_of_folder, installed_bones
+from gaitcal.page.bone_files import BoneMeshes, bones_of_folder, installed_bones
 from gaitcal.page.scene import Scene, TrialScene, person_scene, scene_of, trial_scene
 from gaitcal.page.scene_file import left_out, load_scene, save_scene
-from gaitcal.page.view import (
-    BodyText,
-    Shown,
-    body_texts,
-    joined_page,
-    page_html,
-    sentences,
-    told_text,
-    view_html,
-    write_view,
-)
+from gaitcal.page.view import Shown, page_html, sentences, view_html, write_view
 
 __all__ = [
     "Shown",
-    "BodyText",
-    "body_texts",
-    "told_text",
-    "joined_page",
     "page_html",
     "sentences",
     "Scene",

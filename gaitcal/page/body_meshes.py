@@ -1,17 +1,15 @@
-"""The human body meshes of example-robot-data; capsules where that package has none.
-
-They are shown as they are, but for those that are mere balls of 5800 triangles, for which 480 do as well.
-
-How the human body meshes of example-robot-data are laid over a person's segments.
+"""The human body meshes of example-robot-data, laid over a person's segments; capsules where that package has none.
 
 Each mesh is drawn in its own unit around the joint it hangs from; x forward, y up, z to the right, as ours. The
 reference body (that package's `human.urdf`) says where in a mesh the joints lie. A limb mesh is stretched along its
 length so that its joints meet the person's own joint centres, and across it by a girth that follows body mass and
-height; pelvis and trunk are stretched to hip and shoulder centres. Each mesh moves with its segment.
+height; pelvis and trunk are stretched to hip and shoulder centres. Each mesh moves with its segment. Those that are
+mere balls of 5800 triangles are drawn with 480.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -45,6 +43,15 @@ MESHES: dict[str, tuple[Array, Array]] = {
 }
 """The meshes in use and their bounding boxes in their own unit; what replaces a missing mesh fills its box."""
 
+PACKAGE = "example-robot-data"
+_FOLDER = "robots/human_description/meshes"
+_STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+BALLS = ("abdomen", "elbow", "knee", "neck", "shoulder")
+_RINGS, _AROUND = 13, 20
+_SLACK = 0.05
+"""Of the longest side: how far a mesh may leave the box that places it."""
+_MOST_VERTICES = 65_536
+"""What 16-bit corner numbers in the page can name."""
 REFERENCE_MASS, REFERENCE_HEIGHT = 74.7, 1.787
 """kg, m of the reference body: sums over its URDF."""
 _HIP_DROP, _HIP_FORWARD = 0.100, 0.023
@@ -52,9 +59,25 @@ _HIP_DROP, _HIP_FORWARD = 0.100, 0.023
 _FOOT_LENGTH = 0.271
 _HEAD_FORWARD = 0.05
 """m that the head is carried before the line from lumbar joint to shoulders."""
-_FOOT_OF_HEIGHT, _FOREARM_OF_HEIGHT, _HEAD_OF_HEIGHT, _ANKLE_OF_HEIGHT = 0.152, 0.1545, 0.130, 0.039
+FOOT_OF_HEIGHT, _FOREARM_OF_HEIGHT, _HEAD_OF_HEIGHT, _ANKLE_OF_HEIGHT = 0.152, 0.1545, 0.130, 0.039
 """Foot length, elbow to wrist, chin to vertex, ankle centre above the floor, as shares of body height (Drillis and
 Contini 1966; forearm: de Leva 1996)."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A closed surface."""
+
+    vertices: Array  # (nv, 3) in the mesh's own unit
+    triangles: IntArray  # (nt, 3)
+
+
+@dataclass(frozen=True)
+class BodyMeshes:
+    """All meshes of a body."""
+
+    meshes: dict[str, Mesh]
+    replaced: tuple[str, ...]  # Those drawn as capsules, because the package has no such mesh or an unreadable one
 
 
 @dataclass(frozen=True)
@@ -63,8 +86,7 @@ class FittedMesh:
 
     mesh: str
     segment: str
-    place: Array
-    """(3, 4) affine map from the mesh's own unit to the segment frame, m."""
+    place: Array  # (3, 4) affine map from the mesh's own unit to the segment frame, m
 
 
 def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
@@ -78,7 +100,7 @@ def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
     return tuple(meshes)
 
 
-def _point(jp: dict[str, float], place: str) -> Array:
+def joint_centre(jp: Mapping[str, float], place: str) -> Array:
     """(3,) m of a joint centre in one of its segments; what is no parameter is zero by definition of the frames."""
     return np.array([jp.get(f"{place}.{axis}", 0.0) for axis in ("ant", "sup", "lat")])
 
@@ -104,7 +126,7 @@ def _straight(mesh: str, segment: str, origin: Array, scale: tuple[float, float,
 
 def _trunk(jp: dict[str, float], height: float, girth: float) -> list[FittedMesh]:
     """Torso as wide as the shoulders; neck and head so that the standing person is as tall as measured."""
-    lumbar = _point(jp, "back.trunk")
+    lumbar = joint_centre(jp, "back.trunk")
     half = float(jp["shoulder_r.trunk.lat"] - jp["shoulder_l.trunk.lat"]) / 2
     head = _HEAD_OF_HEIGHT * height / 42.0
     neck = vertex_above_lumbar(jp, height) - 46.2 * head
@@ -120,8 +142,8 @@ def _trunk(jp: dict[str, float], height: float, girth: float) -> list[FittedMesh
 
 def vertex_above_lumbar(jp: dict[str, float], height: float) -> float:
     """Metres from the lumbar joint to the top of the head of the upright person, `height` m tall."""
-    lumbar = _point(jp, "back.trunk")
-    shoulders = (_point(jp, "shoulder_r.trunk") + _point(jp, "shoulder_l.trunk")) / 2
+    lumbar = joint_centre(jp, "back.trunk")
+    shoulders = (joint_centre(jp, "shoulder_r.trunk") + joint_centre(jp, "shoulder_l.trunk")) / 2
     return max(height - _lumbar_height(jp, height), float(shoulders[1] - lumbar[1]) + 0.9 * _HEAD_OF_HEIGHT * height)
 
 
@@ -134,8 +156,8 @@ def _lumbar_height(jp: dict[str, float], height: float) -> float:
 
 
 def _pelvis(jp: dict[str, float], girth: float) -> FittedMesh:
-    hips = (_point(jp, "hip_r.pelvis") + _point(jp, "hip_l.pelvis")) / 2
-    back = _point(jp, "back.pelvis")
+    hips = (joint_centre(jp, "hip_r.pelvis") + joint_centre(jp, "hip_l.pelvis")) / 2
+    back = joint_centre(jp, "back.pelvis")
     rise = max(float(back[1] - hips[1]), 0.02) / _HIP_DROP
     origin = np.array([hips[0] - _HIP_FORWARD * girth, back[1] - 0.05 * rise, hips[2]])
     return _straight("pelvis", "pelvis", origin, (0.00643 * girth, 0.005897 * rise, 0.005897 * girth))
@@ -143,8 +165,8 @@ def _pelvis(jp: dict[str, float], girth: float) -> FittedMesh:
 
 def _leg(jp: dict[str, float], side: str, girth: float) -> list[FittedMesh]:
     thigh, shank = f"thigh_{side}", f"shank_{side}"
-    hip, knee = _point(jp, f"hip_{side}.thigh"), _point(jp, f"knee_{side}.thigh")
-    top, ankle = _point(jp, f"knee_{side}.shank"), _point(jp, f"talocrural_{side}.shank")
+    hip, knee = joint_centre(jp, f"hip_{side}.thigh"), joint_centre(jp, f"knee_{side}.thigh")
+    top, ankle = joint_centre(jp, f"knee_{side}.shank"), joint_centre(jp, f"talocrural_{side}.shank")
     return [
         _limb("upperleg", thigh, (hip, knee), (7.8, -60.8), 0.0065 * girth),
         _limb("lowerleg", shank, (top, ankle), (0.0, -66.7), 0.0066 * girth),
@@ -154,29 +176,30 @@ def _leg(jp: dict[str, float], side: str, girth: float) -> list[FittedMesh]:
 
 def _foot(model: SubjectModel, side: str) -> FittedMesh:
     """The foot mesh at the fitted ankle centre, upright as at zero nominal coordinates, x to the toe."""
-    _, upright = _ankle_and_up(model.nominal, side)
-    ankle, _ = _ankle_and_up(model.parameters, side)
+    foot, talus = f"foot_{side}", f"talus_{side}"
+    upright = upright_poses(model.nominal)[0][foot][:, 1].copy()
+    axes, origins = upright_poses(model.parameters)
+    ankle = axes[foot] @ (origins[talus] - origins[foot])
     z = np.cross([1.0, 0.0, 0.0], upright)
     z /= np.linalg.norm(z)
     turn = np.column_stack([np.cross(upright, z), upright, z])
-    length = _FOOT_OF_HEIGHT * model.subject.height
-    return FittedMesh("foot", f"foot_{side}", np.column_stack([turn * (0.0067 * length / _FOOT_LENGTH), ankle]))
+    length = FOOT_OF_HEIGHT * model.subject.height
+    return FittedMesh("foot", foot, np.column_stack([turn * (0.0067 * length / _FOOT_LENGTH), ankle]))
 
 
-def _ankle_and_up(parameters: Parameters, side: str) -> tuple[Array, Array]:
-    """(3,) talocrural centre and (3,) upward direction in the foot frame, all coordinates zero."""
+def upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin; all coordinates zero."""
     chain = Chain("pelvis", SEGMENTS)
     constants = chain.constants(parameters.joint, parameters.zero_angles)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, np.zeros((1, len(COORDINATES)))))
-    foot, talus = (chain.segments.index(f"{name}_{side}") for name in ("foot", "talus"))
-    into_foot = axes[foot, :, :, 0]
-    return into_foot @ (origins[talus, :, 0] - origins[foot, :, 0]), into_foot[:, 1].copy()
+    index = {segment: i for i, segment in enumerate(chain.segments)}
+    return {s: axes[i, :, :, 0] for s, i in index.items()}, {s: origins[i, :, 0] for s, i in index.items()}
 
 
 def _arm(model: SubjectModel, jp: dict[str, float], side: str, girth: float) -> list[FittedMesh]:
     upper, fore = f"upper_arm_{side}", f"forearm_hand_{side}"
-    shoulder, elbow = _point(jp, f"shoulder_{side}.upperarm"), _point(jp, f"elbow_{side}.upperarm")
-    top = _point(jp, f"elbow_{side}.forearm")
+    shoulder, elbow = joint_centre(jp, f"shoulder_{side}.upperarm"), joint_centre(jp, f"elbow_{side}.upperarm")
+    top = joint_centre(jp, f"elbow_{side}.forearm")
     end = wrist(model, jp, side)
     hand = 0.0061 * model.subject.height / REFERENCE_HEIGHT
     return [
@@ -194,38 +217,8 @@ def wrist(model: SubjectModel, jp: dict[str, float], side: str) -> Array:
     if known is not None and known[0] == f"forearm_hand_{side}":
         return known[1]
     down = np.array([0.0, _FOREARM_OF_HEIGHT * model.subject.height, 0.0])
-    out: Array = _point(jp, f"elbow_{side}.forearm") - down
+    out: Array = joint_centre(jp, f"elbow_{side}.forearm") - down
     return out
-
-
-PACKAGE = "example-robot-data"
-_FOLDER = "robots/human_description/meshes"
-_STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-BALLS = ("abdomen", "elbow", "knee", "neck", "shoulder")
-_RINGS, _AROUND = 13, 20
-_SLACK = 0.05
-"""Of the longest side: how far a mesh may leave the box that `body_fit` places it by."""
-_MOST_VERTICES = 65_536
-"""What 16-bit corner numbers in the page can name."""
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """A closed surface."""
-
-    vertices: Array
-    """(nv, 3) in the mesh's own unit."""
-    triangles: IntArray
-    """(nt, 3)"""
-
-
-@dataclass(frozen=True)
-class BodyMeshes:
-    """All meshes of a body."""
-
-    meshes: dict[str, Mesh]
-    replaced: tuple[str, ...]
-    """Those drawn as capsules, because the package has no such mesh or an unreadable one."""
 
 
 def body_meshes() -> BodyMeshes:
@@ -245,7 +238,7 @@ def body_meshes() -> BodyMeshes:
 
 
 def _as_expected(name: str, mesh: Mesh) -> Mesh:
-    """ValueError for a mesh of another shape or unit than the one that `body_fit` places."""
+    """ValueError for a mesh of another shape or unit than the one that is placed here."""
     low, high = MESHES[name]
     slack = _SLACK * (high - low).max()
     low_off, high_off = np.abs(mesh.vertices.min(axis=0) - low), np.abs(mesh.vertices.max(axis=0) - high)

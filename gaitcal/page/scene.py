@@ -1,12 +1,10 @@
-"""What the viewer shows: everything of a calibrated person that has a place in space, and no numerics.
+"""What the page shows in space: a calibrated person in all trials, and no numerics.
 
-A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the results folder, and shown
-from that file alone.
+A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the folder of the result, and
+shown from that file alone.
 
-Where each joint lies in the two segments it connects: nominal, fitted, and how far the fit can be trusted.
-
-The frames of a joint in its two segments (`export/osim.py`) hold its constants, those before the first
-coordinate in the parent and those after the last in the child:
+A joint lies in the two segments that it connects. Its frames (`export/osim.py`) hold its constants, those
+before the first coordinate in the parent and those after the last in the child:
 
     centre = translation of X            axis = sign * R[:, axis of the coordinate next to that segment]
 
@@ -36,11 +34,14 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.page.body_meshes import FittedMesh, fitted_meshes
-from gaitcal.page.bones.bone_landmarks import PersonLandmarks, person_landmarks
+from gaitcal.page.bone_landmarks import PersonLandmarks, person_landmarks
 
 if TYPE_CHECKING:
     from gaitcal.session.result import Calibration
 
+Single = NDArray[np.float32]
+MOST_FRAMES = 4000
+"""Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are interpolated."""
 _STEP = 1e-6
 """m, rad: step of the central differences; their error, about 1e-12, is far below a pixel."""
 
@@ -51,20 +52,13 @@ class JointMark:
 
     joint: str
     segment: str
-    nominal_centre: Array
-    """(3,) m, segment frame."""
-    fitted_centre: Array
-    """(3,) m, segment frame."""
-    nominal_axis: Array
-    """(3,) unit vector, segment frame; NaN where the joint is a ball and has no axis."""
-    fitted_axis: Array
-    """(3,)"""
-    centre_spread: Array
-    """(3, 3) m: half axes of the one-sigma ellipsoid as columns; NaN where no error is known."""
-    axis_spread: Array
-    """(3, 3) of the unit vector: the same for the tip of the axis."""
-    fitted: bool
-    """Whether any of its parameters in this segment was fitted."""
+    nominal_centre: Array  # (3,) m, segment frame
+    fitted_centre: Array  # (3,) m, segment frame
+    nominal_axis: Array  # (3,) unit vector, segment frame; NaN where the joint is a ball and has no axis
+    fitted_axis: Array  # (3,)
+    centre_spread: Array  # (3, 3) m: half axes of the one-sigma ellipsoid as columns; NaN where no error is known
+    axis_spread: Array  # (3, 3) of the unit vector: the same for the tip of the axis
+    fitted: bool  # Whether any of its parameters in this segment was fitted
 
 
 def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, float]) -> tuple[JointMark, ...]:
@@ -82,22 +76,12 @@ def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, fl
                 continue
             known = {name: errors[name] for name in names if np.isfinite(errors.get(name, np.nan))}
             columns = [JP_INDEX[name] for name in names]
-            nominal_centre, nominal_axis = _centre_and_axis(joint, segment, nominal)
-            fitted_centre, fitted_axis = _centre_and_axis(joint, segment, fitted)
-            centre_spread, axis_spread = _spreads(joint, segment, fitted, known)
-            marks.append(
-                JointMark(
-                    joint=joint.name,
-                    segment=segment,
-                    nominal_centre=nominal_centre,
-                    fitted_centre=fitted_centre,
-                    nominal_axis=nominal_axis,
-                    fitted_axis=fitted_axis,
-                    centre_spread=centre_spread,
-                    axis_spread=axis_spread,
-                    fitted=bool(known) or not np.array_equal(nominal.joint[columns], fitted.joint[columns]),
-                )
-            )
+            places = {}
+            for stage, parameters in (("nominal", nominal), ("fitted", fitted)):
+                places[f"{stage}_centre"], places[f"{stage}_axis"] = _centre_and_axis(joint, segment, parameters)
+            places["centre_spread"], places["axis_spread"] = _spreads(joint, segment, fitted, known)
+            moved = bool(known) or not np.array_equal(nominal.joint[columns], fitted.joint[columns])
+            marks.append(JointMark(joint=joint.name, segment=segment, fitted=moved, **places))
     return tuple(marks)
 
 
@@ -107,9 +91,8 @@ def _centre_and_axis(joint: Joint, segment: str, parameters: Parameters) -> tupl
     in_parent = segment == joint.parent
     place = frames.in_parent if in_parent else frames.in_child
     axis = frames.motions[0 if in_parent else -1]
-    ball = len(frames.motions) > 2
     centre = place.translation + 0.0  # no negative zeros, which would stand in the page
-    return centre, np.full(3, np.nan) if ball else axis.sign * place.rotation[:, axis.axis]
+    return centre, np.full(3, np.nan) if len(frames.motions) > 2 else axis.sign * place.rotation[:, axis.axis]
 
 
 def _spreads(joint: Joint, segment: str, fitted: Parameters, errors: Mapping[str, float]) -> tuple[Array, Array]:
@@ -135,12 +118,6 @@ def _root(pulls: Array) -> Array:
     values, vectors = np.linalg.eigh(pulls @ pulls.T)
     out: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return out
-
-
-Single = NDArray[np.float32]
-
-MOST_FRAMES = 4000
-"""Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are interpolated."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,9 +175,9 @@ class Scene:
     joints: tuple[JointMark, ...]
     body: tuple[FittedMesh, ...]
     trials: tuple[TrialScene, ...]
+    landmarks: PersonLandmarks
+    """Where bones must lie."""
     segments: tuple[str, ...] = SEGMENTS
-    landmarks: PersonLandmarks | None = None
-    """Where bones must lie; None in files of versions that knew no bones."""
 
     def model_markers(self, trial: TrialScene) -> Array:
         """(nf, nm, 3) m: where the fitted model has the markers."""

@@ -1,13 +1,12 @@
-"""A scene as one `.npz` file, read back without pickle; not compressed, as coordinates hardly become fewer bytes.
+"""A scene as one `.npz` file, and as JSON for the page.
 
-The array `scene` holds a JSON text (UTF-8) with all names and single numbers; every other array has the name of its
-field, `trial0/origins`, `joints/fitted_axis`, ...
+The file is read back without pickle, and not compressed, as coordinates hardly become fewer bytes. Its array `scene`
+holds a JSON text (UTF-8) with all names and single numbers; every other array has the name of its field,
+`trial0/origins`, `joints/fitted_axis`, ...
 
-A scene as JSON for the page: names as text, numbers packed as base64 of small integers.
-
-Segments and markers are told from the pelvis, as 16-bit integers on the range that they cover in their trial (0.03 mm
-on two metres, however far the person walks), a gap as -32768; the pelvis itself in 32-bit floats; quaternions in
-1/32767. Frames go where all trials together would be more than the page may hold.
+In the page, segments and markers are told from the pelvis, as 16-bit integers on the range that they cover in their
+trial (0.03 mm on two metres, however far the person walks), a gap as -32768; the pelvis itself in 32-bit floats;
+quaternions in 1/32767. Frames go where all trials together would be more than the page may hold.
 """
 
 from __future__ import annotations
@@ -28,33 +27,53 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
-from gaitcal.model.linkage import SIDE_WORDS
+from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
-from gaitcal.page.bones.bone_files import EXTRA
-from gaitcal.page.bones.bone_landmarks import KneeEvidence, PersonLandmarks
-from gaitcal.page.bones.knee_axis import KneeAxis, evidence_words, knee_axes, knee_brief, knee_words
-from gaitcal.page.bones.placement import Landmarked, fitted_bones
-from gaitcal.page.packing import FULL, base64_of, floats, lengths
+from gaitcal.page.bone_files import EXTRA
+from gaitcal.page.bone_landmarks import KneeEvidence, PersonLandmarks
+from gaitcal.page.bone_placement import Landmarked, fitted_bones
+from gaitcal.page.knee_axis import evidence_words, knee_axes, knee_brief, knee_words
+from gaitcal.page.plain_data import LARGEST, base64_of, floats, lengths, script_json
 from gaitcal.page.scene import JointMark, Scene, TrialScene
 
 VERSION = 1
-_BODY = "garments"
-"""What files of this version call the body meshes."""
+MOST_BYTES = 9_000_000
+"""Packed playback data of all trials of a page together: 12 MB as base64, of the 25 MB that it may have."""
+MARKER_RANGE_M = 20.0
+"""From the pelvis: a marker beyond is no marker of this person, and would coarsen all others."""
 
 _DAMAGE = (
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, EOFError, SyntaxError,
     MemoryError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What NumPy, zipfile and zlib raise on files that are not what they seem."""
-
-_TRIAL_ARRAYS = (
-    "time", "origins", "turns", "tracked", "measured", "forces", "pressure_centres", "valid", "valid_legs",
-    "plates",
-)  # fmt: skip
+_BODY = "garments"
+"""What files of this version call the body meshes."""
+_LANDMARKS = "landmarks/"
+EARLY = 0.005
+"""s: a trial whose first frame is later is said not to begin with its recording."""
 _JOINT_ARRAYS = (
     "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread", "axis_spread",
 )  # fmt: skip
-_LANDMARKS = "landmarks/"
+
+
+def _trial_shapes(frames: int, segments: int, markers: int) -> dict[str, tuple[int | None, ...]]:
+    """Array of a `TrialScene` -> its shape; None: any."""
+    return {
+        "time": (frames,),
+        "origins": (frames, segments, 3),
+        "turns": (frames, segments, 4),
+        "tracked": (segments,),
+        "measured": (frames, markers, 3),
+        "forces": (frames, 2, 3),
+        "pressure_centres": (frames, 2, 3),
+        "valid": (frames,),
+        "valid_legs": (frames, 2),
+        "plates": (None, 4, 3),
+    }
+
+
+_TRIAL_ARRAYS = tuple(_trial_shapes(0, 0, 0))
 
 
 def save_scene(scene: Scene, path: Path | str) -> None:
@@ -82,10 +101,9 @@ def save_scene(scene: Scene, path: Path | str) -> None:
         "joints": [[j.joint, j.segment, j.fitted] for j in scene.joints],
         _BODY: [[fitted.mesh, fitted.segment] for fitted in scene.body],
         "trials": [[t.name, t.role, t.recorded, t.stride] for t in scene.trials],
+        "knees": {side: evidence.name for side, evidence in scene.landmarks.knees.items()},
     }
-    if scene.landmarks is not None:
-        arrays |= {f"{_LANDMARKS}{name}": point for name, point in scene.landmarks.points.items()}
-        text["knees"] = {side: evidence.name for side, evidence in scene.landmarks.knees.items()}
+    arrays |= {f"{_LANDMARKS}{name}": point for name, point in scene.landmarks.points.items()}
     arrays["scene"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
     with atomic_file(path) as target, target.open("wb") as stream:
         np.savez(stream, **arrays)  # type: ignore[arg-type]
@@ -121,8 +139,7 @@ def _scene(arrays: Any) -> Scene:
             role=str(role),
             recorded=int(recorded),
             stride=int(stride),
-            **{field: arrays[f"trial{i}/{field}"] for field in _TRIAL_ARRAYS if field != "valid_legs"},
-            valid_legs=_valid_legs(arrays, i),
+            **{field: arrays[f"trial{i}/{field}"] for field in _TRIAL_ARRAYS},
         )
         for i, (name, role, recorded, stride) in enumerate(text["trials"])
     )
@@ -144,64 +161,33 @@ def _scene(arrays: Any) -> Scene:
         body=tuple(FittedMesh(str(m), str(s), places[k]) for k, (m, s) in enumerate(text[_BODY])),
         trials=trials,
         segments=tuple(map(str, text["segments"])),
-        landmarks=_landmarks(arrays, text),
+        landmarks=PersonLandmarks(
+            {n.removeprefix(_LANDMARKS): arrays[n] for n in arrays.files if n.startswith(_LANDMARKS)},
+            {str(side): KneeEvidence[evidence] for side, evidence in text["knees"].items()},
+        ),
     )
     _check(scene)
     return scene
 
 
-def _landmarks(arrays: Any, text: dict[str, Any]) -> PersonLandmarks | None:
-    """None in earlier files, which hold no landmarks."""
-    if "knees" not in text:
-        return None
-    names = [name for name in arrays.files if name.startswith(_LANDMARKS)]
-    return PersonLandmarks(
-        {name.removeprefix(_LANDMARKS): arrays[name] for name in names},
-        {str(side): KneeEvidence[evidence] for side, evidence in text["knees"].items()},
-    )
-
-
-def _valid_legs(arrays: Any, trial: int) -> NDArray[np.bool_]:
-    """(nf, 2); earlier files hold one column for both legs."""
-    name = f"trial{trial}/valid_legs"
-    legs: NDArray[np.bool_] = arrays[name] if name in arrays else np.stack([arrays[f"trial{trial}/valid"]] * 2, axis=1)
-    return legs
-
-
 def _check(scene: Scene) -> None:
     """ValueError where sizes do not fit together."""
     segments, markers = len(scene.segments), len(scene.labels)
-    known = {*scene.marker_segments, *(j.segment for j in scene.joints), *(mesh.segment for mesh in scene.body)}
+    used = {*scene.marker_segments, *(j.segment for j in scene.joints), *(mesh.segment for mesh in scene.body)}
     fits = (
-        known <= set(scene.segments)
+        used <= set(scene.segments)
         and scene.marker_places.shape == (markers, 3)
         and len(scene.marker_segments) == markers
         and all(fitted.mesh in MESHES and fitted.place.shape == (3, 4) for fitted in scene.body)
-        and (scene.landmarks is None or scene.landmarks.complete)
+        and scene.landmarks.complete
+        and all(len(trial.time) > 0 for trial in scene.trials)
     )
-    for t in scene.trials:
-        n = len(t.time)
-        shapes = {
-            "time": (n,),
-            "origins": (n, segments, 3),
-            "turns": (n, segments, 4),
-            "tracked": (segments,),
-            "measured": (n, markers, 3),
-            "forces": (n, 2, 3),
-            "pressure_centres": (n, 2, 3),
-            "valid": (n,),
-            "valid_legs": (n, 2),
-            "plates": (len(t.plates), 4, 3),
-        }
-        fits = fits and n > 0 and all(getattr(t, name).shape == shape for name, shape in shapes.items())
+    for trial in scene.trials:
+        for name, shape in _trial_shapes(len(trial.time), segments, markers).items():
+            found = getattr(trial, name).shape
+            fits = fits and len(found) == len(shape) and all(n in (m, None) for m, n in zip(found, shape, strict=True))
     if not fits:
         raise ValueError("sizes")
-
-
-MOST_BYTES = 9_000_000
-"""Packed playback data of all trials of a page together: 12 MB as base64, of the 25 MB that it may have."""
-FAR = 20.0
-"""m from the pelvis: a marker beyond is no marker of this person, and would coarsen all others."""
 
 
 def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None, most_bytes: int = MOST_BYTES) -> str:
@@ -229,40 +215,9 @@ def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None
         "capsules": sorted(set(used) & set(shapes.replaced)),
         "body": [_fitted(scene, fitted) for fitted in scene.body],
         "bones": _bones(scene, bones),
-        "trials": [_trial(trial, thin) for trial in scene.trials],
+        "trials": [_trial(scene, trial, thin) for trial in scene.trials],
     }
-    return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-
-
-def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:
-    """The bones in their segments, and where each knee axis passes them; or why there are none."""
-    if bones is None:
-        return {"why": f"not installed: pip install 'gaitcal[{EXTRA}]', then gaitcal view"}
-    if scene.landmarks is None:
-        return {"why": "not in this result: calibrate again with this version"}
-    placed = fitted_bones(bones, scene.landmarks, scene.height)
-    return {
-        "why": None,
-        "source": bones.bones.source,
-        "meshes": {name: _mesh(bones.bones.shown(name)) for name in sorted({bone.mesh for bone in placed})},
-        "placed": [_fitted(scene, bone) for bone in placed],
-        "knees": [_knee(scene, knee) for knee in knee_axes(bones, scene.landmarks, scene.joints)],
-    }
-
-
-def _knee(scene: Scene, knee: KneeAxis) -> dict[str, Any]:
-    """What is said of a knee, and the circles of its condyles."""
-    return {
-        "joint": f"knee_{knee.side}",
-        "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
-        "brief": knee_brief(knee),
-        "axes": knee_words(knee),
-        "stands": evidence_words(knee),
-        "segment": scene.segments.index(f"thigh_{knee.side}"),
-        "centres": [_numbers(centre) for centre in knee.centres],
-        "radii": _numbers(knee.radii),
-        "across": _numbers(knee.across),
-    }
+    return script_json(content)
 
 
 def left_out(scene: Scene, most_bytes: int = MOST_BYTES) -> tuple[str, ...]:
@@ -284,51 +239,110 @@ def _thinning(scene: Scene, most_bytes: int) -> int:
     return max(1, -(-total // most_bytes))
 
 
-def _trial(trial: TrialScene, thin: int) -> dict[str, Any]:
+def _trial(scene: Scene, trial: TrialScene, thin: int) -> dict[str, Any]:
     kept = slice(None, None, thin)
+    time = trial.time[kept] - trial.time[0]
     pelvis = trial.origins[kept, :1]
     measured = trial.measured[kept] - pelvis
-    measured[~(np.abs(measured) < FAR).all(axis=2)] = np.nan
+    measured[~(np.abs(measured) < MARKER_RANGE_M).all(axis=2)] = np.nan
     return {
         "name": trial.name,
         "role": trial.role,
         "recorded": trial.recorded,
         "stride": trial.stride * thin,
-        "start": float(trial.time[0]),
-        "time": floats(trial.time[kept] - trial.time[0]),
+        "about": _about(scene, trial, time, trial.stride * thin),
+        "time": floats(time),
         "pelvis": floats(pelvis),
         "origins": lengths(trial.origins[kept] - pelvis),
-        "turns": base64_of(np.rint(trial.turns[kept] * FULL).astype("<i2")),
+        "turns": base64_of(np.rint(trial.turns[kept] * LARGEST).astype("<i2")),
         "tracked": [bool(t) for t in trial.tracked],
         "measured": lengths(measured),
         "forces": floats(trial.forces[kept]),
         "centres": floats(trial.pressure_centres[kept]),
         "hasForces": trial.has_forces,
-        "validLegs": base64_of(trial.valid_legs[kept].astype("<u1")),
+        "valid": {side: _spans(time, trial.valid_legs[kept, k]) for k, side in enumerate(SIDES)},
         "plates": floats(trial.plates),
     }
 
 
+def _about(scene: Scene, trial: TrialScene, time: Array, stride: int) -> str:
+    """A few lines on a trial; `time`: s, of the frames in the page, one in `stride` of those recorded."""
+    frames = f"{trial.recorded:,}".replace(",", "\u202f") + (" frame" if trial.recorded == 1 else " frames")
+    rate = f" at {(len(time) - 1) / time[-1] * stride:.0f} Hz" if time[-1] > 0 else ""
+    lines = [f"{trial.name} \u00b7 {frames}{rate}", f"{scene.mass:.1f} kg, {scene.height:.2f} m"]
+    if trial.time[0] > EARLY:
+        lines.append(f"begins at {trial.time[0]:.2f} s of the recording")
+    if stride > 1:
+        ending = "th" if stride % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(stride % 10, "th")
+        which = {2: "second", 3: "third"}.get(stride, f"{stride}{ending}")
+        lines.append(f"every {which} frame is in this page; poses between are interpolated")
+    return "\n".join(lines)
+
+
+def _spans(time: Array, valid: NDArray[np.bool_]) -> list[list[float]]:
+    """Begin and end, s, of each stretch of frames that are valid."""
+    edges = np.diff(np.r_[0, valid.astype(int), 0])
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return [[float(time[a]), float(time[b])] for a, b in zip(begins, ends, strict=True)]
+
+
+def _joint_words(joint: JointMark) -> tuple[str, str]:
+    """What a joint is called, and what is said of it where it is drawn."""
+    name, _, side = joint.joint.partition("_")
+    title = f"{SIDE_WORDS[side]} {name} joint" if side in SIDE_WORDS else f"{name} joint"
+    if not joint.fitted:
+        return title, f"{title}\nnot fitted: nominal"
+    moved = float(np.linalg.norm(joint.fitted_centre - joint.nominal_centre))
+    text = f"{title}\ncentre moved {1000 * moved:.1f} mm"
+    if np.isfinite(joint.nominal_axis).all() and np.isfinite(joint.fitted_axis).all():
+        cosine = min(1.0, float(joint.fitted_axis @ joint.nominal_axis))
+        text += f", axis turned {np.degrees(np.arccos(cosine)):.1f}\u00b0"
+    if np.isfinite(joint.centre_spread).all():
+        text += f"\nstandard error of the centre {1000 * np.linalg.norm(joint.centre_spread):.1f} mm"
+    return title, text
+
+
 def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
+    places = {
+        f"{first}{second.capitalize()}": _numbers(getattr(joint, f"{first}_{second}"))
+        for first, second in (name.split("_") for name in _JOINT_ARRAYS)
+    }
+    segment = scene.segments.index(joint.segment)
+    title, text = _joint_words(joint)
+    words = {"joint": joint.joint, "title": title, "text": text}
+    return {**words, "segment": segment, "fitted": joint.fitted, **places}
+
+
+def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:
+    """The bones in their segments, and where each knee axis passes them; or why there are none."""
+    if bones is None:
+        return {"why": f"not installed: pip install 'gaitcal[{EXTRA}]', then gaitcal view"}
+    placed = fitted_bones(bones, scene.landmarks, scene.height)
     return {
-        "joint": joint.joint,
-        "segment": scene.segments.index(joint.segment),
-        "fitted": joint.fitted,
-        "nominalCentre": _numbers(joint.nominal_centre),
-        "fittedCentre": _numbers(joint.fitted_centre),
-        "nominalAxis": _numbers(joint.nominal_axis),
-        "fittedAxis": _numbers(joint.fitted_axis),
-        "centreSpread": _numbers(joint.centre_spread),
-        "axisSpread": _numbers(joint.axis_spread),
+        "why": None,
+        "source": bones.bones.source,
+        "meshes": {name: _mesh(bones.bones.shown(name)) for name in sorted({bone.mesh for bone in placed})},
+        "placed": [_fitted(scene, bone) for bone in placed],
+        "knees": [
+            {
+                "joint": f"knee_{knee.side}",
+                "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
+                "brief": knee_brief(knee),
+                "axes": knee_words(knee),
+                "stands": evidence_words(knee),
+                "segment": scene.segments.index(f"thigh_{knee.side}"),
+                "centres": [_numbers(centre) for centre in knee.centres],
+                "radii": _numbers(knee.radii),
+                "across": _numbers(knee.across),
+            }
+            for knee in knee_axes(bones, scene.landmarks, scene.joints)
+        ],
     }
 
 
 def _fitted(scene: Scene, fitted: FittedMesh) -> dict[str, Any]:
-    return {
-        "mesh": fitted.mesh,
-        "segment": scene.segments.index(fitted.segment),
-        "place": [float(x) for x in fitted.place.ravel()],
-    }
+    place = [float(x) for x in fitted.place.ravel()]
+    return {"mesh": fitted.mesh, "segment": scene.segments.index(fitted.segment), "place": place}
 
 
 def _mesh(mesh: Mesh) -> dict[str, Any]:

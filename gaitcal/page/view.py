@@ -1,24 +1,28 @@
-"""`result.html`: body, curves and tables of one or two results in one file that opens offline.
+"""`result.html`: body, curves and tables of one or two results in one file that opens offline; `cohort.html` likewise.
 
 MeshCat's own JavaScript viewer, uPlot, our scripts, and the results as data stand inline. A Content-Security-Policy in
 the file lets exactly these scripts run, known by their SHA-256, and forbids every request: whatever a marker or a
 subject is called, it is text.
 
-Scenes of one person joined: the trials of several runs around one body.
-
-What a page of ours may do: run the scripts that stand in it, and nothing else.
-
-`cohort.html`: the people of a cohort in one file that opens offline, written piece by piece, as they may be many.
+MeshCat's own server listens on all interfaces. Ours serves a single page from memory on the loopback interface, to
+requests that name this machine (a page elsewhere that points its own name at 127.0.0.1 gets nothing) and the token in
+its address (nor does another user of this machine), and nothing else.
 """
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import json
+import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import secrets
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.resources import files
 from importlib.util import find_spec
@@ -27,18 +31,42 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from gaitcal.errors import GaitcalError
+from gaitcal.codes import Code
+from gaitcal.errors import GaitcalError, InputError
 from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.io.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
-from gaitcal.page.bones.bone_files import BoneMeshes, installed_bones
-from gaitcal.page.bones.placement import landmarked
+from gaitcal.page.bone_files import BoneMeshes, installed_bones
+from gaitcal.page.bone_placement import landmarked
+from gaitcal.page.page_data import MOST_LETTERS, curves_left_out, thinned
+from gaitcal.page.plain_data import script_json
 from gaitcal.page.scene import Scene, TrialScene, scene_of
 from gaitcal.page.scene_file import MOST_BYTES, left_out, scene_json
-from gaitcal.page.sheet.sheet import MOST_LETTERS, curves_left_out, sheet_text, thinned
 
 if TYPE_CHECKING:
     from gaitcal.session.result import Calibration
+
+SCRIPTS = (
+    "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js",
+    "stage.js", "chosen.js", "state.js", "timeline.js", "controls.js", "keys.js", "switches.js", "statistics.js",
+    "sheet.js", "convention.js", "strides.js", "traces.js", "plot.js", "panel.js", "peaks.js", "curves.js", "blocks.js",
+    "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "print.js", "page.js",
+)  # fmt: skip
+"""In the order in which they run: the body in 3-D; what is shown when; curves; tables; all together."""
+STYLES = ("page.css", "stage.css", "curves.css", "sections.css", "print.css")
+COHORT_SCRIPTS: Final = (
+    *("dom.js", "unpack.js", "chosen.js", "statistics.js", "plot.js", "blocks.js", "pictures.js", "verdict.js"),
+    *("cohort/people.js", "cohort/choices.js", "cohort/filters.js", "cohort/triage.js", "cohort/table.js"),
+    *("cohort/distributions.js", "cohort/means.js", "cohort/cohort.js"),
+)
+"""In the order in which they run: what `result.html` has too; people and what is chosen; each part; all together."""
+COHORT_STYLES: Final = ("page.css", "sections.css", "cohort.css")
+COHORT_DATA: Final = ("CURVES", "COHORT")
+"""What `cohort.html` is of: packed mean curves, and everything else as JSON, in the order of the file."""
+PLOTS = "libraries/uPlot"
+"""The library that draws curves."""
+HOST: Final = "127.0.0.1"
+_THIS_MACHINE: Final = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII)
 
 
 def policy(*scripts: str) -> str:
@@ -50,23 +78,36 @@ def policy(*scripts: str) -> str:
     )
 
 
-def inline(script: str) -> str:
+def _inline(script: str) -> str:
     """A script that may stand between `<script>` and `</script>`, and that a browser hashes as we do."""
     text = script.replace("\r\n", "\n").replace("\r", "\n")
     return text.replace("<!--", "<\\!--").replace("</script", "<\\/script").replace("</SCRIPT", "<\\/SCRIPT")
 
 
-SCRIPTS = (
-    "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js", "stage.js",
-    "state.js", "address.js", "clock.js", "timeline.js", "controls.js", "keys.js", "presets.js", "switches.js",
-    "sheet.js", "convention.js", "strides.js", "traces.js", "pen.js", "panel.js", "legend.js", "peaks.js", "papers.js",
-    "groups.js", "curves.js", "blocks.js", "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js",
-    "print.js", "page.js",
-)  # fmt: skip
-"""In the order in which they run: the body in 3-D; what is shown when; curves; tables; all together."""
-STYLES = ("page.css", "stage.css", "curves.css", "sections.css", "print.css")
-PLOTS = "uPlot"
-"""The library that draws curves, in `libraries/`."""
+def _part(name: str) -> str:
+    """A file of this folder."""
+    return (files("gaitcal.page") / name).read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One result as the page takes it."""
+
+    scene: Scene
+    data: Mapping[str, Any] | None = None
+    """Curves and tables (`gaitcal.page.page_data`); None: the body alone."""
+    name: str = ""
+    """What it is called beside another one."""
+
+
+@dataclass(frozen=True)
+class BodyText:
+    """The body in motion as it stands in a page."""
+
+    scene: str
+    """JSON of `scene_json`."""
+    bones_licence: str
+    """Whose bones are in it, and their licence; empty where none are, or they have none."""
 
 
 def write_view(source: Calibration | Scene, path: Path | str, bones: BoneMeshes | None = None) -> None:
@@ -83,8 +124,7 @@ def write_view(source: Calibration | Scene, path: Path | str, bones: BoneMeshes 
     GaitcalError
         MeshCat is not installed.
     """
-    scene = source if isinstance(source, Scene) else scene_of(source)
-    atomic_text(path, view_html(scene, bones))
+    atomic_text(path, view_html(source if isinstance(source, Scene) else scene_of(source), bones))
 
 
 def view_html(scene: Scene, bones: BoneMeshes | None = None) -> str:
@@ -92,32 +132,11 @@ def view_html(scene: Scene, bones: BoneMeshes | None = None) -> str:
     return page_html([Shown(scene)], bones)
 
 
-@dataclass(frozen=True)
-class Shown:
-    """One result as the page takes it."""
-
-    scene: Scene
-    sheet: Mapping[str, Any] | None = None
-    """Curves and tables (`gaitcal.page.sheet`); None: the body alone."""
-    name: str = ""
-    """What it is called beside another one."""
-
-
-@dataclass(frozen=True)
-class BodyText:
-    """The body in motion as it stands in a page."""
-
-    scene: str
-    """JSON of `scene_json`."""
-    bones_licence: str
-    """Whose bones are in it, and their licence; empty where none are, or they have none."""
-
-
 def page_html(results: Sequence[Shown], bones: BoneMeshes | None = None) -> str:
     """The page of one result, or of two side by side; `bones` as in `write_view`."""
     bodies = body_texts([shown.scene for shown in results], bones)
     return joined_page(
-        [(shown.name, body, told_text(shown.sheet, len(results))) for shown, body in zip(results, bodies, strict=True)]
+        [(shown.name, body, data_text(shown.data, len(results))) for shown, body in zip(results, bodies, strict=True)]
     )
 
 
@@ -129,54 +148,58 @@ def body_texts(scenes: Sequence[Scene], bones: BoneMeshes | None = None) -> list
     return [BodyText(scene_json(scene, shapes, placed, MOST_BYTES // len(scenes)), licence) for scene in scenes]
 
 
-def told_text(sheet: Mapping[str, Any] | None, results: int = 1) -> str:
-    """The sheet as JSON for a page of so many `results`."""
-    return sheet_text(sheet and thinned(sheet, MOST_LETTERS // results))
+def data_text(data: Mapping[str, Any] | None, results: int = 1) -> str:
+    """The data of a result as JSON for a page of so many `results`."""
+    return script_json(data and thinned(data, MOST_LETTERS // results))
 
 
 def joined_page(results: Sequence[tuple[str, BodyText, str]]) -> str:
-    """The page of results, each with its name, its body in motion and its sheet (`told_text`)."""
-    folder = files("gaitcal.page")
+    """The page of results, each with its name, its body in motion and its data (`data_text`)."""
 
-    def part(name: str) -> str:
-        return (folder / name).read_text(encoding="utf-8")
-
-    def result(name: str, body: BodyText, sheet: str) -> str:
-        return f'{{"name":{_text(name)},"leastValid":{LEAST_VALID},"scene":{body.scene},"sheet":{sheet}}}'
+    def result(name: str, body: BodyText, data: str) -> str:
+        return f'{{"name":{script_json(name)},"leastValid":{LEAST_VALID},"scene":{body.scene},"sheet":{data}}}'
 
     viewer, licences = _meshcat()
-    meshcat, plots = inline(viewer), inline(part(f"libraries/{PLOTS}.iife.min.js"))
-    page = inline("\n".join(part(f"scripts/{name}") for name in SCRIPTS))
-    licences += f"\n\nuPlot\n\n{part(f'libraries/{PLOTS}.LICENSE.txt')}"
+    content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
     bones = dict.fromkeys(body.bones_licence for _, body, _ in results if body.bones_licence)
-    content = {
-        "POLICY": policy(meshcat, plots, page),
-        "STYLE": "\n".join([part(f"libraries/{PLOTS}.min.css"), *(part(f"styles/{name}") for name in STYLES)]),
-        "RESULTS": f"[{','.join(result(*one) for one in results)}]",
-        "LICENCES": "\n\n".join([licences, *bones]).replace("<", "‹"),
-        "MESHCAT": meshcat,
-        "PLOTS": plots,
-        "PAGE": page,
-    }
+    content["RESULTS"] = f"[{','.join(result(*one) for one in results)}]"
+    content["LICENCES"] = "\n\n".join([*licences, content["LICENCES"], *bones]).replace("<", "‹")
     # One pass over the template: what a name holds is never looked at again.
-    return re.sub(r"@@([A-Z]+)@@", lambda found: content[found.group(1)], part("templates/page.html"))
+    return re.sub(r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _part("templates/page.html"))
 
 
-def sentences(results: Sequence[Shown]) -> tuple[str, ...]:
-    """What the page of these results leaves out, for every trial of which it holds some frames only."""
-    told: list[str] = []
-    for shown in results:
-        told += left_out(shown.scene, MOST_BYTES // len(results))
-        if shown.sheet is not None:
-            told += curves_left_out(thinned(shown.sheet, MOST_LETTERS // len(results)))
-    return tuple(told)
+def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
+    """Write the page of a cohort, piece by piece, as its people may be many.
+
+    `data`: the pieces of each of `COHORT_DATA`, asked for when they are due.
+    """
+    content = _scripts_and_styles(COHORT_SCRIPTS, COHORT_STYLES)
+    with path.open("w", encoding="utf-8", newline="\n") as stream:
+        for number, piece in enumerate(re.split(r"@@([A-Z]+)@@", _part("templates/cohort.html"))):
+            if number % 2 == 0:
+                stream.write(piece)
+            elif piece in COHORT_DATA:
+                stream.writelines(data[piece])
+            else:
+                stream.write(content[piece])
 
 
-def _text(text: str) -> str:
-    return json.dumps(text).replace("<", "\\u003c")
+def _scripts_and_styles(scripts: Sequence[str], styles: Sequence[str], **first: str) -> dict[str, str]:
+    """What a template has a place for; `first`: scripts that run before all others."""
+    running = {
+        **{name.upper(): _inline(script) for name, script in first.items()},
+        "PLOTS": _inline(_part(f"{PLOTS}.iife.min.js")),
+        "PAGE": _inline("\n".join(_part(f"scripts/{name}") for name in scripts)),
+    }
+    return {
+        "POLICY": policy(*running.values()),
+        "STYLE": "\n".join([_part(f"{PLOTS}.min.css"), *(_part(f"styles/{name}") for name in styles)]),
+        "LICENCES": f"uPlot\n\n{_part(f'{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
+        **running,
+    }
 
 
-def _meshcat() -> tuple[str, str]:
+def _meshcat() -> tuple[str, list[str]]:
     """MeshCat's viewer and the licences of what stands in the page, without importing MeshCat's server."""
     spec = find_spec("meshcat")
     places = list(spec.submodule_search_locations or ()) if spec else []
@@ -193,15 +216,21 @@ def _meshcat() -> tuple[str, str]:
         licences = [f"{name}\n\n{path.read_text(encoding='utf-8')}" for name, path in texts if path.is_file()]
     except OSError as error:
         raise GaitcalError(f"{viewer}: cannot be read ({error.strerror}); install meshcat again") from error
-    return script, "\n\n".join([*licences, *_mesh_licence()])
-
-
-def _mesh_licence() -> list[str]:
     try:
         text = distribution(PACKAGE).read_text("licenses/LICENSE")
     except PackageNotFoundError:
-        return []
-    return [f"Body meshes of {PACKAGE}\n\n{text}"] if text else []
+        text = None
+    return script, [*licences, *([f"Body meshes of {PACKAGE}\n\n{text}"] if text else [])]
+
+
+def sentences(results: Sequence[Shown]) -> tuple[str, ...]:
+    """What the page of these results leaves out, for every trial of which it holds some frames only."""
+    out: list[str] = []
+    for shown in results:
+        out += left_out(shown.scene, MOST_BYTES // len(results))
+        if shown.data is not None:
+            out += curves_left_out(thinned(shown.data, MOST_LETTERS // len(results)))
+    return tuple(out)
 
 
 def with_trials(scene: Scene, further: Scene, names: Mapping[str, str] | None = None) -> Scene | None:
@@ -213,9 +242,9 @@ def with_trials(scene: Scene, further: Scene, names: Mapping[str, str] | None = 
     """
     if further.segments != scene.segments:
         return None
-    told = names or {}
+    new = names or {}
     trials = (
-        replace(_with_markers(trial, further.labels, scene.labels), name=told.get(trial.name, trial.name))
+        replace(_with_markers(trial, further.labels, scene.labels), name=new.get(trial.name, trial.name))
         for trial in further.trials
     )
     return replace(scene, trials=(*scene.trials, *trials))
@@ -240,39 +269,97 @@ def _with_markers(trial: TrialScene, labels: tuple[str, ...], wanted: tuple[str,
     return replace(trial, measured=measured)
 
 
-COHORT_SCRIPTS: Final = (
-    *("unpack.js", "blocks.js", "convention.js", "pictures.js", "verdict.js", "pen.js"),
-    *("cohort/people.js", "cohort/measures.js", "cohort/choices.js", "cohort/filters.js", "cohort/triage.js"),
-    *("cohort/chooser.js", "cohort/table.js", "cohort/distributions.js", "cohort/groups.js", "cohort/mean_panel.js"),
-    *("cohort/mean_curves.js", "cohort/failures.js", "cohort/cohort.js"),
-)
-"""In the order in which they run: what `result.html` has too; people and what is chosen; each part; all together."""
-COHORT_STYLES: Final = ("page.css", "sections.css", "cohort.css")
-DATA: Final = ("CURVES", "COHORT")
-"""What a page is of: packed mean curves, and everything else as JSON, in the order of the file."""
+class ViewServer(ThreadingHTTPServer):
+    """One page on 127.0.0.1, at an address that nobody can guess."""
+
+    daemon_threads = True
+
+    def __init__(self, html: str, port: int = 0) -> None:
+        self.page = html.encode("utf-8")
+        self.path = f"/{secrets.token_urlsafe()}/"
+        in_page = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', html)
+        self.policy = f"{in_page.group(1)}; frame-ancestors 'none'" if in_page else "default-src 'none'"
+        try:
+            super().__init__((HOST, port), _Handler)
+        except (OSError, OverflowError) as error:
+            raise InputError(
+                f"found {port}, which cannot be listened on ({error})", field="port", code=Code.OPTION
+            ) from error
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f"http://{HOST}:{self.server_port}{self.path}"
 
 
-def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
-    """Write the page; `data`: the pieces of each of `DATA`, asked for when they are due."""
-    folder = files("gaitcal.page")
+class _Handler(BaseHTTPRequestHandler):
+    server: ViewServer
+    server_version = "gaitcal"
+    sys_version = ""
+    timeout = 30
 
-    def part(name: str) -> str:
-        return (folder / name).read_text(encoding="utf-8")
+    def do_GET(self) -> None:
+        self._answer(with_body=True)
 
-    plots = inline(part(f"libraries/{PLOTS}.iife.min.js"))
-    page = inline("\n".join(part(f"scripts/{name}") for name in COHORT_SCRIPTS))
-    fixed = {
-        "POLICY": policy(plots, page),
-        "STYLE": "\n".join([part(f"libraries/{PLOTS}.min.css"), *(part(f"styles/{name}") for name in COHORT_STYLES)]),
-        "LICENCES": f"uPlot\n\n{part(f'libraries/{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
-        "PLOTS": plots,
-        "PAGE": page,
-    }
-    with path.open("w", encoding="utf-8", newline="\n") as stream:
-        for number, piece in enumerate(re.split(r"@@([A-Z]+)@@", part("templates/cohort.html"))):
-            if number % 2 == 0:
-                stream.write(piece)
-            elif piece in DATA:
-                stream.writelines(data[piece])
-            else:
-                stream.write(fixed[piece])
+    def do_HEAD(self) -> None:
+        self._answer(with_body=False)
+
+    def _answer(self, *, with_body: bool) -> None:
+        # Any port: the far end of a tunnel may have another one than we listen on.
+        if not _THIS_MACHINE.fullmatch(self.headers.get("Host", "")):
+            self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
+            return
+        if self.path == "/favicon.ico":
+            self.send_response(HTTPStatus.NO_CONTENT)
+            self.end_headers()
+            return
+        if not secrets.compare_digest(self.path.encode(), self.server.path.encode()):
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        self.send_response(HTTPStatus.OK)
+        for name, value in {
+            "Content-Type": "text/html; charset=utf-8",
+            "Content-Length": str(len(self.server.page)),
+            "Content-Security-Policy": self.server.policy,
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Cache-Control": "no-store",
+        }.items():
+            self.send_header(name, value)
+        self.end_headers()
+        if with_body:
+            self.wfile.write(self.server.page)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Silent: the terminal belongs to the command."""
+
+
+def serve(html: str, port: int = 0, open_browser: bool = True, *, ready: Callable[[str], None] | None = None) -> None:
+    """Show a page in the browser until Ctrl-C.
+
+    Parameters
+    ----------
+    port : on 127.0.0.1; 0: any free one.
+    ready : called with the address, token and all, once it answers.
+
+    Raises
+    ------
+    InputError
+        The port cannot be listened on.
+    """
+    try:
+        with ViewServer(html, port) as server:
+            if ready is not None:
+                ready(server.url)
+            if open_browser and _has_display():
+                # From a thread: some browsers keep this call until they are closed.
+                threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
+            server.serve_forever(poll_interval=0.2)
+    except KeyboardInterrupt:
+        pass
+
+
+def _has_display() -> bool:
+    """Without one, a browser for text terminals would be opened, in this very terminal."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

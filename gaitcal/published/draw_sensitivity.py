@@ -182,10 +182,14 @@ def iteration_frame(stopped: StoppedRefits) -> pd.DataFrame:
     rows: list[dict[str, object]] = []
     for (iteration, count), table in stopped.tables.items():
         averages = _averages(table)
-        for varied, level in dict.fromkeys((varied, level) for varied, level, _, _ in averages):
-            values = {name: averages[varied, level, quantity, frame] for name, (quantity, frame) in quantities.items()}
+        for name_of_set, level in dict.fromkeys((name, level) for name, level, _, _ in averages):
+            values = {
+                name: averages[name_of_set, level, quantity, frame] for name, (quantity, frame) in quantities.items()
+            }
             number = "converged" if count == CONVERGED else str(count)
-            rows.append({"set": varied, "level": level, "iteration": iteration.value, "iterations": number} | values)
+            rows.append(
+                {"set": name_of_set, "level": level, "iteration": iteration.value, "iterations": number} | values
+            )
     for varied, level, value in PRINTED_MM:
         rows.append({"set": varied.value, "level": level, "iteration": "printed", "markers_mm": value})
     both = {f"{figure.torque}.{frame.value}": figure.value for figure in _FIGURES for frame in ReactionFrame}

@@ -90,10 +90,10 @@ def sensitivities(
 def sensitivity_claims(found: Sensitivities | None) -> list[Claim]:
     """Of `claims.csv`; without a run they are there as not run."""
     claims = [
-        *phase_one.trial_length_claims(found and found.lengths),
-        *phase_one.absorbed_claims(found and found.absorbed),
-        *refits.refit_claims(found and found.stopped),
-        *refits.pressure_centre_claims(found and found.centres),
+        *phase_one.trial_length_claims(found.lengths if found else None),
+        *phase_one.absorbed_claims(found.absorbed if found else None),
+        *refits.refit_claims(found.stopped if found else None),
+        *refits.pressure_centre_claims(found.centres if found else None),
     ]
     return [replace(claim, kind=Kind.SENSITIVITY) for claim in claims]
 

@@ -237,7 +237,8 @@ class Cluster(_Executing):
                 raise InputError(words, field="--cluster", code=Code.CLUSTER) from None
 
             def room() -> int:
-                return AHEAD * max(sum(client.nthreads().values()), 1)
+                threads: int = sum(client.nthreads().values())
+                return AHEAD * max(threads, 1)
 
             executor = client.get_executor(pure=False)
             death = library.KilledWorker

@@ -20,8 +20,8 @@ from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
 from gaitcal.model.parameters import impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.page.page_data import calibration_page_data
 from gaitcal.page.scene import scene_of
-from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.results.page_files import write_body, write_joined_page, write_told
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
@@ -95,7 +95,7 @@ def _write_told(calibration: Calibration, out: Path, settings: Mapping[str, Json
     """The manifest, and the sheet that tells of it; returns what the page has of the sheet."""
     content = manifest(calibration, settings)
     (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
-    return write_told(out, calibration_sheet(calibration, normal, content))
+    return write_told(out, calibration_page_data(calibration, normal, content))
 
 
 def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = None) -> dict[str, Json]:

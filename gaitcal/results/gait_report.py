@@ -28,7 +28,7 @@ from gaitcal.io.toml import read_toml
 from gaitcal.model.coordinates import senses_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.steps import SHOWN
+from gaitcal.page.page_data import SHOWN_MEASURES
 from gaitcal.results.cycles_export import strides_in_convention
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.verdict import SUMMARY, entries_of, table_of
@@ -234,7 +234,7 @@ def _why(missing: int, turning: int, plates: bool) -> str:
 def _steps(summary: Mapping[str, object]) -> Iterator[tuple[str, ...]]:
     yield ("measure", "unit", "right", "left", "asymmetry, %")
     found = table_of(summary, "spatiotemporal")
-    for name, (title, digits) in SHOWN.items():
+    for name, (title, digits) in SHOWN_MEASURES.items():
         measure = table_of(found, name)
         if measure:
             cells = (_average(table_of(measure, side), digits) for side in SIDES)

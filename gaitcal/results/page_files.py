@@ -10,10 +10,10 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.result_folder import MANIFEST, read_object, sha256_of
 from gaitcal.io.snapshot import read_whole
+from gaitcal.page.page_data import PAGE_DATA, doubted, followed_by, only, read_page_data, renamed, write_page_data
 from gaitcal.page.scene import Scene
 from gaitcal.page.scene_file import load_scene, save_scene
-from gaitcal.page.sheet.sheet import SHEET, doubted, followed_by, only, read_sheet, renamed, write_sheet
-from gaitcal.page.view import BodyText, Shown, body_texts, joined_page, told_text, with_trials
+from gaitcal.page.view import BodyText, Shown, body_texts, data_text, joined_page, with_trials
 from gaitcal.results.saved import MODEL
 from gaitcal.results.verdict import table_of
 
@@ -34,8 +34,8 @@ def write_body(folder: Path, scene: Scene) -> BodyText:
 
 def write_told(folder: Path, sheet: Mapping[str, Any]) -> str:
     """Write the sheet into a folder that is being written; returns what its page has of it."""
-    write_sheet(sheet, folder / SHEET)
-    return told_text(sheet)
+    write_page_data(sheet, folder / PAGE_DATA)
+    return data_text(sheet)
 
 
 def write_joined_page(folder: Path, body: BodyText, told: str) -> None:
@@ -64,15 +64,17 @@ def read_page(folder: Path) -> Shown:
     """
 
     def read() -> Shown:
-        sheet = read_sheet(folder / SHEET)
+        sheet = read_page_data(folder / PAGE_DATA)
         shown = Shown(load_scene(folder / SCENE), sheet, folder.resolve().name)
         if [t["name"] for t in sheet["trials"]] != [t.name for t in shown.scene.trials]:
             raise InputError(
-                "tells of other trials than scene.npz; calibrate again", source=folder / SHEET, code=Code.DAMAGED_RESULT
+                "tells of other trials than scene.npz; calibrate again",
+                source=folder / PAGE_DATA,
+                code=Code.DAMAGED_RESULT,
             )
         return shown
 
-    shown, _ = read_whole(folder, (SCENE, SHEET), read)
+    shown, _ = read_whole(folder, (SCENE, PAGE_DATA), read)
     return shown
 
 
@@ -98,9 +100,9 @@ def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
     scene = with_trials(shown.scene, further.scene, names)
     if scene is None:
         return shown, (f"{folder / DYNAMICS}: another body than {folder}; run its trials again to see them",)
-    about = only(further.sheet or {}, [t.name for t in further.scene.trials])
+    about = only(further.data or {}, [t.name for t in further.scene.trials])
     sheet = renamed(doubted(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names)
-    return Shown(scene, followed_by(shown.sheet or {}, sheet), shown.name), lines
+    return Shown(scene, followed_by(shown.data or {}, sheet), shown.name), lines
 
 
 def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:

@@ -23,9 +23,9 @@ from gaitcal.io.result_folder import (
     sha256_of,
 )
 from gaitcal.io.toml import package_version
+from gaitcal.page.page_data import PAGE_DATA, doubted, further_page_data, merged, only, read_page_data
+from gaitcal.page.provenance import Origin
 from gaitcal.page.scene import person_scene, trial_scene
-from gaitcal.page.sections.fit import Origin
-from gaitcal.page.sheet.sheet import SHEET, doubted, further_sheet, merged, only, read_sheet
 from gaitcal.page.view import Shown, after_trials
 from gaitcal.results.calibration import json_text, write_trial
 from gaitcal.results.page_files import AGAIN, OTHER_MODEL, SCENE, read_page, write_page
@@ -55,13 +55,13 @@ def write_further_page(
         saved.uncertainty.standard_errors,
     )
     origin = Origin(_sheet_of(saved.files.folder), edited=bool(saved.files.remarks))
-    bands = origin.sheet.get("bands")
+    bands = origin.data.get("bands")
     sheet: Mapping[str, Any] = {
-        **further_sheet(saved.model, trials, verdict, saved.relative_to, origin),
+        **further_page_data(saved.model, trials, verdict, saved.relative_to, origin),
         "bands": bands if isinstance(bands, list) else [],
     }
-    if earlier is not None and earlier.sheet is not None and (joined := after_trials(scene, earlier.scene)) is not None:
-        scene, sheet = joined, merged(earlier.sheet, sheet)
+    if earlier is not None and earlier.data is not None and (joined := after_trials(scene, earlier.scene)) is not None:
+        scene, sheet = joined, merged(earlier.data, sheet)
     write_page(out, scene, sheet)
 
 
@@ -84,16 +84,16 @@ def earlier_page(
         try:
             shown = read_page(folder)
         except InputError:
-            fault = f"{SCENE} and {SHEET} cannot be read"
-    if shown is None or shown.sheet is None:
+            fault = f"{SCENE} and {PAGE_DATA} cannot be read"
+    if shown is None or shown.data is None:
         return None, tuple(f"{name}: {fault}: the page leaves this trial out; {AGAIN}" for name in names)
     doubts = [(name, OTHER_MODEL, AGAIN) for name in stale]
-    return Shown(shown.scene, doubted(only(shown.sheet, names), doubts), shown.name), ()
+    return Shown(shown.scene, doubted(only(shown.data, names), doubts), shown.name), ()
 
 
 def _fault(folder: Path, hashes: Mapping[str, str]) -> str:
     """What keeps an earlier page from being read; empty where nothing does."""
-    for name in (SCENE, SHEET):
+    for name in (SCENE, PAGE_DATA):
         if sha256_of(folder / name) != hashes.get(name):
             return f"{name} is damaged, or was edited: not as gaitcal wrote it"
     return ""
@@ -102,7 +102,7 @@ def _fault(folder: Path, hashes: Mapping[str, str]) -> str:
 def _sheet_of(result: Path) -> Mapping[str, Any]:
     """Of the calibration's page; empty where it cannot be read."""
     try:
-        return read_sheet(result / SHEET)
+        return read_page_data(result / PAGE_DATA)
     except InputError:
         return {}
 

@@ -1,10 +1,9 @@
 """The main job: from a study to a calibrated person, in five stages that hand on one `Session`.
 
-prepare       check, clean and turn the trials; the nominal model of the static trial
-fit_joints    joint parameters from the markers
-track         motions with the nominal and the fitted model, forces under the feet, and what is wrong with them
-fit_inertia   inertial parameters from the pelvis residual; on demand all parameters together
-judge         standard errors, torques, findings, verdict
+`session_of` has the nominal model of the static trial and the trials, cleaned, turned and with their problems;
+`fit_joints` finds joint parameters from the markers; `track` the motions with the nominal and the fitted model, the
+forces under the feet, and what is wrong with them; `fit_inertia` inertial parameters from the pelvis residual, on
+demand all parameters together; `judged` standard errors, torques, findings and the verdict.
 """
 
 from __future__ import annotations

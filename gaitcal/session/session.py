@@ -40,15 +40,20 @@ from gaitcal.motion.trial_problem import FEWEST_FRAMES, TrialProblem, trial_prob
 from gaitcal.session.bandwidth import Bandwidth, bandwidth_of
 from gaitcal.session.result import HeldOut, Stage, Uncertainty
 from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.settings import CalibrationSettings, Mode, Protocol
+from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study import Study, cleaned, completed_static
 from gaitcal.study.study_trial import Role, StudyTrial
 
 
 @dataclass(frozen=True, kw_only=True)
 class MovingTrial(StudyTrial):
-    """A moving trial with its least-squares problems, and what these have given so far."""
+    """A moving trial with its least-squares problems, and what these have given so far.
 
+    Its recording is turned so that x is forward.
+    """
+
+    in_file_axes: Recording
+    """The recording in the axes of its file."""
     bandwidth: Bandwidth
     body: TrialProblem
     """The whole body, with the bandwidth of the motion that leaves the trial."""
@@ -160,7 +165,7 @@ def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] =
 
 def fits_legs_together(settings: CalibrationSettings) -> bool:
     """Whether the joint parameters of all trials are fitted at once, by pelvis and legs."""
-    return settings.jp and settings.decided_by is Protocol.PUBLISHED and Mode(settings.mode) is Mode.SIMULTANEOUS
+    return settings.jp and settings.decided_by is Protocol.PUBLISHED and settings.mode == "simultaneous"
 
 
 def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationSettings) -> MovingTrial:
@@ -201,7 +206,7 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
         except InputError:  # the pelvis is not seen in an isolated trial
             if joint is None:
                 raise
-    read = {f.name: getattr(turned, f.name) for f in fields(turned)}
+    read = {f.name: getattr(turned, f.name) for f in fields(turned)} | {"in_file_axes": trial.recording}
     return MovingTrial(**read, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints)
 
 

@@ -14,10 +14,10 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_contact import leg_of
 from gaitcal.gait.moments import joint_words, moment_names, moment_of
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.linkage import FILE_COORDINATES, LEG_JOINTS, REACTIONS, SIDES, is_translation
+from gaitcal.model.linkage import LEG_JOINTS, SIDES, is_translation
 from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.session.result import Calibration, TrialResult
-from gaitcal.session.tables import parameter_rows
+from gaitcal.session.tables import coordinate_table, parameter_rows
 from gaitcal.session.truth_errors import INTERVAL, CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
 from gaitcal.study.truth import TrueCurves, Truth, other_rule
 
@@ -78,16 +78,12 @@ def _errors(calibration: Calibration, known: Truth) -> TruthErrors:
 
 def _parameters(rows: Sequence[Mapping[str, Any]], true: Mapping[str, float]) -> tuple[ParameterTruth, ...]:
     to_si = dict(zip((*JP_NAMES, *IP_NAMES), (*JP_TO_SI, *IP_TO_SI), strict=True))
+    kept = ("name", "kind", "unit", "nominal", "fitted", "status")
     return tuple(
         ParameterTruth(
-            name=row["name"],
-            kind=row["kind"],
-            unit=row["unit"],
+            **{key: row[key] for key in kept},
             truth=true[row["name"]] / to_si[row["name"]],
-            nominal=row["nominal"],
-            fitted=row["fitted"],
             error_bar=row["standard_error"],
-            status=row["status"],
         )
         for row in rows
         if row["name"] in true
@@ -99,10 +95,8 @@ def _features(parameters: Mapping[str, ParameterTruth]) -> tuple[FeatureTruth, .
     for joint, segment, part, words, directions in _FEATURES:
         for side in SIDES:
             names = [f"{joint}_{side}.{segment}.{direction}" for direction in directions]
-            if not all(name in parameters for name in names):
-                continue
-            rows = [parameters[name] for name in names]
-            if all(row.status == "fixed" for row in rows):
+            rows = [parameters[name] for name in names if name in parameters]
+            if len(rows) < len(names) or all(row.status == "fixed" for row in rows):
                 continue
             nominal, fitted, true = (
                 np.array([getattr(row, which) for row in rows]) for which in ("nominal", "fitted", "truth")
@@ -137,28 +131,23 @@ def _angle(directions: tuple[str, ...], one: Array, other: Array) -> float:
 
 
 def _trial(trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None) -> TrialTruth:
-    motion, before, time = trial.body, trial.nominal, trial.body.time
-    coordinates, forces = {}, {}
-    true = {} if motions is None else motions.at(time)
-    for name in (n for n in FILE_COORDINATES if n in true and n in motion.coordinates):
-        scale, k = 1.0 if is_translation(name) else 180.0 / np.pi, motion.coordinates.index(name)
-        old = np.full(len(time), np.nan)
-        if name in before.coordinates:
-            old = before.q[:, before.coordinates.index(name)]
-        coordinates[name] = CurveTruth(
-            name=name,
-            truth=scale * true[name],
-            fitted=scale * motion.q[:, k],
-            nominal=scale * old,
-            error_bar=None if trial.coordinate_errors is None else scale * trial.coordinate_errors[:, k],
-            counts=np.ones(len(time), dtype=bool),
-        )
+    time, coordinates, forces = trial.body.time, {}, {}
+    now, before = coordinate_table(trial.body, trial.coordinate_errors), coordinate_table(trial.nominal)
+    for name, true in ({} if motions is None else motions.at(time)).items():
+        if name in now:
+            coordinates[name] = CurveTruth(
+                name=name,
+                truth=true * (1.0 if is_translation(name) else 180.0 / np.pi),
+                fitted=now[name],
+                nominal=before.get(name, np.full(len(time), np.nan)),
+                error_bar=now.get(f"{name}_se"),
+                counts=np.ones(len(time), dtype=bool),
+            )
     if moments is not None and (loads := trial.loads) is not None:
-        true = moments.at(time)
-        for name in (n for n in (*FILE_COORDINATES, *REACTIONS) if n in true):
+        for name, true in moments.at(time).items():
             forces[name] = CurveTruth(
                 name=name,
-                truth=true[name],
+                truth=true,
                 fitted=moment_of(loads.final, name),
                 nominal=moment_of(loads.nominal, name),
                 error_bar=None if loads.errors is None else moment_of(loads.errors, name),

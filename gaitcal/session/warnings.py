@@ -1,6 +1,6 @@
 """What speaks against a finished calibration: one finding for each thing that its own figures put in doubt.
 
-A segment without the markers it needs moves as a prior has it (`motion/undetermined.py`). What its mass does otherwise
+A segment without the markers it needs moves as a prior has it (`coordinate_prior.py`). What its mass does otherwise
 appears at the pelvis as force and moment that nothing explains: so long as the trunk is such a segment, the pelvis
 residual says how it moves, and nothing of masses. Torques of the legs are summed from the feet upwards and do not
 depend on it.
@@ -130,16 +130,15 @@ def is_trunk_unmeasured(motion: Motion) -> bool:
     return TRUNK in _unmeasured(motion)
 
 
-def unmeasured_share(motion: Motion, parameters: Parameters) -> float:
-    """Share (0 to 1) of the body's mass in segments of the upper body that markers do not determine."""
-    mass = dict(zip(MASSIVE_SEGMENTS, table(parameters.inertial)[:, 0], strict=True))
-    return float(sum(mass[segment] for segment in _unmeasured(motion)) / sum(mass.values()))
-
-
 def unmeasured_words(motion: Motion, parameters: Parameters) -> str:
-    """The same in words ("head and trunk, upper arms: 44 % of the body's mass"); nothing where none is."""
-    parts = dict.fromkeys(_WORDS.get(s, _WORDS.get(s[:-2], s)) for s in _unmeasured(motion))
-    return f"{', '.join(parts)}: {100 * unmeasured_share(motion, parameters):.0f} % of the body's mass" if parts else ""
+    """Segments of the upper body that markers do not determine ("head and trunk, upper arms: 44 % of the body's
+    mass"); nothing where none is.
+    """
+    segments = _unmeasured(motion)
+    mass = dict(zip(MASSIVE_SEGMENTS, table(parameters.inertial)[:, 0], strict=True))
+    share = float(sum(mass[segment] for segment in segments) / sum(mass.values()))
+    parts = dict.fromkeys(_WORDS.get(s, _WORDS.get(s[:-2], s)) for s in segments)
+    return f"{', '.join(parts)}: {100 * share:.0f} % of the body's mass" if parts else ""
 
 
 def _unmeasured(motion: Motion) -> tuple[str, ...]:
@@ -186,7 +185,7 @@ def diagnose_forces(session: Session) -> ForceDiagnosis:
     if impossible_bodies(parameters.inertial):
         return ForceDiagnosis()
     evidence = (
-        force_evidence(t, t.recording, model, parameters, t.motion, t.reactions)
+        force_evidence(replace(t, recording=t.in_file_axes), t.recording, model, parameters, t.motion, t.reactions)
         for t in session.trials
         if t.reactions is not None
     )

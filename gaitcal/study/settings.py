@@ -31,13 +31,6 @@ def frequency(*words: str) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-class Mode(Enum):
-    """The order in which joint parameters are calibrated."""
-
-    SEQUENTIAL = "sequential"
-    SIMULTANEOUS = "simultaneous"
-
-
 class Protocol(Enum):
     """Who decides which joint parameters move."""
 

@@ -77,7 +77,7 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
     ----------
     out : the folder, replaced if an earlier one is there.
     seed : the same seed gives the same files.
-    noise : add the paper's marker noise, up to 10 mm (`synthetic/measurements.py`); the static trial has none.
+    noise : add the paper's marker noise, up to 10 mm (`synthetic/motion.py`); the static trial has none.
     perturb : draw the true parameters at random within 10 mm, 10 degrees and 10 %; else they are the published ones.
 
     Raises

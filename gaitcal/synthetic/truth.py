@@ -126,8 +126,8 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
         x, point_of_x = mirrored * lines[f"subtalar_angle_{side}"][0], lines[f"subtalar_angle_{side}"][1]
         talus_origin, foot_point = _common_perpendicular(z, point_of_z, x, point_of_x)
         up = np.cross(z, x) / np.linalg.norm(np.cross(z, x))
-        by_name[f"subtalar_{side}.talus.trans"] = -np.arcsin(np.clip(z @ x, -1, 1))
-        by_name[f"subtalar_{side}.talus.sup"] = (foot_point - talus_origin) @ up
+        by_name[f"subtalar_{side}.talus.trans"] = float(-np.arcsin(np.clip(z @ x, -1, 1)))
+        by_name[f"subtalar_{side}.talus.sup"] = float((foot_point - talus_origin) @ up)
         points |= {f"talocrural_{side}.shank": talus_origin, f"subtalar_{side}.foot": foot_point}
         arm, shoulder = lines[f"arm_flex_{side}"]
         points |= dict.fromkeys((f"shoulder_{side}.trunk", f"shoulder_{side}.upperarm"), shoulder)

@@ -43,6 +43,8 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.motion.spline import ORDER, SplineBasis
 
+GAIT_CYCLE = 1.035
+"""s, `cycle_s` of the nominal gait."""
 STANCE = 0.62
 """Share of a stride in which a foot is on the ground; double support is 0.12 of it, twice."""
 DOUBLE_SUPPORT = STANCE - 0.5
@@ -52,6 +54,44 @@ _ROLL = ((0.0, 0.12, 0.3, 0.55, 0.8, 1.0), (0.10, 0.28, 0.42, 0.58, 0.72, 0.86))
 """Part of stance, and where the centre of pressure is then between the back of the heel and the tip of the foot."""
 HEEL_RESTS, BALL_RESTS, SETTLING = (0.01, 0.35), (0.1, 0.54), 0.06
 """Phases of the foot's own stride between which heel and ball do not move, and the time to come to rest and leave."""
+CENTRE_M = 0.006
+"""m, of the centre of pressure from where the load rolls; times body weight, of every moment about that point."""
+FORCE = np.array([0.10, 0.03, 0.01])
+"""Body weights, of the total force from that of walking people."""
+LATER = 0.076 - 0.5 * DOUBLE_SUPPORT
+"""Strides by which the usual force comes later in the recording that it is from."""
+ANGLE, ARM_ANGLE, PLACE_M = np.deg2rad(2.0), np.deg2rad(4.0), 0.01
+ANGULAR_ACCELERATION, ACCELERATION = 25.0, 2.0
+"""rad/s^2, m/s^2: without these the ends of a spline swing."""
+FOOT_PLACE_M = 0.02
+FOOT_SPEED = 0.03
+"""m/s, of a resting point."""
+CLEARANCE = 0.02
+"""m between the floor and the lowest foot marker of the nominal person."""
+SMALLEST_STEP = 1e-3
+"""m or rad, largest change of a node in the last step."""
+MOST_STEPS = 30
+_CURVE_OF = {
+    "pelvis_tx": ("tx", 1.0),
+    "pelvis_ty": ("ty", 1.0),
+    "pelvis_tz": ("tz", 1.0),
+    "pelvis_tilt": ("tilt", 1.0),
+    "pelvis_list": ("list", 1.0),
+    "pelvis_rotation": ("prot", 1.0),
+    "hip_flexion": ("hflex", 1.0),
+    "hip_adduction": ("hadd", 1.0),
+    "hip_rotation": ("hrot", 1.0),
+    "knee_angle": ("knee", -1.0),
+    "ankle_angle": ("tc", 1.0),
+    "subtalar_angle": ("st", 1.0),
+    "lumbar_extension": ("lext", 1.0),
+    "lumbar_bending": ("lbend", 1.0),
+    "lumbar_rotation": ("lrot", 1.0),
+    "arm_flex": ("sflex", 1.0),
+    "arm_add": ("sabd", -1.0),
+    "elbow_flex": ("elb", 1.0),
+}
+"""Coordinate without its side -> its curve in the file, and the factor of its sign, where it is not there by name."""
 
 
 @dataclass(frozen=True)
@@ -147,32 +187,6 @@ def _ramp(x: Array) -> Array:
     return out
 
 
-GAIT_CYCLE = 1.035
-"""s, `cycle_s` of the nominal gait."""
-
-_CURVE_OF = {
-    "pelvis_tx": ("tx", 1.0),
-    "pelvis_ty": ("ty", 1.0),
-    "pelvis_tz": ("tz", 1.0),
-    "pelvis_tilt": ("tilt", 1.0),
-    "pelvis_list": ("list", 1.0),
-    "pelvis_rotation": ("prot", 1.0),
-    "hip_flexion": ("hflex", 1.0),
-    "hip_adduction": ("hadd", 1.0),
-    "hip_rotation": ("hrot", 1.0),
-    "knee_angle": ("knee", -1.0),
-    "ankle_angle": ("tc", 1.0),
-    "subtalar_angle": ("st", 1.0),
-    "lumbar_extension": ("lext", 1.0),
-    "lumbar_bending": ("lbend", 1.0),
-    "lumbar_rotation": ("lrot", 1.0),
-    "arm_flex": ("sflex", 1.0),
-    "arm_add": ("sabd", -1.0),
-    "elbow_flex": ("elb", 1.0),
-}
-"""Coordinate without its side -> its curve in the file, and the factor of its sign, where it is not there by name."""
-
-
 @cache
 def _nominal_gait() -> dict[str, Any]:
     content = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
@@ -199,25 +213,6 @@ def gait_curves(phase: Array) -> tuple[Array, Array]:
             out[:, i] = sign * (values if harmonics["unit"] == "m" else np.deg2rad(values))
     q[:, COORDINATE_INDEX["pelvis_tx"]] += data["stride_m"] * phase
     return q, acceleration
-
-
-CENTRE_M = 0.006
-"""m, of the centre of pressure from where the load rolls; times body weight, of every moment about that point."""
-FORCE = np.array([0.10, 0.03, 0.01])
-"""Body weights, of the total force from that of walking people."""
-LATER = 0.076 - 0.5 * DOUBLE_SUPPORT
-"""Strides by which the usual force comes later in the recording that it is from."""
-ANGLE, ARM_ANGLE, PLACE_M = np.deg2rad(2.0), np.deg2rad(4.0), 0.01
-ANGULAR_ACCELERATION, ACCELERATION = 25.0, 2.0
-"""rad/s^2, m/s^2: without these the ends of a spline swing."""
-FOOT_PLACE_M = 0.02
-FOOT_SPEED = 0.03
-"""m/s, of a resting point."""
-CLEARANCE = 0.02
-"""m between the floor and the lowest foot marker of the nominal person."""
-SMALLEST_STEP = 1e-3
-"""m or rad, largest change of a node in the last step."""
-MOST_STEPS = 30
 
 
 _Rows = tuple[Array, dict[int, Array]]

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from scripts.validation.cohorts.page_of_many import copy_people, write_many
+from scripts.validation.many_people import copy_people, write_many
 from tests.page.browser import Page, browser, chromium
 
 ROOT = Path(__file__).resolve().parents[2]

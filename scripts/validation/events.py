@@ -5,7 +5,7 @@
 Every study is one laboratory. Its gait trials are tracked with the nominal model. The truth is where the vertical force
 under a foot passes 20 N, on a plate that holds the heel at the strike and the toes at the off; and what the file's own
 events say. Told for each study, in ms: mean and standard deviation of motion less truth, how many, and how many of the
-truth's events the motion missed. Beside our rule (`gaitcal/gait/swing.py`) stands the one that it replaced: heel
+truth's events the motion missed. Beside our rule (`gaitcal/gait/events.py`) stands the one that it replaced: heel
 furthest in front of the pelvis, toe furthest behind it (Zeni 2008). At the end, left out in turn: every laboratory with
 thresholds that suit the others.
 """

@@ -31,7 +31,7 @@ ASTRIDE = ("multi", "multi walk06")
 
 @pytest.fixture
 def study_of(data_dir: Path) -> Callable[[str], Study]:
-    every = import_module("scripts.validation.attacks.bases").EVERY
+    every = import_module("scripts.validation.attacks.attack").EVERY
     return lambda name: every[name].study
 
 

@@ -25,8 +25,8 @@ from gaitcal.figures.sheet import SheetTrial, unpacked
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.result_folder import ResultKind, atomic_directory, refuse_others
-from gaitcal.page.packing import lengths
-from gaitcal.page.sheet.sheet import SHEET, calibration_sheet, write_sheet
+from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, write_page_data
+from gaitcal.page.plain_data import lengths
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
@@ -53,7 +53,7 @@ def folder(whole: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 def written(calibration: Calibration, out: Path) -> Path:
     """Those files of a result that figures are made of."""
-    write_sheet(calibration_sheet(calibration), out / SHEET)
+    write_page_data(calibration_page_data(calibration), out / PAGE_DATA)
     write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
     write_csv(parameter_table(calibration), out / "parameters.csv")
     (out / "summary.json").write_text(json.dumps(summary(calibration)), encoding="utf-8")
@@ -179,7 +179,7 @@ def test_a_report_has_the_pages_of_the_result(folder: Path, tmp_path: Path) -> N
 
 
 def test_a_report_draws_the_curves_of_the_sheet(whole: Calibration) -> None:
-    sheet = calibration_sheet(whole)
+    sheet = calibration_page_data(whole)
     trial = SheetTrial(sheet["trials"][0])
     curve = next(c for c in trial.of("moment") if c.name == "hip_flexion_r")
     told = Told(sheet=sheet, summary=json.loads(json.dumps(summary(whole))))
@@ -204,7 +204,7 @@ def test_packed_curves_are_read_back() -> None:
 
 
 def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibration) -> None:
-    sheet = calibration_sheet(whole)
+    sheet = calibration_page_data(whole)
     content = sheet["trials"][0]
     content["strides"] = [stride for stride in content["strides"] if stride["side"] == "l"]
     layout = SheetTrial(content).layout
@@ -241,7 +241,7 @@ def test_a_folder_that_is_no_result(tmp_path: Path) -> None:
 
 
 def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(folder: Path, tmp_path: Path) -> None:
-    for name, place in ((SHEET, tmp_path), ("cycles.csv", tmp_path / "dynamics")):
+    for name, place in ((PAGE_DATA, tmp_path), ("cycles.csv", tmp_path / "dynamics")):
         place.mkdir(exist_ok=True)
         (place / name).write_bytes((folder / name).read_bytes())
     result = figures(tmp_path / "dynamics", "--out", tmp_path / "out", "--only", "knee_adduction")

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from gaitcal.figures.chart import Chart
 from gaitcal.figures.report import Told, report_charts
 from gaitcal.gait.normal_bands import Bands
-from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.summary import summary
 from gaitcal.session.result import Calibration
 from gaitcal.session.tables import parameter_rows
@@ -17,7 +17,7 @@ from gaitcal.session.tables import parameter_rows
 def told(calibration: Calibration, normal: Bands | None = None) -> Told:
     subject, known = calibration.model.subject, calibration.truth
     return Told(
-        sheet=calibration_sheet(calibration),
+        sheet=calibration_page_data(calibration),
         summary=json.loads(json.dumps(summary(calibration))),
         parameters=parameter_rows(calibration),
         truth={p.name: p.truth for p in known.parameters} if known else {},

@@ -8,12 +8,9 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 
-from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points, ground_reactions, unseen_frames
-from gaitcal.gait.cycles import EventSource, GaitEvent
-from gaitcal.gait.events import TrialEvents, trial_events
+from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
-from gaitcal.io.labels import FootMoment
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, nominal_of
@@ -59,27 +56,6 @@ def vendor_figures(path: Path) -> dict[tuple[str, str], float]:
         return {}
     columns = [group[name]["value"] for name in ("CONTEXTS", "NAMES", "VALUES")]
     return {(side[0].lower(), name): float(value) for side, name, value in zip(*columns, strict=True)}
-
-
-def strides_of_markers(path: Path, marker: str) -> tuple[Stride, ...]:
-    """Of the file's own events, with a marker of each foot, `TOE`, where the heels would be."""
-    file = ezc3d.c3d(str(path))
-    event, point = file["parameters"]["EVENT"], file["parameters"]["POINT"]
-    labels = [label.strip() for label in point["LABELS"]["value"]]
-    time = file["header"]["points"]["first_frame"] / point["RATE"]["value"][0] + (
-        np.arange(file["data"]["points"].shape[2]) / point["RATE"]["value"][0]
-    )
-    both = [1e-3 * file["data"]["points"][:3, labels.index(f"{side}{marker}")].T for side in "RL"]
-    places = np.stack([np.stack([p[:, 0], p[:, 2], -p[:, 1]], axis=1) for p in both], axis=1)  # z is up
-    moments = {"Foot Strike": FootMoment.STRIKE, "Foot Off": FootMoment.OFF}
-    told = zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], event["TIMES"]["value"][1], strict=True)
-    events = sorted(
-        (GaitEvent(moments[label], side[0].lower(), float(t), EventSource.FILE) for side, label, t in told),
-        key=lambda e: e.time,
-    )
-    still = np.zeros(places.shape[:2])
-    feet = FootPoints(heel=places, toe=places, tip=places, heel_speed=still, toe_speed=still)
-    return strides_measured(TrialEvents(tuple(events)), time, feet)
 
 
 def hand_count(path: Path) -> dict[str, list[dict[str, float]]]:

@@ -53,15 +53,6 @@ def test_external_moments_are_the_opposite_ones_told_in_the_same_senses(signs: S
         assert external.positive_moment(name) == f"external, {sense}"
 
 
-def test_the_external_moments_of_the_literature_are_its_internal_ones_by_other_names() -> None:
-    """The knee adduction moment is above zero in stance: the ground pushes the knee outwards, abductors hold it."""
-    of_model = np.array([-40.0])  # internal, abducts
-    external = Convention(acting=Acting.EXTERNAL)
-    assert external.moment("knee_adduction_r", of_model, SUBJECT) == 40.0
-    assert external.positive_moment("knee_adduction_r") == "external, adduction"
-    assert Convention(signs=Signs.CLINICAL).moment("knee_adduction_r", of_model, SUBJECT) == 40.0
-
-
 def test_units_are_per_mass_or_per_weight_times_height() -> None:
     per_kg, bwh = (Convention(unit=unit) for unit in (MomentUnit.NM_PER_KG, MomentUnit.PERCENT_BWH))
     assert per_kg.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-1.5)

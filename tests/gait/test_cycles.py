@@ -18,7 +18,6 @@ from gaitcal.gait.cycles import (
     stances,
     steady,
 )
-from gaitcal.io.intervals import runs
 
 FRAME = 0.01
 ROUNDING = 1e-9
@@ -110,7 +109,3 @@ def test_outside_the_trial_there_is_nothing() -> None:
     time = np.arange(0.0, 1.0, FRAME)
     out = resample(time, np.ones(len(time)), np.array([-0.1, 0.5, 2.0]))
     assert np.isnan(out[[0, 2]]).all() and out[1] == 1.0
-
-
-def test_runs() -> None:
-    assert runs(np.array([True, True, False, True])) == [slice(0, 2), slice(3, 4)]

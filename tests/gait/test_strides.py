@@ -1,4 +1,4 @@
-"""What is drawn of a trial, and the numbers of its moments, on strides and moments made by hand."""
+"""What is drawn of a trial, the numbers of its moments, peaks over strides, and the pelvis against their line."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles
+from gaitcal.gait.cycles import POINTS, GaitCycle
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
-from gaitcal.gait.strides import MOST_POINTS, Layout, thinned
+from gaitcal.gait.spatiotemporal import LEAST_VALID, stride_peaks
+from gaitcal.gait.strides import AXES, MOST_POINTS, TURNING, Layout, along_line, facing, thinned, turn_between, turns
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.subject_model import Subject
 from tests.page.people import subject_model
@@ -30,13 +34,6 @@ def layout(by_cycle: bool = True) -> Layout:
     """The second right stride is the one with valid frames; nothing is valid before 0.9 s and after 2.1 s."""
     valid = (TIME > 0.9) & (TIME < 2.1)
     return Layout(TIME, valid, np.stack([valid] * 2, axis=1), DOWN, CYCLES if by_cycle else {})
-
-
-def test_stance_ends_at_the_toe_off_inside_the_cycle_and_two_of_them_make_none() -> None:
-    cycles = gait_cycles(FootEvents(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.6, 2.2, 2.5])))
-    assert [c.start for c in cycles] == [0.0, 1.0], "between the offs of the third a strike is missing"
-    assert cycles[0].stance == pytest.approx(60.0)
-    assert cycles[1].toe_off is None and cycles[1].stance is None
 
 
 def test_stance_is_drawn_from_strike_to_toe_off() -> None:
@@ -114,3 +111,75 @@ def test_the_change_of_a_moment() -> None:
     knee = numbers(by_cycle=True)
     assert (knee.change, knee.peak, knee.change_of_peak) == pytest.approx((0.1, 1.0, 10.0))
     assert knee.change_bwh == pytest.approx(10.0 / (9.81 * HEIGHT), rel=1e-3)
+
+
+WALK_TIME = np.arange(0.0, 2.0, 0.01)
+WAVE = np.sin(2 * np.pi * WALK_TIME)
+ANGLES = np.radians(np.stack([-12.0 + 2.0 * WAVE, 5.0 * WAVE, 8.0 * np.cos(2 * np.pi * WALK_TIME)], axis=1))
+"""Of a pelvis that walks along x: tilted forward by 12 deg."""
+EXACT = 1e-9
+
+
+def turned(angles: np.ndarray, by: np.ndarray | float) -> np.ndarray:
+    """The same pelvis in a room that is turned to the left."""
+    out: np.ndarray = (Rotation.from_euler("y", np.reshape(by, (-1, 1))) * Rotation.from_euler(AXES, angles)).as_euler(
+        AXES
+    )
+    return out
+
+
+@given(st.floats(-np.pi, np.pi))
+def test_angles_along_the_line_know_no_direction_of_the_room(by: float) -> None:
+    inside = np.ones(len(WALK_TIME), dtype=bool)
+    np.testing.assert_allclose(along_line(turned(ANGLES, by), by, inside), ANGLES, atol=EXACT)
+    # walking backwards: the feet go the other way, the pelvis is the same
+    np.testing.assert_allclose(along_line(turned(ANGLES, by), by + np.pi, inside), ANGLES, atol=EXACT)
+
+
+def test_a_line_across_the_room_makes_a_tilt_a_list() -> None:
+    """What was wrong with angles against the room: 12 deg of forward tilt are list of who walks to the left."""
+    against_room = np.degrees(turned(ANGLES, np.pi / 2))
+    assert abs(against_room[:, 1]).mean() > 10.0
+    assert np.degrees(turned(ANGLES, 0.0))[:, 1].mean() == pytest.approx(0.0, abs=0.1)
+
+
+def test_gait_itself_is_no_turn_and_a_turn_is_one_whichever_way() -> None:
+    straight = facing(ANGLES)
+    assert turn_between(WALK_TIME, straight, 0.3, 1.3) == pytest.approx(0.0, abs=0.01)
+    for sign in (-1.0, 1.0):
+        faced = facing(turned(ANGLES, sign * np.radians(200.0) * WALK_TIME))
+        assert turn_between(WALK_TIME, faced, 0.3, 1.3) == pytest.approx(sign * 200.0, abs=0.5)
+        assert turns(turn_between(WALK_TIME, faced, 0.3, 1.3))
+    assert not turns(None) and not turns(TURNING) and turns(-TURNING - 0.1)
+
+
+ERRORS = np.tile(np.linspace(0.1, 0.2, POINTS), (3, 1))
+
+
+def curves() -> np.ndarray:
+    """Three strides that rise to 1, 2 and 4 at their ends."""
+    return np.outer([1.0, 2.0, 4.0], np.linspace(0.0, 1.0, POINTS))
+
+
+def test_mean_and_deviation_of_the_strides_peaks() -> None:
+    found = stride_peaks(curves(), ERRORS)
+    assert (found.mean, found.count, found.strides) == (pytest.approx(7 / 3), 3, 3)
+    assert found.error == pytest.approx(np.std([1, 2, 4], ddof=1))
+
+
+def test_a_stride_of_which_little_is_valid_has_no_peak() -> None:
+    values = curves()
+    values[2, 34:] = np.nan
+    values[1, 90:] = np.nan  # 90 of 101: too few by one
+    assert 90 / POINTS < LEAST_VALID < 91 / POINTS
+    found = stride_peaks(values, ERRORS)
+    assert (found.mean, found.error, found.count, found.strides) == (1.0, pytest.approx(0.2), 1, 3)
+    values[1] = curves()[1]
+    values[1, 91:] = np.nan
+    assert stride_peaks(values, ERRORS).mean == pytest.approx((1.0 + 2.0 * 0.9) / 2)
+
+
+def test_without_a_stride_there_is_no_number() -> None:
+    for values in (np.full((2, POINTS), np.nan), np.empty((0, POINTS))):
+        found = stride_peaks(values, np.empty_like(values))
+        assert np.isnan(found.mean) and (found.count, found.strides) == (0, len(values))

@@ -143,11 +143,7 @@ def test_high_heels_that_no_file_explains_are_doubted(tilt: float, doubted: bool
 def test_a_file_angle_is_that_of_ankle_and_toe_with_the_foot() -> None:
     """The slope of the line from ankle centre to toe marker, given as the file's angle, is a sole on the floor."""
     posture = published_posture()
-    legs = lower_body(posture, PUBLISHED.height, HipCentre.BELL)
-    told = {}
-    for side in "rl":
-        line = posture.landmarks[f"toe_{side}"] - legs.centres[f"ajc_{side}"]
-        told[side] = float(np.rad2deg(np.arctan2(-line[1], np.hypot(line[0], line[2]))))
+    told = told_flat(posture)
     assert min(told.values()) > 5.0
     found = degrees(ankles(posture, AnkleZero.FILE, told))
     assert found == pytest.approx(degrees(ankles(posture, AnkleZero.SOLE)), abs=0.3)

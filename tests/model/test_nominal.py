@@ -10,9 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero
+from gaitcal.model.chain import axis_rotation
+from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, ZERO_ANGLES
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.nominal import PUBLISHED, RAISED, nominal_model, published_model
@@ -23,13 +26,15 @@ from gaitcal.model.parameters import (
     JP_TO_SI,
     MASSIVE_SEGMENTS,
     QUANTITIES,
+    Kind,
     Parameters,
     is_physical,
     published_subject,
     table,
 )
-from gaitcal.model.segment_frames import HipCentre
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.segment_frames import Frame, HipCentre, half_width
+from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.model.trunk import measured_arm
 from gaitcal.motion.motion import MarkerErrors, track
 from gaitcal.motion.spline import NodeRule
 from tests.model.people import ARMS_HANG, PEOPLE, frozen_above, mirrored, moved, published_static, standing, without
@@ -129,17 +134,6 @@ def test_any_static_posture_is_met_exactly(angles: dict[str, float]) -> None:
     recording = standing(published_model(static_only=True), q)
     model = nominal_model(recording, load_marker_set("published"), PUBLISHED)
     assert (static_errors(model, recording, slice(0, 60)).rms() or 0.0) < 1e-6
-
-
-def test_zero_ankle_angle_is_the_foot_at_right_angles_to_the_shank() -> None:
-    q = np.zeros(len(COORDINATES))
-    q[COORDINATE_INDEX["ankle_angle_r"]] = 0.2
-    recording = standing(published_model(static_only=True), q)
-    model = nominal_model(recording, load_marker_set("published"), PUBLISHED)
-    motion = track(model, recording, rule=NodeRule(fixed=6))
-    at = motion.coordinates.index("ankle_angle_r")
-    foot_x = np.sin(0.2)  # the talocrural axis is inclined by 7.3 deg: the foot's own angle is a little smaller
-    assert motion.q[0, at] == pytest.approx(np.arcsin(foot_x), rel=0.02)
 
 
 @settings(max_examples=10)
@@ -348,3 +342,115 @@ def test_exchanged_elbow_markers_are_noticed(data_dir: Path) -> None:
     person = PEOPLE["functional"]
     model = nominal_model(person.static(data_dir), person.markers, person.subject)
     assert sum("the two markers were exchanged" in note for note in model.notes) == 2
+
+
+def test_a_tracking_marker_less_is_told() -> None:
+    model = nominal_model(without(published_static(), "R.Midfoot.Sup"), load_marker_set("published"), PUBLISHED)
+    assert any("left out: R.Midfoot.Sup" in note for note in model.notes)
+    assert "R.Midfoot.Sup" not in model.markers.labels
+
+
+def spoiled(change: str) -> tuple[Recording, Subject]:
+    static, subject = published_static(), PUBLISHED
+    if change == "millimetres":
+        static = replace(static, markers=1e3 * static.markers)
+    elif change == "sides":
+        pairs = {"R.ASIS": "L.ASIS", "L.ASIS": "R.ASIS"}
+        static = replace(static, labels=tuple(pairs.get(m, m) for m in static.labels))
+    elif change == "medial":
+        pairs = {"R.Knee.Lat": "R.Knee.Med", "R.Knee.Med": "R.Knee.Lat"}
+        static = replace(static, labels=tuple(pairs.get(m, m) for m in static.labels))
+    elif change == "sacrum in front":
+        markers = static.markers.copy()
+        at = static.labels.index("V.Sacral")
+        markers[:, at] = 2 * markers[:, static.labels.index("R.ASIS")] - markers[:, at]
+        static = replace(static, markers=markers)
+    elif change == "child":
+        subject = replace(subject, height=0.7)
+    elif change.startswith("unseen "):
+        markers = static.markers.copy()
+        markers[:, static.labels.index(change.split(" ")[1])] = np.nan
+        static = replace(static, markers=markers)
+    else:
+        static = without(static, change)
+    return static, subject
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("R.Heel", "landmark heel_r: the file has no marker 'R.Heel'; instead it could be"),
+        ("V.Sacral", "landmark sacrum: the file has no marker 'V.Sacral'"),
+        ("unseen L.ASIS", "landmark asis_l: marker 'L.ASIS' was not seen while the subject stood still"),
+        ("millimetres", "found 2.45e+05 mm; allowed: 136 to 425 mm for a height of 1.70 m; is the file's unit"),
+        ("child", "distance between the ASIS: found 245 mm; allowed: 56 to 175 mm"),
+        ("sides", "are the sides exchanged?"),
+        ("medial", "landmark knee_lat_r: the lateral marker lies on the medial side of knee_med_r"),
+        ("sacrum in front", "the pelvis is upside down"),
+    ],
+)
+def test_faults_are_told_in_one_line(change: str, message: str) -> None:
+    static, subject = spoiled(change)
+    with pytest.raises(InputError) as caught:
+        nominal_model(static, load_marker_set("published"), subject)
+    assert message in str(caught.value)
+    assert str(caught.value).startswith("made up: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_thigh_without_markers_is_refused(data_dir: Path) -> None:
+    # the landmark itself must be there: the knee marker is seen, and has no weight
+    person = PEOPLE["plug-in-gait"]
+    with pytest.raises(InputError, match="segment thigh_l: found 0 markers with weight, 'LTHI' not seen"):
+        nominal_model(without(person.static(data_dir), "LTHI"), person.markers, person.subject, weights={"LKNE": 0})
+
+
+def test_a_thigh_of_one_marker_is_placed_and_the_other_is_said_to_be_left_out(data_dir: Path) -> None:
+    person = PEOPLE["plug-in-gait"]
+    model = nominal_model(without(person.static(data_dir), "LTHI"), person.markers, person.subject)
+    assert "LTHI" not in model.markers.labels
+    assert any("left out" in note and "LTHI" in note for note in model.notes)
+
+
+LARGER = 1.07
+
+
+@pytest.mark.parametrize("name", PEOPLE)
+def test_a_larger_person_has_everything_larger(name: str, data_dir: Path) -> None:
+    """Positions grow with the recording and the height, directions stay; the subtalar axis alone has a fixed place.
+
+    Hips by Bell: the constants of Harrington's equations do not grow.
+    """
+    person = PEOPLE[name]
+    static = person.markers.renamed(person.static(data_dir))
+    window = still_window(static, person.markers.labels).frames
+    grown = replace(static, markers=LARGER * static.markers)
+    subject = replace(person.subject, height=LARGER * person.subject.height)
+    one = nominal_model(static, person.markers, person.subject, window=window, hip_centre=HipCentre.BELL)
+    other = nominal_model(grown, person.markers, subject, window=window, hip_centre=HipCentre.BELL)
+    for parameter, small, large in zip(JOINT_PARAMETERS, one.parameters.joint, other.parameters.joint, strict=True):
+        if not parameter.joint.startswith("subtalar"):
+            factor = LARGER if parameter.kind is Kind.POSITION else 1.0
+            assert large == pytest.approx(factor * small, abs=SAME), parameter.name
+    np.testing.assert_allclose(other.parameters.zero_angles, one.parameters.zero_angles, atol=SAME)
+    np.testing.assert_allclose(other.markers.local, LARGER * one.markers.local, atol=SAME)
+
+
+@pytest.mark.parametrize("side", ["r", "l"])
+@pytest.mark.parametrize("bent_deg", [40.0, 90.0, 120.0])
+@pytest.mark.parametrize("raised_deg", [0.0, 20.0])
+def test_the_plane_of_a_bent_arm_gives_its_elbow(side: str, bent_deg: float, raised_deg: float) -> None:
+    """The forearm is turned forward about the elbow's axis; the marker lies half a width outwards on that axis."""
+    height, outwards = 1.75, 1.0 if side == "r" else -1.0
+    body = axis_rotation(1, 0.8)
+    shoulder = np.array([1.0, 1.4, -2.0])
+    lift = body @ axis_rotation(0, -outwards * np.deg2rad(raised_deg))
+    elbow = shoulder - 0.30 * lift[:, 1]
+    wrist = elbow - 0.26 * (lift @ axis_rotation(2, np.deg2rad(bent_deg)))[:, 1]
+    marker = elbow + outwards * half_width("elbow", height) * lift[:, 2]
+    landmarks = {f"elbow_lat_{side}": marker, f"wrist_{side}": wrist}
+    found = measured_arm(StaticPosture("made up", {}, landmarks, {}), side, Frame(body, np.zeros(3)), shoulder, height)
+    np.testing.assert_allclose(found.elbow, elbow, atol=SAME)
+    np.testing.assert_allclose(found.axis, lift[:, 2], atol=SAME)
+    np.testing.assert_allclose(found.upper.rotation, lift, atol=SAME)
+    assert found.turn == pytest.approx(0.0, abs=SAME)

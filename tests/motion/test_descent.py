@@ -18,7 +18,7 @@ from gaitcal.motion.trial_problem import TrialProblem
 from gaitcal.published.draw import refit
 from gaitcal.published.joint_recovery import step_together
 from gaitcal.published.protocol import RefitSettings
-from tests.derivatives import Array, perturbed_parameters, random_trial
+from tests.derivatives import Array, seeded_trial
 
 KNEE = ("knee_r.thigh.sup", "knee_r.shank.sup")
 
@@ -164,9 +164,7 @@ def test_what_is_not_finite_is_told() -> None:
 @pytest.fixture
 def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[TrialProblem, Array]:
     """A trial whose gradients all point the wrong way, and where to start."""
-    rng = np.random.default_rng(12)
-    truth = perturbed_parameters(rng)
-    problem, true = random_trial(rng, truth, frames=40, nodes=8)
+    rng, _, problem, true = seeded_trial(12, frames=40, nodes=8)
     equations, gradients = TrialProblem.equations, TrialProblem.both_gradients
 
     def wrong_equations(*a: object, **k: object) -> NormalEquations:

@@ -17,7 +17,7 @@ from gaitcal.motion.joint_floor import MOST_FRAMES, joint_floor
 from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.motion import motion_of, rigid_floor, tracked_motion
 from gaitcal.motion.trial_problem import TrialProblem
-from tests.derivatives import perturbed_parameters, random_trial
+from tests.derivatives import perturbed_parameters, random_trial, seeded_trial
 
 NOISE = 0.008
 """m, of each marker coordinate."""
@@ -62,9 +62,7 @@ def test_every_joint_finds_its_own_place() -> None:
 @pytest.mark.parametrize("equal", [True, False])
 def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
     """Also where markers have weights of their own, and where they are missing for a while."""
-    rng = np.random.default_rng(3)
-    true = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, true, frames=40, per_segment=3)
+    rng, true, problem, nodes = seeded_trial(3, frames=40, per_segment=3)
     problem = noisy(problem, 4)
     weight = problem.data.weight.copy()
     if not equal:
@@ -94,9 +92,7 @@ def test_two_markers_a_segment_lead_nowhere() -> None:
     With this seed a last step that is taken on its promise alone leads from 6 to 8 mm.
     """
     seed = 23
-    rng = np.random.default_rng(seed)
-    true = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, true, frames=40, per_segment=4)
+    _, true, problem, nodes = seeded_trial(seed, frames=40, per_segment=4)
     problem = problem.with_measured(problem.positions(0.6 * nodes, problem.constants(true)))
     weight = problem.data.weight.copy()
     for s in range(1, len(problem.chain.segments)):
@@ -118,9 +114,7 @@ def test_two_markers_a_segment_lead_nowhere() -> None:
 def test_one_joint_is_its_own_least_squares(joint: str) -> None:
     """All unknowns of all frames at once, by SciPy with differences, for a trial of that joint alone."""
     segments = {"knee_r": ("thigh_r", "shank_r"), "ankle_r": ("shank_r", "talus_r", "foot_r")}[joint]
-    rng = np.random.default_rng(5)
-    true = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, true, frames=14, nodes=8, root=segments[0], segments=segments)
+    _, true, problem, nodes = seeded_trial(5, frames=14, nodes=8, root=segments[0], segments=segments)
     problem = noisy(problem, 6, 0.003)
     floor = joint_floor(problem, true, problem.basis.evaluate(nodes))
     assert floor is not None
@@ -144,9 +138,7 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
 
 def test_a_marker_shares_its_weight_among_its_joints() -> None:
     """The hip in the whole body is the hip alone, its pelvis markers a third as heavy, its thigh markers half."""
-    rng = np.random.default_rng(12)
-    parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, frames=30, per_segment=3)
+    _, parameters, problem, nodes = seeded_trial(12, frames=30, per_segment=3)
     problem, q = noisy(problem, 13), problem.basis.evaluate(nodes)
     floor = joint_floor(problem, parameters, q)
     chain = chain_of("pelvis", ("pelvis", "thigh_r"))
@@ -167,9 +159,7 @@ def test_a_marker_shares_its_weight_among_its_joints() -> None:
 
 
 def test_a_segment_without_markers_has_no_joint() -> None:
-    rng = np.random.default_rng(7)
-    parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, frames=30, per_segment=3)
+    _, parameters, problem, nodes = seeded_trial(7, frames=30, per_segment=3)
     problem = noisy(problem, 8)
     weight = problem.data.weight.copy()
     shank, arm = (problem.chain.segments.index(s) for s in ("shank_r", "upper_arm_l"))

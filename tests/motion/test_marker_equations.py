@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 
@@ -91,17 +89,3 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
             pairs.shallow, pairs.deep
         ]
         np.testing.assert_allclose(ours, mass, rtol=0, atol=1e-13 * np.abs(mass).max())
-
-
-def test_a_marker_with_weight_zero_has_no_say() -> None:
-    rng = np.random.default_rng(6)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, frames=30, nodes=7)
-    weight = problem.data.weight.copy()
-    weight[3] = 0.0
-    measured = problem.data.measured.copy()
-    measured[3] += 1e3
-    wild = replace(problem, data=replace(problem.data, measured=measured, weight=weight))
-    constants = problem.constants(parameters)
-    assert wild.cost(true, constants) < 1e-20
-    assert np.abs(wild.equations(true, constants).node_gradient).max() < 1e-12

@@ -12,7 +12,7 @@ from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
 from gaitcal.motion.rigid import SegmentMoments, rigid_fit
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.track import track_nodes
-from tests.derivatives import perturbed_parameters, random_trial
+from tests.derivatives import random_trial, seeded_trial
 
 ROUNDING = 1e-11
 """m, rad: fits of a few markers, in doubles."""
@@ -21,9 +21,7 @@ SETTLED = 0.02
 
 
 def test_all_segments_together_are_each_fitted_as_alone() -> None:
-    rng = np.random.default_rng(20)
-    parameters = perturbed_parameters(rng)
-    problem, _ = random_trial(rng, parameters, frames=40, nodes=8)
+    rng, _, problem, _ = seeded_trial(20, frames=40, nodes=8)
     weight = rng.uniform(0.2, 1.0, problem.data.weight.shape) * (rng.random(problem.data.weight.shape) > 0.2)
     noisy = problem.data.measured + rng.normal(0, 0.005, problem.data.measured.shape)
     for data in (replace(problem.data, measured=noisy), replace(problem.data, measured=noisy, weight=weight)):
@@ -40,9 +38,7 @@ def test_all_segments_together_are_each_fitted_as_alone() -> None:
 
 def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
     """A rigid fit asks for three markers; the turns of elbow and shoulder are found from two all the same."""
-    rng = np.random.default_rng(21)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, frames=40, nodes=8)
+    _, parameters, problem, true = seeded_trial(21, frames=40, nodes=8)
     arms = [k for k, s in enumerate(problem.chain.segments) if "arm" in s]
     place = np.zeros(len(problem.data.segment), dtype=int)
     for s in arms:
@@ -63,9 +59,7 @@ def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
 
 def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> None:
     """A whole body that turns about the vertical from 170 to 290 deg: no jump, and most of the trial within 180 deg."""
-    rng = np.random.default_rng(23)
-    parameters = perturbed_parameters(rng)
-    problem, _ = random_trial(rng, parameters, frames=60, nodes=8)
+    _, parameters, problem, _ = seeded_trial(23, frames=60, nodes=8)
     constants, about = problem.constants(parameters), problem.chain.coordinates.index("pelvis_rotation")
     q = np.zeros((60, len(problem.chain.coordinates)))
     q[:, about] = np.deg2rad(np.linspace(170.0, 290.0, 60))
@@ -76,9 +70,7 @@ def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> Non
 
 def test_a_segment_lost_for_a_while_is_bridged() -> None:
     """The shank is not seen in the middle of the trial: its knee is interpolated there and the foot still follows."""
-    rng = np.random.default_rng(22)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, frames=60, nodes=8)
+    _, parameters, problem, true = seeded_trial(22, frames=60, nodes=8)
     weight = problem.data.weight.copy()
     weight[problem.data.segment == problem.chain.segments.index("shank_r"), 20:30] = 0.0
     gappy, constants = problem.with_weight(weight), problem.constants(parameters)
@@ -89,9 +81,7 @@ def test_a_segment_lost_for_a_while_is_bridged() -> None:
 
 def test_two_markers_in_disorder_do_not_turn_a_thigh_about_itself() -> None:
     """Two thigh markers, 30 mm off the line from the hip and displaced by more than that: the leg starts unturned."""
-    rng = np.random.default_rng(22)
-    parameters = perturbed_parameters(rng)
-    problem, true = random_trial(rng, parameters, frames=40, nodes=8)
+    _, parameters, problem, true = seeded_trial(22, frames=40, nodes=8)
     thigh = problem.chain.segments.index("thigh_r")
     of_thigh = np.flatnonzero(problem.data.segment == thigh)
     constants = problem.constants(parameters)

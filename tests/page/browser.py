@@ -23,7 +23,11 @@ FLAGS = (
     "--disable-background-networking", "--mute-audio", "--hide-scrollbars", "--force-device-scale-factor=1",
 )  # fmt: skip
 TIMEOUT = 90.0
-"""s: software rendering on a busy machine is slow, and a hung browser must not hang the tests."""
+"""s until an answer, or a page whose figure stands: software rendering on a busy machine is slow, and a hung browser
+must not hang the tests."""
+READY = """document.getElementById('pane') === null || !document.getElementById('failure').hidden
+    || window.gaitcal?.stage?.figure !== undefined"""
+"""Nothing is to be drawn in space, or cannot be, or the figure stands."""
 
 # The browser reads commands from descriptor 3 and answers on descriptor 4.
 _LAUNCH = """
@@ -51,6 +55,8 @@ class Page:
         self.console: list[str] = []
         self.requests: list[str] = []
         self.loaded = False
+        self.shown: tuple[object, ...] = ()
+        """What is open: address, width, height, whether as on a phone."""
 
     def send(self, method: str, **params: Any) -> dict[str, Any]:
         self._count += 1
@@ -105,6 +111,11 @@ class Page:
         deadline = time.monotonic() + TIMEOUT
         while not self.loaded:
             self._next(deadline)
+        while not self.run(READY):
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"no figure after {TIMEOUT:g} s")
+            time.sleep(0.02)
+        self.shown = (url, width, height, phone)
 
     def size(self, width: int, height: int, phone: bool = False) -> None:
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=2 if phone else 1,

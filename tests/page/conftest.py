@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page.bones.bone_files import bones_of_folder
+from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import write_view
-from tests.page.bones.made_bones import folder_of_bones
 from tests.page.browser import Page, browser, chromium
+from tests.page.made_bones import folder_of_bones
+from tests.page.made_page import everything_page
 from tests.page.people import walking_scene
 
 
@@ -29,6 +30,14 @@ def html(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page with blocks of every kind."""
+    path = tmp_path_factory.mktemp("everything") / "result.html"
+    path.write_text(everything_page(), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="session")
 def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     binary = chromium()
     if binary is None:
@@ -40,18 +49,38 @@ def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         yield page
 
 
+CHOSEN = (
+    "result", "trial", "speed", "window", "preset", "axis", "unit", "signs", "acting", "nominal", "norm", "errors",
+    "truth", "spread", "off", "joint", "second", "layers",
+)  # fmt: skip
+"""What a visitor chooses on a page."""
+AT_OPENING = f"""if (window.gaitcal?.stage)
+    window.atOpening = Object.fromEntries({list(CHOSEN)}.map(field => [field, gaitcal.state[field]]))"""
+RESET = "scrollTo(0, 0); gaitcal.state.set({ ...window.atOpening, seconds: 0, playing: false }); true"
+
+
 @pytest.fixture
 def visit(_browser: Page) -> Iterator[Callable[..., Page]]:
     """Open a page; every console message, exception and request since is kept in it.
 
-    It is left at the end: a walk that goes on playing would take a whole core from all later tests.
+    A page that is open already in this size is not loaded again unless `fresh`: what is chosen there is as it was when
+    it opened. Nothing plays on after a test: a walk that does would take a whole core from all later tests.
     """
 
-    def open_page(where: Path | str, width: int = 900, height: int = 620, phone: bool = False) -> Page:
+    def open_page(
+        where: Path | str, width: int = 900, height: int = 620, phone: bool = False, fresh: bool = False
+    ) -> Page:
+        url = where.as_uri() if isinstance(where, Path) else where
         _browser.console.clear()
         _browser.requests.clear()
-        _browser.open(where.as_uri() if isinstance(where, Path) else where, width, height, phone)
+        known = _browser.shown == (url, width, height, phone) and _browser.run("window.atOpening !== undefined")
+        if fresh or not known:
+            _browser.open(url, width, height, phone)
+            _browser.run(AT_OPENING)
+        else:
+            _browser.run(RESET)
+            _browser.console.clear()
         return _browser
 
     yield open_page
-    _browser.open("about:blank")
+    _browser.run("if (window.gaitcal?.stage) gaitcal.state.set({ playing: false })")

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.page_data import calibration_page_data
 from gaitcal.session.result import Calibration
 
 
 def page_words(calibration: Calibration) -> str:
     """A line for each piece: verdict, top lines, sections of the result and of its trials."""
-    sheet = calibration_sheet(calibration)
+    sheet = calibration_page_data(calibration)
     parts = (sheet["verdict"], sheet["lines"], sheet["sections"], [trial["sections"] for trial in sheet["trials"]])
     return "\n".join(_pieces(parts))
 

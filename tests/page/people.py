@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
 
 from gaitcal.dynamics.ground_contact import GroundReactions
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.toml import models_path
-from gaitcal.model.linkage import COORDINATES, SEGMENT_TABLE
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, gait_parameters, published_subject
-from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
+from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, gait_parameters
+from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
 from gaitcal.page.scene import Scene, person_scene, trial_scene
@@ -23,39 +22,12 @@ FITTED = gait_parameters("r") + gait_parameters("l")
 
 def subject_model(name: str = "Built-in subject") -> SubjectModel:
     """The built-in subject, as if calibrated: the 34 gait parameters moved by some 8 mm and 4 degrees."""
-    nominal = published_subject()
+    model = published_model()
     rng = np.random.default_rng(5)
-    scale = np.array(
-        [
-            0.0 if p.name not in FITTED else 0.008 if p.kind is Kind.POSITION else np.deg2rad(4.0)
-            for p in JOINT_PARAMETERS
-        ]
-    )
-    fitted = replace(nominal, joint=nominal.joint + scale * rng.standard_normal(len(JP_NAMES)))
-    return SubjectModel(
-        subject=Subject(name, 69.4, 1.70, "male"), parameters=fitted, nominal=nominal, markers=marker_placement()
-    )
-
-
-def marker_placement() -> MarkerPlacement:
-    data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
-    segment_of = {row.name.replace("_", ""): row for row in SEGMENT_TABLE.values()}
-    labels, segments, local = [], [], []
-    for place, markers in data["markers_local_mm_right_side"].items():
-        for label, at in markers.items():
-            if label in data["static_only_markers"]:
-                continue
-            segment = segment_of[place]
-            if not segment.paired:
-                labels.append(label)
-                segments.append(segment.name)
-                local.append(at)
-                continue
-            for side, mirror in (("r", 1), ("l", -1)):
-                labels.append(f"{side.upper()}.{label}")
-                segments.append(f"{segment.name}_{side}")
-                local.append([at[0], at[1], mirror * at[2]])
-    return MarkerPlacement(tuple(labels), tuple(segments), 1e-3 * np.array(local), np.ones(len(labels)))
+    size = {Kind.POSITION: 0.008}
+    scale = np.array([size.get(p.kind, np.deg2rad(4.0)) if p.name in FITTED else 0.0 for p in JOINT_PARAMETERS])
+    fitted = replace(model.nominal, joint=model.nominal.joint + scale * rng.standard_normal(len(JP_NAMES)))
+    return replace(model, subject=Subject(name, 69.4, 1.70, "male"), parameters=fitted, landmarks={}, notes=())
 
 
 def standard_errors() -> dict[str, float]:

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 
 from tests.page.browser import Page
-from tests.page.told import PRESETS, told_page
+from tests.page.made_page import PRESETS
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Visit = Callable[..., Page]
 SIZES = {1280: 800, 390: 844}
@@ -41,13 +41,6 @@ SETTLED = "new Promise(done => requestAnimationFrame(() => setTimeout(done, 300)
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("told") / "result.html"
-    path.write_text(told_page(), encoding="utf-8")
-    return path
-
-
-@pytest.fixture(scope="module")
 def axe() -> str:
     path = os.environ.get("GAITCAL_AXE")
     if not path or not Path(path).is_file():
@@ -55,7 +48,7 @@ def axe() -> str:
     return Path(path).read_text(encoding="utf-8")
 
 
-@pytest.fixture(params=["light", "dark"])
+@pytest.fixture
 def scheme(request: pytest.FixtureRequest, _browser: Page) -> Iterator[str]:
     features: list[dict[str, Any]] = [
         {"name": "prefers-color-scheme", "value": request.param},
@@ -75,17 +68,17 @@ def opened(page: Page, preset: str) -> Page:
     return page
 
 
-@pytest.mark.parametrize("width", SIZES)
-def test_axe_finds_nothing_serious(visit: Visit, told: Path, axe: str, scheme: str, width: int) -> None:
-    page = visit(told, width, SIZES[width], phone=width < 760)
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)], indirect=["scheme"])
+def test_axe_finds_nothing_serious(visit: Visit, everything: Path, axe: str, scheme: str, width: int) -> None:
+    page = visit(everything, width, SIZES[width], phone=width < 760, fresh=True)
     page.run(f"{axe}; true")
     faults = {preset: opened(page, preset).run(FAULTS) for preset in PRESETS}
     assert {preset: found for preset, found in faults.items() if found} == {}
 
 
 @pytest.mark.parametrize("width", SIZES)
-def test_controls_have_names_and_room_and_the_page_is_not_cut_off(visit: Visit, told: Path, width: int) -> None:
-    page = visit(told, width, SIZES[width], phone=width < 760)
+def test_controls_have_names_and_room_and_the_page_is_not_cut_off(visit: Visit, everything: Path, width: int) -> None:
+    page = visit(everything, width, SIZES[width], phone=width < 760)
     for preset in PRESETS:
         opened(page, preset)
         assert page.run(SMALL % (TARGET, TARGET)) == [], preset
@@ -93,8 +86,8 @@ def test_controls_have_names_and_room_and_the_page_is_not_cut_off(visit: Visit, 
         assert page.run("document.documentElement.scrollWidth <= innerWidth"), preset
 
 
-def test_headings_and_landmarks_are_in_order(visit: Visit, told: Path) -> None:
-    page = visit(told, 1280, 800)
+def test_headings_and_landmarks_are_in_order(visit: Visit, everything: Path) -> None:
+    page = visit(everything, 1280, 800)
     for preset in PRESETS:
         opened(page, preset)
         levels = page.run(

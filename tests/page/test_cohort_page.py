@@ -16,7 +16,7 @@ from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.page.browser import Page
 from tests.page.test_accessible import FAULTS, SETTLED, SIZES, SMALL, TARGET, UNNAMED
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Visit = Callable[..., Page]
 NAMES = """[...document.querySelectorAll('.people-table tbody tr')]
@@ -182,7 +182,7 @@ def test_columns_are_chosen_from_all(page: Page) -> None:
 def mean_of(page: Page, group: str) -> list[float]:
     """Mean, standard deviation and number of people of a group, of the first variable at the beginning."""
     script = f"""(found => found ? [found.mean[0], Number.isNaN(found.sd[0]) ? null : found.sd[0], found.people] : null)
-        (Gaitcal.groupMeans(gaitcal.people, gaitcal.choices, 0).get({group!r}))"""
+        (gaitcal.people.means(gaitcal.choices, 0).get({group!r}))"""
     return page.run(script)  # type: ignore[no-any-return]
 
 
@@ -196,7 +196,7 @@ def test_every_person_counts_the_same_and_refused_legs_do_not(page: Page) -> Non
     page.run("gaitcal.choices.set({legs: 'both', doubtful: false})")
     assert mean_of(page, "a") == [pytest.approx(150 * STEP), None, 1]
     page.run("gaitcal.choices.set({verdict: 'refused'})")
-    assert page.run("Gaitcal.groupMeans(gaitcal.people, gaitcal.choices, 0).size") == 0
+    assert page.run("gaitcal.people.means(gaitcal.choices, 0).size") == 0
 
 
 def test_a_ticked_person_is_drawn_over_the_means(page: Page) -> None:
@@ -252,14 +252,14 @@ def test_nobody_in_groups_is_everyone(visit: Visit, tmp_path: Path) -> None:
     assert none.console == []
 
 
-@pytest.fixture(params=["light", "dark"])
+@pytest.fixture
 def scheme(request: pytest.FixtureRequest, _browser: Page) -> Iterator[str]:
     _browser.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": request.param}])
     yield request.param
     _browser.send("Emulation.setEmulatedMedia", features=[])
 
 
-@pytest.mark.parametrize("width", SIZES)
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)], indirect=["scheme"])
 def test_everybody_can_use_it(visit: Visit, cohort: Path, scheme: str, width: int) -> None:
     page = visit(cohort, width, SIZES[width], phone=width < 760)
     page.run("gaitcal.choices.set({shown: [0], sort: '-speed', group: 'a'})")

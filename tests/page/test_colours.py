@@ -53,7 +53,3 @@ def test_fitted_and_nominal_are_two_colours(sight: str, colours: dict[str, int])
 def test_they_stand_out_from_what_is_behind(kind: str, colours: dict[str, int], grounds: list[int]) -> None:
     for behind in (*grounds, colours["bone"]):
         assert contrast(colours[kind], behind) >= GRAPHIC, hex(behind)
-
-
-def test_the_colours_of_before_would_not_have_passed() -> None:
-    assert seen_apart(0xAA2F7B, 0x6E7680, "deuteranopia") < PLAIN

@@ -11,22 +11,14 @@ import pytest
 
 from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page
-from tests.page.stridden import long_walks, stridden
-from tests.page.told import told_page
+from tests.page.made_page import long_walks, stridden
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 Visit = Callable[..., Page]
 STRIDES = {0: {"r": [0.103, 0.551, 0.987], "l": [0.252, 0.741]}}
 ROW = 40
 """px: one row of switches."""
 VISIBLE = "(e => { const r = e.getBoundingClientRect(); return r.top < innerHeight && r.bottom > 0; })"
-
-
-@pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("told") / "result.html"
-    path.write_text(told_page(), encoding="utf-8")
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +60,8 @@ def test_a_joint_of_the_address_is_in_view(visit: Visit, walked: Path) -> None:
     assert 0 <= page.run(f"{large}.getBoundingClientRect().top") < page.run("innerHeight / 2")
 
 
-def test_a_phone_shows_the_first_line_until_more_is_asked_for(visit: Visit, told: Path) -> None:
-    page = visit(told, 390, 844, phone=True)
+def test_a_phone_shows_the_first_line_until_more_is_asked_for(visit: Visit, everything: Path) -> None:
+    page = visit(everything, 390, 844, phone=True)
     seen = "[...document.querySelectorAll('#verdict .lines li')].filter(li => li.offsetHeight > 0).length"
     assert page.run(seen) == 1
     assert page.run(f"{VISIBLE}(document.getElementById('pane'))")
@@ -77,16 +69,16 @@ def test_a_phone_shows_the_first_line_until_more_is_asked_for(visit: Visit, told
     assert page.run(seen) == 3 and words(page, "#verdict .more") == ["Less"]
 
 
-def test_trust_tells_of_the_trial_between_verdict_and_calibration(visit: Visit, told: Path) -> None:
-    page = visit(told, 1280, 800)
+def test_trust_tells_of_the_trial_between_verdict_and_calibration(visit: Visit, everything: Path) -> None:
+    page = visit(everything, 1280, 800)
     page.run("gaitcal.state.set({ preset: 'trust', playing: false })")
     parts = page.run("[...document.querySelectorAll('#sections > :is(.reasons, .of-trial, h2)')].map(e => e.className)")
     assert parts == ["", "reasons refused", "of-trial", "of-all"]
     assert page.run("document.querySelector('.of-all').nextElementSibling.tagName") == "H3"
 
 
-def test_a_key_names_bounds_only_where_one_is_seen(visit: Visit, told: Path) -> None:
-    page = visit(told, 1280, 800)
+def test_a_key_names_bounds_only_where_one_is_seen(visit: Visit, everything: Path) -> None:
+    page = visit(everything, 1280, 800)
     row = {"label": "axis", "nominal": 0.0, "fitted": 1.0, "se": None, "truth": None}
     rows = [{**row, "bounds": bounds} for bounds in ([-50.0, 50.0], [None, 1.0])]
     made = "Gaitcal.BLOCKS.intervals({unit: 'mm', rows: [%s]}, new Gaitcal.Blocks({})).querySelector('.key')"
@@ -94,8 +86,8 @@ def test_a_key_names_bounds_only_where_one_is_seen(visit: Visit, told: Path) -> 
     assert ["bound" in text for text in told_of] == [False, True]
 
 
-def test_paper_says_what_it_leaves_out_and_leaves_nothing_out_on_demand(visit: Visit, told: Path) -> None:
-    page = visit(told, 1280, 800)
+def test_paper_says_what_it_leaves_out_and_leaves_nothing_out_on_demand(visit: Visit, everything: Path) -> None:
+    page = visit(everything, 1280, 800)
     page.run("gaitcal.print.build()")
     folded = page.run("document.querySelectorAll('#print details:not([open])').length")
     assert folded > 0

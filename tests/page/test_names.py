@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from gaitcal.page.page_data import calibration_page_data
 from gaitcal.page.scene import Scene
-from gaitcal.page.sheet.sheet import calibration_sheet
 from gaitcal.page.view import Shown, page_html
 from tests.fake_result import HOSTILE, Names, fake_calibration
 from tests.page.browser import Page
@@ -26,7 +26,7 @@ def shown(word: str) -> Shown:
     whole = fake_calibration(Names(word, word, word, word, word, word))
     scene = walking_scene(subject=word)
     trials = tuple(replace(scene.trials[0], name=trial.name) for trial in whole.trials)
-    return Shown(replace(scene, trials=trials), calibration_sheet(whole), word)
+    return Shown(replace(scene, trials=trials), calibration_page_data(whole), word)
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +45,17 @@ def test_a_hostile_study_adds_no_markup(hostile: str) -> None:
     hostile.encode("utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_browser_makes_nothing_of_them(hostile: str, visit: Callable[..., Page], tmp_path: Path) -> None:
     (tmp_path / "result.html").write_text(hostile, encoding="utf-8")
     page = visit(tmp_path / "result.html")
+    page.run("gaitcal.state.set({ trial: 1, spread: 'mean' })")
     assert page.run("document.querySelectorAll('img, iframe, object, embed, link').length") == 0
     assert page.run("typeof window.hacked") == "undefined"
+    assert page.run("document.scripts.length") == 5
+    assert page.run("document.getElementById('subject').textContent") == WORST
+    assert page.run("document.documentElement.scrollWidth <= innerWidth")
     assert len(page.requests) == 1
 
 

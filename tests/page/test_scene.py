@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.model.chain import Chain, forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Source
-from gaitcal.model.parameters import MASSIVE_SEGMENTS, published_subject
+from gaitcal.model.parameters import published_subject
 from gaitcal.page.body_meshes import MESHES, fitted_meshes
-from gaitcal.page.scene import MOST_FRAMES, Scene, joint_marks, person_scene
+from gaitcal.page.scene import MOST_FRAMES, Scene, joint_marks
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, synthetic_markers
-from tests.page.people import long_motion, standard_errors, subject_model, walking_trial
+from tests.page.people import long_motion, subject_model, walking_trial
 
 SINGLE = 2e-6
 """m: single precision on a few metres, quaternions included."""
@@ -168,14 +168,3 @@ def test_the_standing_body_is_as_tall_as_the_person(height: float) -> None:
     lumbar = legs + marks["knee_r", "shank_r"] + marks["back", "pelvis"] - marks["hip_r", "pelvis"] + 0.039 * height
     top = (head[:, :3] @ [0.0, 46.2, 0.0] + head[:, 3])[1] - marks["back", "head_trunk"]
     assert lumbar + top == pytest.approx(height, abs=0.01)
-
-
-def test_every_massive_segment_is_dressed(scene: Scene) -> None:
-    assert {g.segment for g in scene.body} == set(MASSIVE_SEGMENTS)
-
-
-def test_a_scene_needs_no_errors() -> None:
-    model = subject_model()
-    bare = person_scene(replace(model, parameters=model.nominal), (), {})
-    assert not any(joint.fitted for joint in bare.joints)
-    assert standard_errors()

@@ -32,13 +32,7 @@ def test_a_scene_comes_back_as_it_was(scene: Scene, tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["scene.npz"]
 
 
-def test_a_scene_of_before_bones_comes_back_without_landmarks(scene: Scene, tmp_path: Path) -> None:
-    save_scene(replace(scene, landmarks=None), tmp_path / "scene.npz")
-    assert load_scene(tmp_path / "scene.npz").landmarks is None
-
-
 def test_a_landmark_that_is_missing_is_damage(scene: Scene, tmp_path: Path) -> None:
-    assert scene.landmarks is not None
     points = {name: point for name, point in scene.landmarks.points.items() if name != "thigh_r/hip"}
     for spoilt in (points, {**points, "thigh_r/hip": np.full(3, np.nan)}):
         save_scene(replace(scene, landmarks=replace(scene.landmarks, points=spoilt)), tmp_path / "scene.npz")
@@ -60,15 +54,17 @@ def test_no_such_file(tmp_path: Path) -> None:
         load_scene(tmp_path / "scene.npz")
 
 
-def test_a_folder_is_no_scene(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no scene"):
-        load_scene(tmp_path)
+PICKLE = io.BytesIO()
+np.savez(PICKLE, scene=np.array([{"version": 1}], dtype=object))
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 nonsense", b"{}", b"\x93NUMPY"])
-def test_other_files_are_refused(content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "scene.npz"
-    path.write_bytes(content)
+@pytest.mark.parametrize(
+    "content", [b"", b"PK\x03\x04 nonsense", b"{}", b"\x93NUMPY", pytest.param(PICKLE.getvalue(), id="pickle"), None]
+)
+def test_other_files_and_folders_are_refused(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path if content is None else tmp_path / "scene.npz"
+    if content is not None:
+        path.write_bytes(content)
     with pytest.raises(InputError, match="no scene of gaitcal"):
         load_scene(path)
 
@@ -79,7 +75,7 @@ def test_damage_anywhere_is_an_error_or_harmless(scene: Scene, tmp_path: Path) -
     good = path.read_bytes()
     rng = np.random.default_rng(0)
     refused = 0
-    for _ in range(200):
+    for _ in range(60):
         content = bytearray(good)
         content[int(rng.integers(len(good)))] ^= int(rng.integers(1, 256))
         path.write_bytes(content if rng.random() < 0.8 else content[: int(rng.integers(len(good)))])
@@ -87,16 +83,7 @@ def test_damage_anywhere_is_an_error_or_harmless(scene: Scene, tmp_path: Path) -
             load_scene(path)
         except InputError:
             refused += 1
-    assert refused > 150
-
-
-def test_pickles_are_not_opened(scene: Scene, tmp_path: Path) -> None:
-    path = tmp_path / "scene.npz"
-    buffer = io.BytesIO()
-    np.savez(buffer, scene=np.array([{"version": 1}], dtype=object))
-    path.write_bytes(buffer.getvalue())
-    with pytest.raises(InputError, match="no scene"):
-        load_scene(path)
+    assert refused > 45
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-import itertools
 import re
 from collections.abc import Callable
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +12,11 @@ import pytest
 
 from gaitcal.explanations.explanation import PARTS
 from gaitcal.gait.spatiotemporal import Average, counting, measure_means
-from gaitcal.page.steps import SHOWN
-from gaitcal.page.view import SCRIPTS
-from tests.page.blocks_made import HOSTILE
+from gaitcal.page.page_data import SHOWN_MEASURES
 from tests.page.browser import Page
-from tests.page.told import PRESETS, REFUSED, STRAIGHT, made_strides, told_page
+from tests.page.made_page import HOSTILE, PRESETS, REFUSED, STRAIGHT, everything_page, measured_strides
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Visit = Callable[..., Page]
 A4_HEIGHT = (297.0 - 13.0 - 15.0) / 25.4 * 96.0
@@ -29,15 +27,8 @@ PIXELS = 2.0
 """Lines are drawn at fractions of a pixel."""
 
 
-@pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("told") / "result.html"
-    path.write_text(told_page(), encoding="utf-8")
-    return path
-
-
-def opened(visit: Visit, told: Path, preset: str, width: int = 1280, height: int = 800) -> Page:
-    page = visit(told, width, height, phone=width < 760)
+def opened(visit: Visit, everything: Path, preset: str, width: int = 1280, height: int = 800) -> Page:
+    page = visit(everything, width, height, phone=width < 760)
     page.run(f"gaitcal.state.set({{preset: '{preset}', playing: false, seconds: 0.3}})")
     return page
 
@@ -46,32 +37,22 @@ def text(page: Page, selector: str) -> list[str]:
     return list(page.run(f"[...document.querySelectorAll({selector!r})].map(e => e.textContent.trim())"))
 
 
-def test_no_two_scripts_define_the_same_name() -> None:
-    folder = files("gaitcal.page") / "scripts"
-    names = [
-        n for s in SCRIPTS for n in re.findall(r"^Gaitcal\.(\w+) =", (folder / s).read_text(encoding="utf-8"), re.M)
-    ]
-    assert sorted({n for n in names if names.count(n) > 1}) == []
-
-
-@pytest.mark.browser
-@pytest.mark.parametrize("preset", PRESETS)
-def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, told: Path, preset: str) -> None:
-    page = opened(visit, told, preset)
-    assert page.console == []
+def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everything: Path) -> None:
     of = "#sections > :not(.of-trial, .reasons)"
-    assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Error sources", "Pair"]
-    assert page.run(f"document.querySelectorAll('{of} table').length") == 8, "five tables and those of three pictures"
-    assert len(text(page, ".of-trial figure.traced")) == 3, "curves are of a trial"
-    assert page.run("document.querySelectorAll('#sections > figure.traced').length") == 0
-    assert page.run("document.querySelectorAll('#sections img').length") == 0
-    assert HOSTILE in "".join(text(page, "#sections th"))
-    assert not page.run("document.title").startswith("1")
+    for preset in ("fit", "provenance"):
+        page = opened(visit, everything, preset)
+        assert page.console == []
+        assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Error sources", "Pair"]
+        assert page.run(f"document.querySelectorAll('{of} table').length") == 8, "five tables, those of three pictures"
+        assert len(text(page, ".of-trial figure.traced")) == 3, "curves are of a trial"
+        assert page.run("document.querySelectorAll('#sections > figure.traced').length") == 0
+        assert page.run("document.querySelectorAll('#sections img').length") == 0
+        assert HOSTILE in "".join(text(page, "#sections th"))
+        assert not page.run("document.title").startswith("1")
 
 
-@pytest.mark.browser
-def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "fit")
+def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "fit")
     first = "#sections > .scroll"
     assert page.run(f"document.querySelector('{first} table').getAttribute('aria-label')") == f"Tables {HOSTILE}"
     assert page.run(f"[...document.querySelectorAll('{first}:first-of-type thead th')].every(th => th.scope === 'col')")
@@ -90,10 +71,9 @@ def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Vis
     assert page.run(f"getComputedStyle(document.querySelector('{first} tbody td:last-child')).textAlign") == "left"
 
 
-@pytest.mark.browser
 @pytest.mark.parametrize("width", [1280, 390])
-def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, told: Path, width: int) -> None:
-    page = opened(visit, told, "fit", width)
+def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, everything: Path, width: int) -> None:
+    page = opened(visit, everything, "fit", width)
     page.run("new Promise(done => requestAnimationFrame(() => setTimeout(done, 50)))")
     wide = page.run(
         "[...document.querySelectorAll('#sections .scroll.wide')].map(s => [s.tabIndex, s.ariaLabel.split(':')[0]])"
@@ -103,17 +83,8 @@ def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, told: Path
     assert page.run("[...document.querySelectorAll('#sections .scroll:not(.wide)')].every(s => s.tabIndex === -1)")
 
 
-@pytest.mark.browser
-def test_headings_never_skip_a_level(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "fit")
-    levels = page.run("[...document.querySelectorAll('#sections :is(h2, h3, h4, h5)')].map(h => Number(h.tagName[1]))")
-    assert all(b <= a + 1 for a, b in itertools.pairwise(levels))
-    assert levels[0] == 2
-
-
-@pytest.mark.browser
-def test_intervals_show_the_change_and_tell_the_values(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "joints")
+def test_intervals_show_the_change_and_tell_the_values(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "joints")
     table = "document.querySelector('#sections > figure.picture .unseen table')"
     rows = page.run(f"[...{table}.rows].map(r => [...r.cells].map(c => c.textContent))")
     assert rows[0] == ["Parameter", "Nominal", "Fitted", "Standard error", "Truth"]
@@ -131,9 +102,8 @@ def test_intervals_show_the_change_and_tell_the_values(visit: Visit, told: Path)
     assert [low - zero, high - zero] == pytest.approx([-4.9 * percent, -2.7 * percent], abs=0.01)
 
 
-@pytest.mark.browser
-def test_bars_are_as_long_as_their_totals(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "joints")
+def test_bars_are_as_long_as_their_totals(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "joints")
     lengths = page.run(
         """[...[...document.querySelectorAll('#sections > figure.picture')].at(-1).querySelectorAll('svg.lane')]
         .map(l => [...l.querySelectorAll('rect')].reduce((s, r) => s + parseFloat(r.getAttribute('width')), 0))"""
@@ -143,37 +113,34 @@ def test_bars_are_as_long_as_their_totals(visit: Visit, told: Path) -> None:
     assert bars[2] / bars[0] == pytest.approx(0.034 / 0.042, abs=1e-3)
 
 
-@pytest.mark.browser
-def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "trust")
+def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "trust")
     words = text(page, ".of-trial .traced figcaption")
     assert "Peak 39.4 N in the valid frames; asked of simulations 40.0 N, never above it." in words[0], (
         "60 N do not count"
     )
     duration = page.run("gaitcal.trial.duration")
-    page.run("gaitcal.seek(gaitcal.trial.duration / 2)")
+    page.run("gaitcal.clock.seek(gaitcal.trial.duration / 2)")
     assert "translateX(50" in page.run("document.querySelector('.traced .cursor').style.transform")
     page.run(
         """(p => { p.scrollIntoView(); const b = p.getBoundingClientRect();
         const at = {clientX: b.left + 0.25 * b.width, clientY: b.top + 5, bubbles: true};
         p.dispatchEvent(new MouseEvent('click', at)); })
-        (document.querySelector('.traced .plot'))"""
+        (document.querySelector('.traced .u-over'))"""
     )
-    width = page.run("document.querySelector('.traced .plot').clientWidth")
-    assert page.run("gaitcal.seconds") == pytest.approx(0.25 * duration, abs=duration / width)
+    width = page.run("document.querySelector('.traced .u-over').clientWidth")
+    assert page.run("gaitcal.state.seconds") == pytest.approx(0.25 * duration, abs=duration / width)
 
 
-@pytest.mark.browser
-def test_what_is_unfolded_stays_so_in_another_trial(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "fit")
+def test_what_is_unfolded_stays_so_in_another_trial(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "fit")
     page.run("document.querySelector('#sections > details').open = true; gaitcal.state.set({trial: 1})")
     assert page.run("document.querySelector('#sections > details').open")
     assert text(page, ".of-trial > h2") == ["Trial walk 2, walking"]
 
 
-@pytest.mark.browser
-def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "clinician")
+def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "clinician")
     assert text(page, "#verdict .lines li") == [
         "✕poor: A line of tone poor.",
         "!look at this: A line of tone look.",
@@ -191,10 +158,9 @@ def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, told: Path
     assert text(page, ".reasons tbody tr")[1] == "walk 2✕refused✓trustworthy✕refused"
 
 
-@pytest.mark.browser
 def test_without_lines_the_sentence_stands_on_top(visit: Visit, tmp_path: Path) -> None:
     path = tmp_path / "page.html"
-    path.write_text(told_page(lines=[]), encoding="utf-8")
+    path.write_text(everything_page(lines=[]), encoding="utf-8")
     assert text(opened(visit, path, "clinician"), "#verdict .lines li") == ["·Do not use the left leg."]
 
 
@@ -210,17 +176,16 @@ def close(values: list[float | None]) -> list[Any]:
     return [None if value is None else pytest.approx(value, rel=ROUNDING) for value in values]
 
 
-@pytest.mark.browser
 @pytest.mark.parametrize("off", [(), (2,), (0, 2)])
-def test_steps_are_those_of_python(visit: Visit, told: Path, off: tuple[int, ...]) -> None:
-    page = opened(visit, told, "clinician")
+def test_steps_are_those_of_python(visit: Visit, everything: Path, off: tuple[int, ...]) -> None:
+    page = opened(visit, everything, "clinician")
     page.run(f"gaitcal.state.set({{off: new Set({[f'0/{k}' for k in off]})}})")
-    strides = {n: counting(s, REFUSED[n]) for k, (n, s) in enumerate(made_strides().items()) if k not in off}
-    wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN}
+    strides = {n: counting(s, REFUSED[n]) for k, (n, s) in enumerate(measured_strides().items()) if k not in off}
+    wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN_MEASURES}
     found = page.run(
         "Gaitcal.stepsOf(gaitcal, 0).map(({name, right, left, symmetry}) => [name, right, left, symmetry])"
     )
-    assert [row[0] for row in found] == [name for name in SHOWN if name in wanted]
+    assert [row[0] for row in found] == [name for name in SHOWN_MEASURES if name in wanted]
     for name, right, left, symmetry in found:
         assert numbers(right) == close(means(wanted[name].right))
         assert numbers(left) == close(means(wanted[name].left))
@@ -228,19 +193,17 @@ def test_steps_are_those_of_python(visit: Visit, told: Path, off: tuple[int, ...
     assert len(text(page, "#steps tbody tr")) == len(found)
 
 
-@pytest.mark.browser
-def test_steps_leave_out_a_stride_that_is_off(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "clinician")
+def test_steps_leave_out_a_stride_that_is_off(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "clinician")
     count = "Gaitcal.stepsOf(gaitcal, 0).find(row => row.name === 'stride_time').right.n"
     before = page.run(count)
-    straight = next(s.number for s in made_strides()["walk 1"] if s.side == "r" and s.turn == STRAIGHT and s.number)
+    straight = next(s.number for s in measured_strides()["walk 1"] if s.side == "r" and s.turn == STRAIGHT and s.number)
     page.run(f"gaitcal.state.set({{off: new Set(['0/0/r/{straight}'])}})")
     assert page.run(count) == before - 1
 
 
-@pytest.mark.browser
-def test_two_pages_first_then_everything_of_all_trials(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "joints")
+def test_two_pages_first_then_everything_of_all_trials(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "joints")
     page.send("Emulation.setEmulatedMedia", media="print")
     try:
         page.send("Emulation.setDeviceMetricsOverride", width=695, height=1017, deviceScaleFactor=1, mobile=False)
@@ -262,9 +225,8 @@ def test_two_pages_first_then_everything_of_all_trials(visit: Visit, told: Path)
     assert page.console == []
 
 
-@pytest.mark.browser
-def test_printing_writes_pages_and_leaves_the_screen_as_it_was(visit: Visit, told: Path) -> None:
-    page = opened(visit, told, "clinician")
+def test_printing_writes_pages_and_leaves_the_screen_as_it_was(visit: Visit, everything: Path) -> None:
+    page = opened(visit, everything, "clinician")
     panels = page.run("document.querySelectorAll('#curves .curve-panel').length")
     pdf = base64.b64decode(page.send("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"])
     assert len(re.findall(rb"/Type /Page\b", pdf)) > 4

@@ -11,10 +11,10 @@ import pytest
 
 from gaitcal.page.scene import Scene
 from tests.page.browser import Page
-from tests.page.plain_sheet import page_of
+from tests.page.made_page import plain_page
 from tests.page.test_browser import DRAWN, THERE, paused, stage, until
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Visit = Callable[..., Page]
 FRAME = 0.005
@@ -27,7 +27,7 @@ TABS = "[...document.querySelectorAll('[role=tab]')]"
 @pytest.fixture(scope="module")
 def shown(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("shell") / "result.html"
-    path.write_text(page_of(scene), encoding="utf-8")
+    path.write_text(plain_page(scene), encoding="utf-8")
     return path
 
 
@@ -96,7 +96,7 @@ def test_a_bare_scene_is_the_body_alone(visit: Visit, html: Path) -> None:
         assert page.run(f"document.getElementById('{part}').hidden"), part
     assert page.run("document.getElementById('layers').offsetWidth") > 200
     assert place(page, "pane")[1] == pytest.approx(page.run("document.getElementById('top').offsetHeight"), abs=1)
-    assert state(page, "layers") == sorted(page.run("Gaitcal.LAYERS.map(([name]) => name)"))
+    assert state(page, "layers") == sorted(page.run("Gaitcal.LAYERS"))
     assert page.console == []
 
 
@@ -113,8 +113,8 @@ def test_the_timeline_says_what_each_leg_does(visit: Visit, shown: Path) -> None
         [1.0, pytest.approx(1.035, abs=1e-3)],
     ]
     assert page.run("Gaitcal.stances(gaitcal.sheet, 'l', gaitcal.trial.duration)")[0] == [0, 0.1]
-    assert page.run("Gaitcal.validSpans(gaitcal.trial, 'r')") == [[0, pytest.approx(0.745, abs=1e-3)]]
-    page.run("gaitcal.seek(0.5)")
+    assert page.run("gaitcal.trial.valid.r") == [[0, pytest.approx(0.745, abs=1e-3)]]
+    page.run("gaitcal.clock.seek(0.5)")
     assert page.run("document.getElementById('time').getAttribute('aria-valuetext')") == "0.50 s"
     page.run("gaitcal.state.set({ trial: 1 })")
     assert page.run("document.getElementById('track-r').parentElement.hidden")
@@ -128,43 +128,43 @@ def test_a_drag_over_the_timeline_loops_a_window(visit: Visit, shown: Path) -> N
     duration = page.run("gaitcal.trial.duration")
     assert state(page, "window") == pytest.approx([0.2 * duration, 0.6 * duration], abs=PIXEL)
     page.run("gaitcal.state.set({ seconds: gaitcal.state.window[1] - 0.01, speed: 2, playing: true })")
-    page.run(until("gaitcal.seconds < gaitcal.state.window[1] - 0.05"))
-    page.run("gaitcal.play(false)")
-    assert 0.2 * duration - PIXEL <= page.run("gaitcal.seconds") <= 0.6 * duration + PIXEL
+    page.run(until("gaitcal.state.seconds < gaitcal.state.window[1] - 0.05"))
+    page.run("gaitcal.clock.play(false)")
+    assert 0.2 * duration - PIXEL <= page.run("gaitcal.state.seconds") <= 0.6 * duration + PIXEL
     drag(page, at(0.9), at(0.9))
-    assert page.run("gaitcal.seconds") == pytest.approx(0.9 * duration, abs=PIXEL)
+    assert page.run("gaitcal.state.seconds") == pytest.approx(0.9 * duration, abs=PIXEL)
     page.run("document.getElementById('window-clear').click()")
     assert state(page, "window") is None and page.run("document.getElementById('window-clear').disabled")
-    page.run("gaitcal.seek(0.3); document.getElementById('window-begin').click()")
-    page.run("gaitcal.seek(0.4); document.getElementById('window-end').click()")
+    page.run("gaitcal.clock.seek(0.3); document.getElementById('window-begin').click()")
+    page.run("gaitcal.clock.seek(0.4); document.getElementById('window-end').click()")
     assert state(page, "window") == [0.3, 0.4]
 
 
 def test_time_stays_in_the_trial_and_another_trial_begins_anew(visit: Visit, shown: Path) -> None:
     page = paused(visit(shown))
-    page.run("gaitcal.seek(99)")
-    assert page.run("gaitcal.seconds === gaitcal.trial.duration")
-    page.run("gaitcal.seek(-1)")
-    assert page.run("gaitcal.seconds") == 0
+    page.run("gaitcal.clock.seek(99)")
+    assert page.run("gaitcal.state.seconds === gaitcal.trial.duration")
+    page.run("gaitcal.clock.seek(-1)")
+    assert page.run("gaitcal.state.seconds") == 0
     page.run("gaitcal.state.set({ seconds: 0.5, window: [0.2, 0.6] }); gaitcal.state.set({ trial: 1 })")
-    assert page.run("gaitcal.seconds") == 0 and state(page, "window") is None
+    assert page.run("gaitcal.state.seconds") == 0 and state(page, "window") is None
     assert page.run("document.title").endswith("no plates")
 
 
 def test_every_key_does_what_the_dialog_says(visit: Visit, shown: Path) -> None:
     page = paused(visit(shown), 0.2)
     page.press("ArrowRight")
-    assert page.run("gaitcal.seconds") == pytest.approx(0.2 + FRAME, abs=1e-4)
+    assert page.run("gaitcal.state.seconds") == pytest.approx(0.2 + FRAME, abs=1e-4)
     page.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft", code="ArrowLeft", modifiers=8)
-    assert page.run("gaitcal.seconds") == pytest.approx(0.2 - 9 * FRAME, abs=1e-4)
+    assert page.run("gaitcal.state.seconds") == pytest.approx(0.2 - 9 * FRAME, abs=1e-4)
     page.press("[")
     page.press("End")
-    assert page.run("gaitcal.seconds === gaitcal.trial.duration")
-    page.run("gaitcal.seek(0.6)")
+    assert page.run("gaitcal.state.seconds === gaitcal.trial.duration")
+    page.run("gaitcal.clock.seek(0.6)")
     page.press("]")
     assert state(page, "window") == pytest.approx([0.155, 0.6], abs=1e-4)
     page.press("Home")
-    assert page.run("gaitcal.seconds") == pytest.approx(0.155, abs=1e-4)
+    assert page.run("gaitcal.state.seconds") == pytest.approx(0.155, abs=1e-4)
     page.press("\\")
     assert state(page, "window") is None
     for key, field, value in (
@@ -203,8 +203,8 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     page.run(THERE)
     assert page.run("gaitcal.stage.viewer.camera.fov") == 10
     assert {"fitted", "nominal"} < set(state(page, "layers")), "its axes are seen"
-    opacity = """Object.fromEntries(gaitcal.faults.meshes.filter(m => m.skin && m.mesh.visible)
-        .map(({ mesh, segment }) => [gaitcal.faults.segments[segment], mesh.material.opacity]))"""
+    opacity = """Object.fromEntries(gaitcal.stage.figure.body.meshes.filter(m => m.skin && m.mesh.visible)
+        .map(({ mesh, segment }) => [gaitcal.stage.figure.body.segments[segment], mesh.material.opacity]))"""
     near = page.run(opacity)
     assert near["thigh_r"] == near["shank_r"] > 2 * near["pelvis"] and "thigh_l" not in near
     page.press("Escape")
@@ -218,12 +218,12 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
 def test_who_wants_no_motion_gets_none(visit: Visit, shown: Path, media: Callable[..., None]) -> None:
     media(prefers_reduced_motion="reduce")
     page = visit(f"{shown.as_uri()}?still")
-    assert not page.run("gaitcal.playing")
+    assert not page.run("gaitcal.state.playing")
     assert page.run("gaitcal.state.set({ joint: 'knee_l' }), gaitcal.stage.viewer.camera.fov") == 10
     media()
     page = visit(f"{shown.as_uri()}?moving")
-    assert page.run("gaitcal.playing")
-    page.run("gaitcal.play(false)")
+    assert page.run("gaitcal.state.playing")
+    page.run("gaitcal.clock.play(false)")
     assert page.run("gaitcal.state.set({ joint: 'knee_l' }), gaitcal.stage.viewer.camera.fov") == 32
 
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gaitcal.page.packing import GAP, base64_of, floats, lengths
+from gaitcal.page.page_data import calibration_page_data, curves_left_out, thinned
+from gaitcal.page.plain_data import GAP, base64_of, floats, lengths, script_json
 from gaitcal.page.scene import person_scene
-from gaitcal.page.sheet.sheet import calibration_sheet, curves_left_out, sheet_text, thinned
 from gaitcal.page.view import Shown, page_html, sentences
 from tests.fake_result import fake_calibration
-from tests.page.people import long_motion, standard_errors, subject_model, walking_trial
+from tests.page.people import long_motion, standard_errors, subject_model, walking_scene, walking_trial
 
 LIMIT = 25_000_000
 """bytes that a page may have."""
@@ -45,7 +46,7 @@ def unpacked(packed: dict[str, Any]) -> np.ndarray:
 
 
 def test_a_sheet_of_common_size_stays_as_it_is() -> None:
-    sheet = calibration_sheet(fake_calibration())
+    sheet = calibration_page_data(fake_calibration())
     assert thinned(sheet) is sheet
     assert curves_left_out(sheet) == ()
 
@@ -61,24 +62,26 @@ def test_what_stays_are_the_same_values_at_their_times() -> None:
     time = np.frombuffer(base64.b64decode(short["time"]), dtype="<f4")
     np.testing.assert_allclose(time, np.arange(FRAMES)[::factor] * 0.03, rtol=1e-6)
     assert base64.b64decode(short["masks"][0]) == bytes(np.arange(FRAMES, dtype="<u1")[::factor])
-    assert len(sheet_text({"trials": [short]})) < 1_200_000
+    assert len(script_json({"trials": [short]})) < 1_200_000
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_long_trials_and_two_results_stay_under_the_limit(count: int) -> None:
+@pytest.mark.slow
+def test_long_trials_of_two_results_stay_under_the_limit() -> None:
     model = subject_model()
     trial = walking_trial(model, long_motion(10_000), "long", None)
     scene = person_scene(model, (trial,) * 12, standard_errors())
-    sheet = calibration_sheet(fake_calibration()) | {"trials": [long_trial("long")] * 12}
-    results = [Shown(scene, sheet, name) for name in ("before", "after")[:count]]
+    data = calibration_page_data(fake_calibration()) | {"trials": [long_trial("long")] * 12}
+    results = [Shown(scene, data, name) for name in ("before", "after")]
     page = page_html(results)
     assert LIMIT / 2 < len(page) < LIMIT
-    told = sentences(results)
-    assert len(told) == 2 * 12 * count
-    assert "one in" in told[0] and "its curves hold one frame in" in told[12]
+    left_out = sentences(results)
+    assert len(left_out) == 2 * 2 * 12
+    assert re.search(r"holds \d+ of 10000 frames, one in \d+;", left_out[0])
+    assert "its curves hold one frame in" in left_out[12]
+    assert sentences([Shown(walking_scene())]) == ()
 
 
 def test_the_sheet_may_stand_in_a_script_whatever_it_says() -> None:
     names = ["</script>", "<!--", "\u202e\u2028\ud800", '"\\', "@@PAGE@@"]
-    text = sheet_text({"names": names})
+    text = script_json({"names": names})
     assert "<" not in text and text.isascii() and json.loads(text)["names"] == names

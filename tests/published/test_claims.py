@@ -12,8 +12,10 @@ from gaitcal.published.claims import Verdict, table_claims
 from gaitcal.published.inertial_recovery import InertialRecovery, SeedResult
 from gaitcal.published.joint_recovery import JointRecovery
 
+Change = Callable[[SeedResult], SeedResult]
 
-def _joint(problem: str, change: Callable[[JointRecovery], JointRecovery]) -> Callable[[SeedResult], SeedResult]:
+
+def _joint(problem: str, change: Callable[[JointRecovery], JointRecovery]) -> Change:
     return lambda d: replace(d, joints={p: change(r) if p == problem else r for p, r in d.joints.items()})
 
 
@@ -21,11 +23,11 @@ def _errors(value: float) -> Callable[[JointRecovery], JointRecovery]:
     return lambda r: replace(r, errors=np.full(len(r.names), value))
 
 
-def _inertial(change: Callable[[InertialRecovery], InertialRecovery]) -> Callable[[SeedResult], SeedResult]:
+def _inertial(change: Callable[[InertialRecovery], InertialRecovery]) -> Change:
     return lambda d: replace(d, correct=change(d.correct), random=tuple(change(r) for r in d.random))
 
 
-def _random(change: Callable[[InertialRecovery], InertialRecovery]) -> Callable[[SeedResult], SeedResult]:
+def _random(change: Callable[[InertialRecovery], InertialRecovery]) -> Change:
     return lambda d: replace(d, random=tuple(change(r) for r in d.random))
 
 
@@ -35,7 +37,7 @@ def _verdict(words: str, clean: SeedResult, draws: list[SeedResult]) -> Verdict:
     return found[0].verdict
 
 
-def _third(force: float, torque: float, marker: float) -> Callable[[SeedResult], SeedResult]:
+def _third(force: float, torque: float, marker: float) -> Change:
     def change(d: SeedResult) -> SeedResult:
         assert d.third is not None
         return replace(d, third=replace(d.third, force=(10.0, force), torque=(5.0, torque), marker_mm=(6.0, marker)))
@@ -53,13 +55,7 @@ def _third(force: float, torque: float, marker: float) -> Callable[[SeedResult],
         ("random seeds either", lambda d: d, _random(lambda r: replace(r, torque=2e-9))),
     ],
 )
-def test_noiseless(
-    words: str,
-    good: Callable[[SeedResult], SeedResult],
-    bad: Callable[[SeedResult], SeedResult],
-    clean: SeedResult,
-    draws: list[SeedResult],
-) -> None:
+def test_noiseless(words: str, good: Change, bad: Change, clean: SeedResult, draws: list[SeedResult]) -> None:
     assert _verdict(words, good(clean), draws) is Verdict.HOLDS
     assert _verdict(words, bad(clean), draws) is Verdict.FAILS
 
@@ -97,13 +93,7 @@ def test_noiseless(
         ("together lower both", _third(5.0, 2.0, 6.3), _third(5.0, 3.5, 6.3)),
     ],
 )
-def test_noisy(
-    words: str,
-    good: Callable[[SeedResult], SeedResult],
-    bad: Callable[[SeedResult], SeedResult],
-    clean: SeedResult,
-    draws: list[SeedResult],
-) -> None:
+def test_noisy(words: str, good: Change, bad: Change, clean: SeedResult, draws: list[SeedResult]) -> None:
     calm = [_joint("knee", _errors(0.3))(_joint("ankle", _errors(1.0))(d)) for d in draws]
     base = [_joint("hip", _errors(0.4))(_joint("full leg", _errors(3.0))(d)) for d in calm]
     assert _verdict(words, clean, [good(d) for d in base]) is Verdict.HOLDS
@@ -111,7 +101,7 @@ def test_noisy(
 
 
 def test_speed(clean: SeedResult, draws: list[SeedResult]) -> None:
-    def timed(seconds: float) -> Callable[[SeedResult], SeedResult]:
+    def timed(seconds: float) -> Change:
         joints = lambda d: {p: replace(r, seconds=seconds) for p, r in d.joints.items()}  # noqa: E731
         return lambda d: _inertial(lambda r: replace(r, seconds=seconds))(replace(d, joints=joints(d)))
 

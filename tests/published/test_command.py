@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from gaitcal.cli.application import app
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.io.snapshot import Snapshot
-from gaitcal.page.sections.monte_carlo import PART
-from gaitcal.page.sheet.sheet import SHEET, calibration_sheet, read_sheet
+from gaitcal.page.monte_carlo import PART
+from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, RefitSettings
 from gaitcal.results.page_files import PAGE, SCENE, write_page
@@ -64,20 +64,20 @@ def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path)
     small = ("--draws", 6, "--levels", "100", "--vary", "jp", "--jobs", 1)
     assert "page:" not in run(tmp_path, *small)
     whole = fake_calibration()
-    write_page(tmp_path, walking_scene(), calibration_sheet(whole) | {"trials": NO_TRIALS})
+    write_page(tmp_path, walking_scene(), calibration_page_data(whole) | {"trials": NO_TRIALS})
     scene = (tmp_path / SCENE).read_bytes()
     assert f"page: {tmp_path / PAGE}, preset Trust" in run(tmp_path, *small)
-    before = read_sheet(tmp_path / SHEET)["sections"]["trust"]
+    before = read_page_data(tmp_path / PAGE_DATA)["sections"]["trust"]
     assert [block for block in before if block.get("part") == PART]
     summary = {"trials": {case.name: {"rms_mm": {"calibrated": 9.0}, "pelvis_and_legs_mm": {"calibrated": 5.8}}}}
     (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     run(tmp_path, *small)
-    after = read_sheet(tmp_path / SHEET)["sections"]["trust"]
+    after = read_page_data(tmp_path / PAGE_DATA)["sections"]["trust"]
     assert [b for b in after if b.get("part") != PART] == [b for b in before if b.get("part") != PART]
     assert "5.8 mm" in json.dumps([b for b in after if b.get("part") == PART])
     assert "5.8 mm" in (tmp_path / PAGE).read_text(encoding="utf-8")
     assert (tmp_path / SCENE).read_bytes() == scene
-    (tmp_path / SHEET).write_text("{}", encoding="utf-8")
+    (tmp_path / PAGE_DATA).write_text("{}", encoding="utf-8")
     assert "warning: the page was not brought up to date: " in (told := run(tmp_path, *small))
     assert "tables and figures:" in told
 

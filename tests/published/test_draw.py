@@ -274,7 +274,7 @@ def test_a_stream_depends_on_seed_set_level_and_number() -> None:
 
 
 def test_the_stream_is_the_one_that_stores_were_made_with() -> None:
-    """Other numbers would need another `store.FORMAT`."""
+    """Other numbers would need another `study.FORMAT`."""
     joint = sample(Varied.JP, 100, 0).joint
     assert joint is not None
     rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0, 100, 0)))

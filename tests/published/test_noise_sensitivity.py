@@ -152,7 +152,8 @@ class _Fixed(LengthDraws):
 
     def values(self, problem: str, key: str) -> np.ndarray:
         rng = np.random.default_rng([PROBLEMS.index(problem), len(key)])
-        return (self.rate / RATES[1]) * (table_one(key)[problem] or 0.0) * rng.lognormal(size=200)
+        printed = table_one("synthetic_with_noise", key)[problem] or 0.0
+        return (self.rate / RATES[1]) * printed * rng.lognormal(size=200)
 
 
 def test_the_claim_follows_the_rank_sum_and_tells_both_p_with_errors() -> None:
@@ -166,7 +167,7 @@ def test_the_claim_follows_the_rank_sum_and_tells_both_p_with_errors() -> None:
     assert told.count("low rank sum p = ") == told.count("distance p = ") == 2
     assert told.count(" +- ") == 4
     assert "ordinary" not in told + claim(3.0, 1.0).claim
-    low = _Fixed(3 * [{}] * 200)
+    low = _Fixed(3 * RATES[1], [{}] * 200)
     assert low.low.p < 0.02 < low.joint.p  # low in every row, and not far in any
 
 

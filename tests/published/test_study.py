@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io import lock
+from gaitcal.io import result_folder
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
 from gaitcal.published.study import PURPOSE, Chunk, MonteCarloStudy, Store, monte_carlo
@@ -239,7 +239,7 @@ def test_damaged_settings_cost_no_draw(
 
 
 def test_one_study_at_a_time(case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "WAIT_S", 0.1)
+    monkeypatch.setattr(result_folder, "WAIT_S", 0.1)
     told: list[str] = []
 
     def other() -> None:

@@ -18,8 +18,8 @@ from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.strides import AXES, strides_of
 from gaitcal.model.linkage import PELVIS_ANGLES
-from gaitcal.page.packing import FULL
-from gaitcal.page.sheet.trial_sheet import trial_sheet
+from gaitcal.page.plain_data import LARGEST
+from gaitcal.page.trial_data import trial_page_data
 from gaitcal.results.cycles import CYCLE_HEADER, cycle_table, cycles, cycles_to_xarray, read_cycles, write_cycles
 from gaitcal.results.table_file import read_csv
 from gaitcal.session.result import Calibration
@@ -237,13 +237,13 @@ def test_pelvis_angles_of_the_page_are_against_the_line_of_each_stride(whole: Ca
     trial = next(t for t in whole.trials if t.joint is None and t.strides)
     lines = [replace(stride, line=0.2 * k - 0.5) for k, stride in enumerate(trial.strides)]
     turned = replace(trial, strides=tuple(lines))
-    table, sheet = cycle_table(whole.model, [turned]), trial_sheet(whole.model, turned, verdict=None)
+    table, sheet = cycle_table(whole.model, [turned]), trial_page_data(whole.model, turned, verdict=None)
     compared = 0
     for stride in sheet["strides"]:
         of = table[(table["side"] == stride["side"]) & (table["stride"] == stride["number"])]
         for name in PELVIS_ANGLES:
             packed = stride["pelvis"][name]["value"]
-            steps = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").astype(float) + FULL
+            steps = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").astype(float) + LARGEST
             value = of[of["variable"] == name]["value"].to_numpy()
             assert packed["low"] + packed["step"] * steps == pytest.approx(value, abs=packed["step"])
             compared += 1

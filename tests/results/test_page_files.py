@@ -18,8 +18,8 @@ from typer.testing import CliRunner
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, listed, self_hash, sha256_of
+from gaitcal.page.page_data import read_page_data
 from gaitcal.page.scene_file import load_scene
-from gaitcal.page.sheet.sheet import read_sheet
 from gaitcal.results.calibration import write_results
 from gaitcal.results.page_files import OTHER_MODEL, PAGE, SCENE, read_page, result_page
 from gaitcal.session.calibrate import calibrate
@@ -27,7 +27,7 @@ from gaitcal.study.study import Study
 from tests.kept import kept_result
 
 RUNNER = CliRunner()
-SHEET = "page.json"
+PAGE_DATA = "page.json"
 
 
 def run(*words: object) -> Result:
@@ -76,26 +76,26 @@ def with_another_model(result: Path) -> None:
 
 def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     result = folder / "result"
-    assert {PAGE, SHEET, SCENE} <= set(listed(result))
+    assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result))
     assert not (result / "figures").exists()
     assert trials(result / PAGE) == [["walk"]]
     [shown] = results(result / PAGE)
-    assert shown["sheet"] == read_sheet(result / SHEET)
-    assert {PAGE, SHEET, SCENE} <= set(listed(result / "dynamics"))
+    assert shown["sheet"] == read_page_data(result / PAGE_DATA)
+    assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result / "dynamics"))
     assert trials(result / "dynamics" / PAGE) == [["walk2"]]
 
 
 def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
-    sheet = read_sheet(folder / "result/dynamics" / SHEET)
+    sheet = read_page_data(folder / "result/dynamics" / PAGE_DATA)
     assert len(sheet["lines"]) == 3 and "mm RMS (walk2)" in sheet["lines"][1]["text"]
     whole = json.dumps(sheet["sections"]["provenance"])
     assert "from walk. It is not fitted anew to these trials. Its own verdict: " in whole
     assert "was edited since" not in whole
-    assert sheet["sections"]["joints"][1:] == read_sheet(folder / "result" / SHEET)["sections"]["joints"]
+    assert sheet["sections"]["joints"][1:] == read_page_data(folder / "result" / PAGE_DATA)["sections"]["joints"]
     assert "walk2.csv" in json.dumps(sheet["trials"][0]["sections"]["provenance"])
     with_another_model(folder / "result")
     assert run("dynamics", folder / "result", trial(folder, "walk3"), "-q").exit_code == 0
-    sheet = read_sheet(folder / "result/dynamics" / SHEET)
+    sheet = read_page_data(folder / "result/dynamics" / PAGE_DATA)
     assert [line["text"][:6] for line in sheet["lines"]][2] == "walk3:"
     assert "was edited since" in json.dumps(sheet["sections"]["provenance"])
 
@@ -104,7 +104,7 @@ def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
     calibration = calibrate(Study.load(made / "study/study.toml"))
     folders = [write_results(calibration, tmp_path / name) for name in ("one", "two")]
     assert len({sha256_of(folder / SCENE) for folder in folders}) == 1
-    one, two = (read_sheet(folder / SHEET) for folder in folders)
+    one, two = (read_page_data(folder / PAGE_DATA) for folder in folders)
     assert one | {"made": ""} == two | {"made": ""}
     assert list(one) == list(two)
     pages = [(folder / PAGE).read_text(encoding="utf-8") for folder in folders]
@@ -139,8 +139,8 @@ def test_the_page_of_further_trials_has_those_of_every_run(folder: Path) -> None
     run("dynamics", result, trial(folder, "walk3"), "-q")
     assert trials(page) == [["walk2", "walk3"]]
     after = read_page(result / "dynamics")
-    assert before.sheet is not None and after.sheet is not None
-    assert after.sheet["trials"][0] == before.sheet["trials"][0]
+    assert before.data is not None and after.data is not None
+    assert after.data["trials"][0] == before.data["trials"][0]
     assert after.scene.trials[0].origins.tobytes() == before.scene.trials[0].origins.tobytes()
     run("dynamics", result, folder / "study/walk2.csv", "-q")
     assert trials(page) == [["walk3", "walk2"]], "as in summary.json"
@@ -150,16 +150,16 @@ def test_the_page_of_further_trials_has_those_of_every_run(folder: Path) -> None
 
 def test_its_verdict_is_on_all_of_them(folder: Path) -> None:
     result = folder / "result"
-    sheet = read_sheet(result / "dynamics" / SHEET)
+    sheet = read_page_data(result / "dynamics" / PAGE_DATA)
     sheet["verdict"]["reasons"] = [
         {"severity": "error", "cause": "odd", "evidence": "", "action": "", "trials": [name], "leg": "r"}
         for name in ("walk2", "gone")
     ]
     sheet["trials"][0]["verdict"] = {"judgement": "doubtful", "r": "refused", "l": "trustworthy"}
-    (result / "dynamics" / SHEET).write_text(json.dumps(sheet), encoding="utf-8")
+    (result / "dynamics" / PAGE_DATA).write_text(json.dumps(sheet), encoding="utf-8")
     sign_anew(result / "dynamics")
     run("dynamics", result, trial(folder, "walk3"), "-q")
-    verdict = read_sheet(result / "dynamics" / SHEET)["verdict"]
+    verdict = read_page_data(result / "dynamics" / PAGE_DATA)["verdict"]
     assert verdict["judgement"] == "doubtful"
     assert [reason["trials"] for reason in verdict["reasons"] if reason["cause"] == "odd"] == [["walk2"]]
     assert verdict["sentence"].endswith("Refused: the right leg of walk2.")
@@ -183,15 +183,15 @@ def test_trials_of_another_model_stay_and_are_told(folder: Path) -> None:
     assert ["walk2"] in [reason["trials"] for reason in shown["sheet"]["verdict"]["reasons"]]
     for _ in range(2):
         assert told in run("dynamics", result, trial(folder, "walk3")).stdout
-        verdict = read_sheet(result / "dynamics" / SHEET)["verdict"]
+        verdict = read_page_data(result / "dynamics" / PAGE_DATA)["verdict"]
         assert [reason["trials"] for reason in verdict["reasons"] if reason["cause"] == OTHER_MODEL] == [["walk2"]]
     assert told not in run("dynamics", result, folder / "study/walk2.csv").stdout
-    reasons = read_sheet(result / "dynamics" / SHEET)["verdict"]["reasons"]
+    reasons = read_page_data(result / "dynamics" / PAGE_DATA)["verdict"]["reasons"]
     assert not any(reason["cause"] == OTHER_MODEL for reason in reasons)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [SHEET, SCENE])
+@pytest.mark.parametrize("name", [PAGE_DATA, SCENE])
 def test_a_damaged_page_is_told_and_begun_anew(name: str, folder: Path) -> None:
     result = folder / "result"
     path = result / "dynamics" / name
@@ -232,7 +232,7 @@ def test_two_results_stand_side_by_side(folder: Path) -> None:
 
 def test_a_sheet_of_other_trials_than_its_scene_is_refused(folder: Path) -> None:
     result = folder / "result"
-    shutil.copy(result / "dynamics" / SHEET, result / SHEET)
+    shutil.copy(result / "dynamics" / PAGE_DATA, result / PAGE_DATA)
     manifest = json.loads((result / MANIFEST).read_text(encoding="utf-8"))
     for key in (HASHES, SELF):
         del manifest[key]

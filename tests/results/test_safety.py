@@ -143,7 +143,7 @@ def test_names_stay_data(subject: str, tmp_path: Path, monkeypatch: pytest.Monke
     text = page.read_text(encoding="utf-8")
     assert "<script>alert" not in text and "<svg onload" not in text
     shown = read_page(inside / "result")
-    assert shown.sheet is not None and shown.sheet["person"]["name"] == subject == shown.scene.subject
+    assert shown.data is not None and shown.data["person"]["name"] == subject == shown.scene.subject
 
 
 @pytest.mark.parametrize("name", TRIALS)

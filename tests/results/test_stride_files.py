@@ -11,7 +11,7 @@ import pytest
 
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.io.result_folder import sha256_of
-from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.cycles import CYCLES
 from gaitcal.results.stride_files import (
     ENSEMBLE,
@@ -57,9 +57,9 @@ def test_summary_and_report_have_the_means(whole: Calibration) -> None:
         entry = means["stance"][side]  # type: ignore[index,call-overload]
         assert entry["mean"] == pytest.approx(own.mean(), abs=1e-5) and entry["strides"] == len(own)  # type: ignore[index,call-overload]
     assert content["trials"]["walk"]["spatiotemporal"] == means  # type: ignore[index,call-overload]
-    assert any(trial["measures"] for trial in calibration_sheet(whole)["trials"])
+    assert any(trial["measures"] for trial in calibration_page_data(whole)["trials"])
     without = replace(whole, trials=tuple(replace(t, strides=()) for t in whole.trials))
-    assert not any(trial["measures"] for trial in calibration_sheet(without)["trials"])
+    assert not any(trial["measures"] for trial in calibration_page_data(without)["trials"])
     assert "spatiotemporal" not in summary(without)
 
 
@@ -74,7 +74,7 @@ def test_refused_legs_are_marked_and_are_in_no_mean(whole: Calibration) -> None:
     assert all("r" not in entry for entry in means.values() if isinstance(entry, dict))
     all_refused = replace(whole, trials=tuple(t.refused() for t in whole.trials))
     assert "spatiotemporal" not in summary(all_refused)
-    assert [trial["refused"] for trial in calibration_sheet(right)["trials"] if trial["name"] == "walk"] == [["r"]]
+    assert [trial["refused"] for trial in calibration_page_data(right)["trials"] if trial["name"] == "walk"] == [["r"]]
 
 
 def test_turning_strides_are_named_above_the_mean_curves(whole: Calibration, tmp_path: Path) -> None:

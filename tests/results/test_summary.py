@@ -13,7 +13,7 @@ from gaitcal.findings import Severity
 from gaitcal.gait.events import joined_events
 from gaitcal.io.labels import FootEvent
 from gaitcal.model.coordinates import LEG_COORDINATES
-from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.summary import summary, trial_summary
 from tests.fake_result import ERROR_SHARES, fake_calibration
 from tests.page.page_words import page_words
@@ -65,7 +65,7 @@ def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none() ->
 
 def test_the_page_tells_what_makes_each_error_bar() -> None:
     words = "What makes the error bar"
-    blocks = calibration_sheet(fake_calibration())["trials"][0]["sections"]["trust"]
+    blocks = calibration_page_data(fake_calibration())["trials"][0]["sections"]["trust"]
     (bars,) = (block for block in blocks if block["kind"] == "bars")
     assert len(bars["rows"]) == 2 * len(LEG_COORDINATES), "all torques of both legs"
     for row in bars["rows"]:

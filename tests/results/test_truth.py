@@ -21,7 +21,7 @@ from gaitcal.figures.sheet import SheetTrial
 from gaitcal.io.csv import write_markers_csv
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
-from gaitcal.page.sheet.sheet import calibration_sheet
+from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.calibration import json_text
 from gaitcal.results.summary import summary
 from gaitcal.results.truth import write_truth
@@ -141,7 +141,7 @@ def test_the_page_draws_and_tells_it(known: Calibration) -> None:
     assert "How near the truth" in page
     for total in sums(known, errors(known)):
         assert total.words in page
-    gait = next(trial for trial in calibration_sheet(known)["trials"] if trial["name"] == "gait")
+    gait = next(trial for trial in calibration_page_data(known)["trials"] if trial["name"] == "gait")
     drawn = {(curve["base"], curve["side"], curve["kind"]) for curve in gait["curves"] if curve["truth"] is not None}
     assert {("knee_angle", "r", "angle"), ("knee_adduction", "l", "moment")} <= drawn
 

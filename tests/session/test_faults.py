@@ -16,7 +16,6 @@ import pytest
 
 from gaitcal import cli
 from gaitcal.study.study import Study
-from tests.real_studies import write_study
 from tests.synthetic_studies import write_synthetic_study
 
 
@@ -186,48 +185,9 @@ def test_rename_of_markers_that_some_trials_wear(study: Path, run: Run) -> None:
     assert run("calibrate", study, "--out", study.parent / "result", "-q") == Ending(0, "", "")
 
 
-@pytest.mark.parametrize("kept", [0.5, 0.1, 0.999])
-def test_truncated_c3d(data_dir: Path, tmp_path: Path, run: Run, kept: float) -> None:
-    path = write_study("pig_c3d", data_dir, tmp_path)
-    content = (data_dir / "pig_c3d/gait.c3d").read_bytes()
-    (tmp_path / "gait.c3d").write_bytes(content[: int(kept * len(content))])
-    replace(path, (data_dir / "pig_c3d/gait.c3d").as_posix(), "gait.c3d")
-    assert_refused(run("calibrate", path, "--out", tmp_path / "result"), ("gait.c3d", "bytes"))
-    assert not (tmp_path / "result").exists()
-
-
-def test_mips_c3d(data_dir: Path, tmp_path: Path, run: Run) -> None:
-    path = write_study("pig_c3d", data_dir, tmp_path)
-    replace(path, (data_dir / "pig_c3d/gait.c3d").as_posix(), (data_dir / "c3d_formats/Eb015si.c3d").as_posix())
-    named = ("Eb015si.c3d", "MIPS", "Intel and DEC")
-    assert_refused(run("calibrate", path, "--out", tmp_path / "result"), named)
-
-
-def test_output_is_a_file(study: Path, run: Run) -> None:
-    target = study.parent / "walk.csv"
-    before = target.read_bytes()
-    assert_refused(run("calibrate", study, "--out", target), ("walk.csv", "folder"))
-    assert target.read_bytes() == before
-
-
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder in which even root cannot write")
-def test_output_not_writable(study: Path, run: Run) -> None:
-    assert_refused(
-        run("calibrate", study, "--out", "/proc/gaitcal-result"), ("/proc/gaitcal-result", "cannot be written")
-    )
-
-
 def test_output_is_looked_at_before_the_work(study: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Study, "load", lambda _: pytest.fail("the study was read first"))
     assert_refused(run("calibrate", study, "--out", study.parent / "walk.csv" / "result"), ("walk.csv", "written"))
-
-
-def test_foreign_folder_is_kept(study: Path, run: Run) -> None:
-    folder = study.parent.parent / "thesis"
-    folder.mkdir()
-    (folder / "chapter.tex").write_text("years of work", encoding="utf-8")
-    assert_refused(run("calibrate", study, "--out", folder), ("thesis", "holds 'chapter.tex'"))
-    assert content_of(folder) == {"chapter.tex": b"years of work"}
 
 
 def test_as_a_process_of_its_own(study: Path, tmp_path: Path) -> None:

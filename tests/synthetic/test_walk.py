@@ -71,47 +71,30 @@ PEOPLE = ("study", "nominal", "1", "2", "3")
 
 
 @pytest.mark.parametrize("person", PEOPLE)
-def test_the_ground_reactions_are_those_of_the_motion(person: str) -> None:
+def test_the_ground_carries_the_walk(person: str) -> None:
+    """No residual; every loaded foot has its centre of pressure in its sole, from strike to off, where it rolls and
+    does not spring.
+    """
     parameters, motion = walk(person)
     ground = ground_on_feet(parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, ground.wrench))
     assert np.abs(residual).max() < RESIDUAL
-
-
-@pytest.mark.parametrize("person", PEOPLE)
-def test_every_loaded_foot_has_its_centre_of_pressure_in_its_sole(person: str) -> None:
-    parameters, motion = walk(person)
-    ground = ground_on_feet(parameters, motion)
-    loaded = ground.wrench[:, :, 1] > 0
-    assert loaded.any(axis=0).all()
+    up = ground.wrench[:, :, 1]
+    loaded = up > 0
+    assert loaded.any(axis=0).all() and (up >= 0).all()
     assert in_the_sole(parameters, motion, ground.centre)[loaded].all()
     force, moment = ground.wrench[..., :3][loaded], ground.wrench[..., 3:][loaded]
-    told = np.stack([moment[:, 2] / force[:, 1], -moment[:, 0] / force[:, 1]], axis=1)
+    centre = np.stack([moment[:, 2] / force[:, 1], -moment[:, 0] / force[:, 1]], axis=1)
     heavy = force[:, 1] > 1.0  # of less, rounding makes the quotient
-    np.testing.assert_allclose(told[heavy], ground.centre[loaded][heavy][:, [0, 2]], atol=1e-9)
-
-
-@pytest.mark.parametrize("person", PEOPLE)
-def test_a_foot_bears_load_from_strike_to_off_and_no_longer(person: str) -> None:
-    parameters, motion = walk(person)
+    np.testing.assert_allclose(centre[heavy], ground.centre[loaded][heavy][:, [0, 2]], atol=1e-9)
     assert motion.phase is not None
-    up = ground_on_feet(parameters, motion).wrench[:, :, 1]
     own = stride_of(motion.phase)
-    stance = (own > 0) & (own < STANCE)
-    assert (up >= 0).all()
-    assert not up[~stance].any()
-    assert (up[stance & (own > 0.01) & (own < STANCE - 0.01)] > 0).all()
-    both = own[:, 0] < DOUBLE_SUPPORT - 0.01
-    assert (up[both & (own[:, 0] > 0.01)] > 0).all()
-
-
-@pytest.mark.parametrize("person", PEOPLE)
-def test_centres_of_pressure_roll_and_do_not_spring(person: str) -> None:
-    parameters, motion = walk(person)
-    ground = ground_on_feet(parameters, motion)
+    assert not up[(own <= 0) | (own >= STANCE)].any()
+    assert loaded[(own > 0.01) & (own < STANCE - 0.01)].all()
+    assert loaded[(own[:, 0] > 0.01) & (own[:, 0] < DOUBLE_SUPPORT - 0.01)].all()
     for foot in range(2):
-        for stance in runs(ground.wrench[:, foot, 1] > LOADED_N):
+        for stance in runs(up[:, foot] > LOADED_N):
             steps = np.linalg.norm(np.diff(ground.centre[stance, foot], axis=0), axis=1)
             assert steps[1:-1].max() < SPRINGS_M
             assert steps[[0, -1]].max() < (PERTURBED_SPRINGS_M if person.isdigit() else SPRINGS_M)

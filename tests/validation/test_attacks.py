@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal import load_marker_set
-from scripts.validation.attacks import curves, messages, report
+from scripts.validation.attacks import attack, curves, run
 from scripts.validation.attacks.attack import Attack, Ending, Kind, Result
 from scripts.validation.attacks.corpus import corpus, once_each
 from scripts.validation.attacks.markers import labels_of, pattern
@@ -39,14 +39,14 @@ def test_words_stand_for_the_labels_of_the_set() -> None:
 
 def test_another_number_is_no_new_message() -> None:
     clean = ["walk: residual 17.3 N, limit 9.5 N"]
-    assert messages.new(["walk: residual 21 N, limit -9.5e3 N"], clean) == ()
-    assert messages.new(["walk: residual 21 N; R.Heel left its place"], clean) != ()
+    assert attack.new(["walk: residual 21 N, limit -9.5e3 N"], clean) == ()
+    assert attack.new(["walk: residual 21 N; R.Heel left its place"], clean) != ()
 
 
 def test_all_words_must_stand_in_one_message_and_a_list_of_all_causes_names_none() -> None:
-    assert messages.names_cause("walk: R.Heel left its place", (r"R\.Heel", "place"))
-    assert not messages.names_cause("walk: L.Heel left its place", (r"R\.Heel", "place"))
-    assert not messages.names_cause("disagree; look at plate positions, force sign and clock, mass_kg", ("clock",))
+    assert attack.names_cause("walk: R.Heel left its place", (r"R\.Heel", "place"))
+    assert not attack.names_cause("walk: L.Heel left its place", (r"R\.Heel", "place"))
+    assert not attack.names_cause("disagree; look at plate positions, force sign and clock, mass_kg", ("clock",))
 
 
 def _curves(count: int = 50) -> curves.Curves:
@@ -109,10 +109,10 @@ def test_limits_of_the_shares() -> None:
             for i in range(count)
         ]
 
-    assert report.passed(results(named=88, silent=2, alarmed=10))
-    assert not report.passed(results(named=87, silent=3, alarmed=10))
-    assert not report.passed(results(named=87, silent=2, alarmed=11))
-    assert not report.passed(results(named=99, crash=1))
+    assert run.passed(results(named=88, silent=2, alarmed=10))
+    assert not run.passed(results(named=87, silent=3, alarmed=10))
+    assert not run.passed(results(named=87, silent=2, alarmed=11))
+    assert not run.passed(results(named=99, crash=1))
 
 
 @pytest.mark.slow
@@ -139,6 +139,6 @@ def test_nothing_of_the_quick_part_goes_unnoticed(
     found = results("attacks", "--quick", "--json", str(tmp_path / "results.json"))
     assert len(found) >= 12
     bad = [r for r in found if r.ending not in (Ending.REFUSED, Ending.NAMED)]
-    assert not bad, "\n".join(report.lines(bad))
+    assert not bad, "\n".join(run.lines(bad))
     assert "refused" in capsys.readouterr().out
     assert (tmp_path / "results.json").stat().st_size > 0

@@ -41,13 +41,13 @@ def met(outcome: str, milliseconds: float) -> Any:
 
 def test_only_what_is_spoken_of_counts_for_the_right_cause() -> None:
     found = [met("first", 50), met("in set", 40), met("none", 5), met("wrong", 30), met("first", 60)]
-    assert of("report").first_share(found) == pytest.approx(2 / 4)
+    assert of("check").first_share(found) == pytest.approx(2 / 4)
 
 
 def test_the_smallest_size_is_that_from_which_enough_are_found() -> None:
     found = [met("none", 10), met("first", 15), met("none", 20), met("first", 30), met("in set", 40), met("first", 50)]
-    assert of("report").smallest(found) == "15 ms (4 of 5)"
-    assert of("report").smallest([met("none", 10)]) == "-"
+    assert of("check").smallest(found) == "15 ms (4 of 5)"
+    assert of("check").smallest([met("none", 10)]) == "-"
 
 
 def test_every_fault_changes_a_recording_and_says_how_large_it_is() -> None:

@@ -14,7 +14,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from scripts.validation import recordings
 from scripts.validation.harness import results
-from scripts.validation.people import hips, imaging, pairs, real, simulated
+from scripts.validation.people import calibrated, hips, pairs
 from scripts.validation.truth import opensim_trials, skin
 from tests.synthetic_studies import write_synthetic_study
 from tests.validation.test_truth import SLOW_CAMERA, TRACKING, _bending
@@ -25,7 +25,7 @@ CLEAN_MM = 0.5
 """What hips of simulated people may be off without noise."""
 
 
-def _fit(name: str, outward: float, error: float = 0.002) -> real.Fit:
+def _fit(name: str, outward: float, error: float = 0.002) -> calibrated.Fit:
     """A person whose hips moved outward in the pelvis by so many m."""
     nominal = published_model()
     joint = nominal.parameters.joint.copy()
@@ -33,7 +33,7 @@ def _fit(name: str, outward: float, error: float = 0.002) -> real.Fit:
     joint[JP_INDEX["hip_l.pelvis.lat"]] -= outward
     for name_of in (f"hip_{side}.pelvis.{d}" for side in "rl" for d in ("ant", "sup")):
         joint[JP_INDEX[name_of]] += 1e-6
-    return real.Fit(
+    return calibrated.Fit(
         name=name,
         nominal=nominal,
         parameters=replace(nominal.parameters, joint=joint),
@@ -71,12 +71,12 @@ def test_hips_of_a_person_without_noise_agree(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_hips_of_ct_miss_the_regression_as_published(data_dir: Path) -> None:
-    images = imaging.imaged(data_dir / "imaging" / "hip_landmarks_ct.csv")
+    images = hips.imaged(data_dir / "imaging" / "hip_landmarks_ct.csv")
     np.testing.assert_allclose(images.errors.std(axis=0, ddof=1), [7.1, 6.4, 6.5], atol=0.05)
     assert np.abs(images.errors.mean(axis=0)).max() < 2.0
     assert (round(images.ratios.min(), 2), round(images.ratios.max(), 2)) == (0.65, 0.82)
     near, far = _fit("near", 0.002), _fit("far", 0.040)
-    assert imaging.outside([near, far], images) == {"hips": 4.0, "hips outside": 2.0, "pairs outside": 1.0}
+    assert hips.outside([near, far], images) == {"hips": 4.0, "hips outside": 2.0, "pairs outside": 1.0}
 
 
 def test_pairs_of_recordings_that_are_compared(data_dir: Path) -> None:
@@ -157,9 +157,9 @@ def test_hips_of_a_simulated_person(data_dir: Path, tmp_path: Path) -> None:
         source / "subject01.osim", source / "coordinates.sto", tmp_path / "p01", rate=SLOW_CAMERA
     )
     exact, moved = (
-        simulated.hips_of("p01", kind, 0, {}, folder, tmp_path) for kind in (skin.Kind.NONE, skin.Kind.PEOPLE)
+        calibrated.hips_of("p01", kind, 0, {}, folder, tmp_path) for kind in (skin.Kind.NONE, skin.Kind.PEOPLE)
     )
     out: dict[str, float] = {}
-    assert len(list(simulated.lines([*exact, *moved], out))) == 7
+    assert len(list(calibrated.lines([*exact, *moved], out))) == 7
     # without noise the artefact is a fiftieth of people's, and not nothing: the prior on its size sees to that
     assert out["none, isolated: RMS"] < CLEAN_MM < out["people, isolated: RMS"] < 60.0

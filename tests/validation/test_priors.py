@@ -15,7 +15,7 @@ ANYBODY = Person(height=1.7, sex="male")
 
 
 def test_offsets_are_the_same_on_both_sides_and_wide_people_have_none() -> None:
-    from scripts.validation.priors.populations import POPULATIONS, scaled
+    from scripts.validation.prior_people import POPULATIONS, scaled
 
     means = {}
     for name, population in POPULATIONS.items():
@@ -29,8 +29,8 @@ def test_offsets_are_the_same_on_both_sides_and_wide_people_have_none() -> None:
 
 def test_errors_and_gains() -> None:
     """A fit that halves the error of every parameter, with bars of twice the error that remains."""
-    from scripts.validation.priors.people import Fit
-    from scripts.validation.priors.report import Outcome, gain, report
+    from scripts.validation.prior_people import Fit
+    from scripts.validation.priors import Outcome, gain, report
 
     unit = prior_deviations(JP_NAMES)
     influence = nominal_influence()

@@ -20,7 +20,7 @@ from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import _joint_lines, segment_frames
 from scripts.validation import error_bars
 from scripts.validation.harness import changed_settings, results, write_json
-from scripts.validation.truth import functional, opensim_trials, outcome, report, rigid, skin, true_joints, wanted
+from scripts.validation.truth import opensim_trials, outcome, people, report, rigid, skin
 
 ROUNDING = 1e-10
 """m, or of a unit vector: coordinates of metres, in doubles, through a singular value decomposition."""
@@ -64,7 +64,7 @@ def test_score_finds_a_ball_joint() -> None:
     (above, at), below = _moving(30, 5), Rotation.random(30, random_state=6).as_matrix()
     c, d = np.array([0.1, -0.2, 0.3]), np.array([0.0, 0.4, -0.1])
     origin = above @ c + at - below @ d
-    for found, true in zip(functional.score((above, at), (below, origin)), (c, d), strict=True):
+    for found, true in zip(rigid.score((above, at), (below, origin)), (c, d), strict=True):
         np.testing.assert_allclose(found, true, atol=ROUNDING)
 
 
@@ -74,7 +74,7 @@ def test_sara_finds_a_hinge() -> None:
     rest = Rotation.random(random_state=8).as_matrix()
     turns = Rotation.from_rotvec(np.linspace(-1, 1, 30)[:, None] * n).as_matrix()
     below = above @ turns @ rest
-    proximal, distal = functional.sara((above, at), (below, above @ c + at - below @ d))
+    proximal, distal = rigid.sara((above, at), (below, above @ c + at - below @ d))
     assert proximal.angle(n) < 1e-6 and distal.angle(rest.T @ n) < 1e-6  # deg
     assert proximal.distance(c) < ROUNDING and distal.distance(d) < ROUNDING
 
@@ -83,9 +83,7 @@ def test_true_parameters_of_a_known_linkage() -> None:
     parameters = synthetic_model(np.random.default_rng(9), perturb=True).parameters
     pose = np.zeros(len(COORDINATES))
     pose[6:] = np.random.default_rng(10).normal(size=21) * 0.1
-    frames = {
-        name: true_joints.SegmentPose(f.rotation, f.origin) for name, f in segment_frames(parameters, pose).items()
-    }
+    frames = {name: people.SegmentPose(f.rotation, f.origin) for name, f in segment_frames(parameters, pose).items()}
     known = _joint_lines(parameters, pose)
     for side in "rl":
         coordinates = {"knee": "knee_angle", "ankle": "ankle_angle", "subtalar": "subtalar_angle"}
@@ -95,16 +93,16 @@ def test_true_parameters_of_a_known_linkage() -> None:
         }
         centres = {f"hip_{side}": known[f"hip_flexion_{side}"][1]}
         person = SimpleNamespace(centres=centres, proximal=axes, distal=axes)
-        found = true_joints.leg_parameters(person, frames, side)
+        found = people.leg_parameters(person, frames, side)
         assert set(found) == set(leg_parameters(side))
         for name, value in found.items():
             assert value == pytest.approx(parameters.joint[JP_INDEX[name]], abs=ROUNDING), name
 
 
 def test_axes_of_parameters_are_told_back() -> None:
-    back = true_joints.z_parameters("a", true_joints.z_axis(0.3, -0.2))
+    back = people.z_parameters("a", people.z_axis(0.3, -0.2))
     assert back == pytest.approx({"a.front": 0.3, "a.trans": -0.2})
-    back = true_joints.x_parameters("a", true_joints.x_axis(0.3, -0.2))
+    back = people.x_parameters("a", people.x_axis(0.3, -0.2))
     assert back == pytest.approx({"a.trans": 0.3, "a.sag": -0.2})
 
 
@@ -113,7 +111,7 @@ def test_static_frames_are_where_the_model_put_its_markers() -> None:
     turn, shift = Rotation.random(random_state=11).as_matrix(), np.array([1.0, 2.0, 3.0])
     still = model.markers.local @ turn.T + shift
     recording = Recording(source="s", time=np.zeros(1), labels=model.markers.labels, markers=still[None])
-    for name, frame in true_joints.static_frames(model, recording).items():
+    for name, frame in people.static_frames(model, recording).items():
         if model.markers.segments.count(name) >= 3:
             np.testing.assert_allclose(frame.rotation, turn, atol=1e-6)  # markers may stand nearly on one line
             np.testing.assert_allclose(frame.point(shift), 0.0, atol=1e-6)
@@ -231,12 +229,12 @@ def test_table_and_limits_of_a_few_fits(tmp_path: Path) -> None:
     assert row.split()[-2:] == ["60", "3.00"]
     lost = [replace(fits[0], converged=False)]
     assert any("1 NOT CONVERGED" in r for r in report.lines(lost))
-    found = {c.words: (c.met, round(c.found, 2)) for c in wanted.checks(fits)}
+    found = {c.words: (c.met, round(c.found, 2)) for c in report.checks(fits)}
     assert found == {
         "isolated, linear: hip in pelvis, mm, RMS": (True, 5.45),
         "isolated, linear: hip in pelvis, mm, in 95 %": (True, 95.0),
     }
-    assert "wanted: 2 of 2 met" in "\n".join(wanted.lines(fits))
+    assert "wanted: 2 of 2 met" in "\n".join(report.wanted_lines(fits))
 
 
 @pytest.mark.slow

@@ -23,8 +23,7 @@ WORSE = 1.3
 @pytest.fixture
 def check() -> SimpleNamespace:
     return SimpleNamespace(
-        **vars(import_module("scripts.validation.vendors.check"))
-        | vars(import_module("scripts.validation.vendors.curves"))
+        **vars(import_module("scripts.validation.vendors")) | vars(import_module("scripts.validation.vendor_walks"))
     )
 
 

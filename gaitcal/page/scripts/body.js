@@ -1,5 +1,6 @@
-"use strict";
 // The segments as moving groups, and the body meshes that are fixed in them.
+const { THREE } = MeshCat;
+
 Gaitcal.COLOURS = {
   body: 0xd3c4b0, measured: 0x0072b2, model: 0xe69f00, error: 0xb00020, force: 0x009e73, plate: 0x56738c,
   nominal: 0x7d6608, fitted: 0x8a3ffc, bone: 0xe3d7bf, condyles: 0x1d2733,
@@ -13,7 +14,6 @@ Gaitcal.css = (colour) => `#${colour.toString(16).padStart(6, "0")}`;
 
 Gaitcal.Body = class {
   constructor(scene, root) {
-    const THREE = MeshCat.THREE;
     this.segments = scene.segments;
     this.groups = scene.segments.map(() => new THREE.Group());
     for (const group of this.groups) root.add(group);
@@ -25,7 +25,7 @@ Gaitcal.Body = class {
     });
     this.skin = skin;
     this.veil = skin.clone();
-    for (const { mesh, segment, order } of Gaitcal.placed(scene.meshes, scene.body, this.groups, [[depth, 1], [skin, 2]])) {
+    for (const { mesh, segment, order } of Gaitcal.meshes(scene.meshes, scene.body, this.groups, [[depth, 1], [skin, 2]])) {
       mesh.castShadow = order === 2;
       this.meshes.push({ mesh, segment, skin: order === 2 });
     }
@@ -50,29 +50,37 @@ Gaitcal.Body = class {
   }
 };
 
+// A mesh in a group, drawn in an order; of none it is asked whether the camera sees it.
+Gaitcal.mesh = (root, geometry, material, order = 0) => {
+  const mesh = new THREE.Mesh(geometry, material);
+  Object.assign(mesh, { renderOrder: order, frustumCulled: false });
+  root.add(mesh);
+  return mesh;
+};
+
 // Every mesh in its place within its segment, once for each pair of material and order of drawing.
-Gaitcal.placed = (packed, places, groups, layers) => {
-  const shapes = {};
-  for (const [name, shape] of Object.entries(packed)) shapes[name] = Gaitcal.shape(shape);
+Gaitcal.meshes = (packed, places, groups, layers) => {
+  const shape = ({ vertices, triangles }) => {
+    const index = new THREE.BufferAttribute(new Uint16Array(Gaitcal.bytes(triangles)), 1);
+    const geometry = Gaitcal.geometry(new Gaitcal.Lengths(vertices).all(), index);
+    geometry.computeVertexNormals();
+    return geometry;
+  };
+  const shapes = new Map(Object.entries(packed).map(([name, one]) => [name, shape(one)]));
   return places.flatMap(({ mesh: name, segment, place }) =>
     layers.map(([material, order]) => {
-      const mesh = new MeshCat.THREE.Mesh(shapes[name], material);
+      const mesh = Gaitcal.mesh(groups[segment], shapes.get(name), material, order);
       mesh.matrixAutoUpdate = false;
       mesh.matrix.set(...place, 0, 0, 0, 1);
-      mesh.renderOrder = order;
-      mesh.frustumCulled = false;
-      groups[segment].add(mesh);
       return { mesh, segment, order };
     }),
   );
 };
 
-Gaitcal.shape = (packed) => {
-  const THREE = MeshCat.THREE;
+Gaitcal.geometry = (points, index = null) => {
   const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(new Gaitcal.Lengths(packed.vertices).all(), 3));
-  geometry.setIndex(new THREE.BufferAttribute(new Uint16Array(Gaitcal.bytes(packed.triangles)), 1));
-  geometry.computeVertexNormals();
+  geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
+  if (index) geometry.setIndex(index);
   return geometry;
 };
 
@@ -80,17 +88,13 @@ Gaitcal.FLOOR = 48;
 
 // A texture of floor tiles half a metre wide, in two colours.
 Gaitcal.tiles = (tile, seam) => {
-  const THREE = MeshCat.THREE;
-  const canvas = document.createElement("canvas");
-  canvas.width = canvas.height = 256;
+  const canvas = html("canvas", { width: 256, height: 256 });
   const pen = canvas.getContext("2d");
   pen.fillStyle = tile;
   pen.fillRect(0, 0, 256, 256);
-  pen.fillStyle = seam;
-  pen.fillRect(0, 0, 256, 3);
-  pen.fillRect(0, 253, 256, 3);
-  pen.fillRect(0, 0, 3, 256);
-  pen.fillRect(253, 0, 3, 256);
+  pen.strokeStyle = seam;
+  pen.lineWidth = 6;
+  pen.strokeRect(0, 0, 256, 256);
   const texture = new THREE.CanvasTexture(canvas);
   texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
   texture.repeat.set(2 * Gaitcal.FLOOR, 2 * Gaitcal.FLOOR);
@@ -101,7 +105,6 @@ Gaitcal.tiles = (tile, seam) => {
 // Light from above with a shadow that goes along with the person, and a floor with lines every half metre.
 Gaitcal.Floor = class {
   constructor(root) {
-    const THREE = MeshCat.THREE;
     root.add(new THREE.HemisphereLight(0xffffff, 0xb8b2a8, 0.72));
     this.sun = new THREE.DirectionalLight(0xffffff, 0.5);
     this.sun.castShadow = true;
@@ -110,16 +113,13 @@ Gaitcal.Floor = class {
     this.sun.shadow.bias = -0.0015;
     this.sun.shadow.radius = 3;
     root.add(this.sun, this.sun.target);
-    const plane = (size, y, material, order) => {
-      const mesh = new THREE.Mesh(new THREE.PlaneGeometry(size, size).rotateX(-Math.PI / 2), material);
+    const plane = (size, y, material) => {
+      const mesh = Gaitcal.mesh(root, new THREE.PlaneGeometry(size, size).rotateX(-Math.PI / 2), material);
       mesh.position.y = y;
-      mesh.renderOrder = order;
-      root.add(mesh);
       return mesh;
     };
-    this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial(), 0);
-    const shadow = new THREE.ShadowMaterial({ opacity: 0.2, depthWrite: false });
-    this.shade = plane(6, -0.002, shadow, 0);
+    this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial());
+    this.shade = plane(6, -0.002, new THREE.ShadowMaterial({ opacity: 0.2, depthWrite: false }));
     this.shade.receiveShadow = true;
   }
 

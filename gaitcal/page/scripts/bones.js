@@ -1,6 +1,11 @@
-"use strict";
 // Behind a bone a mark is veiled, not hidden: where it enters and leaves the bone is to be seen.
-Gaitcal.VEIL = { opacity: 0.38, depthFunc: MeshCat.THREE.GreaterDepth, depthWrite: false };
+Gaitcal.VEIL = { opacity: 0.38, depthFunc: THREE.GreaterDepth, depthWrite: false };
+
+// A mark before the bones, and once more, veiled, behind them. `materials`: of both.
+Gaitcal.veiled = (group, geometry, [plain, veil]) => [
+  Gaitcal.mesh(group, geometry, plain, Gaitcal.ORDER.marks),
+  Gaitcal.mesh(group, geometry, veil, Gaitcal.ORDER.veiled),
+];
 
 // Whether a segment or joint is to be seen when a joint is looked at from near by: none of the other side is.
 Gaitcal.beside = (name, near) => {
@@ -12,7 +17,6 @@ Gaitcal.beside = (name, near) => {
 // not on the fitted axes; see gaitcal/page/bones/bone_landmarks.py.
 Gaitcal.Bones = class {
   constructor(scene, body) {
-    const THREE = MeshCat.THREE;
     this.segments = scene.segments;
     this.why = scene.bones.why;
     this.knees = scene.bones.knees ?? [];
@@ -28,7 +32,7 @@ Gaitcal.Bones = class {
     const depth = new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true, side: THREE.DoubleSide });
     const layers = [[bone, 0], [depth, Gaitcal.ORDER.bones]];
     const { meshes = {}, placed = [] } = scene.bones;
-    for (const { mesh, segment, order } of Gaitcal.placed(meshes, placed, body.groups, layers)) {
+    for (const { mesh, segment, order } of Gaitcal.meshes(meshes, placed, body.groups, layers)) {
       mesh.castShadow = order === 0;
       this.meshes.push({ mesh, segment, part: order === 0 ? "bone" : "depth" });
     }
@@ -36,30 +40,26 @@ Gaitcal.Bones = class {
   }
 
   // The circle and centre of each condyle, and the line through both centres: what the axes are measured against.
-  circles(knee, body) {
-    const THREE = MeshCat.THREE;
-    const { condyles } = Gaitcal.COLOURS;
-    const [across, ...centres] = [knee.across, ...knee.centres].map((v) => new THREE.Vector3().fromArray(v));
+  circles({ segment, across, centres, radii }, body) {
+    const vector = (values) => new THREE.Vector3().fromArray(values);
+    const material = new THREE.MeshBasicMaterial({ color: Gaitcal.COLOURS.condyles, transparent: true });
+    const materials = [material, Object.assign(material.clone(), Gaitcal.VEIL)];
     const add = (geometry, place, from, to) => {
-      for (const veiled of [false, true]) {
-        const material = new THREE.MeshBasicMaterial({ color: condyles, transparent: true, ...(veiled ? Gaitcal.VEIL : {}) });
-        const mesh = new THREE.Mesh(geometry, material);
+      for (const mesh of Gaitcal.veiled(body.groups[segment], geometry, materials)) {
         mesh.position.copy(place);
         mesh.quaternion.setFromUnitVectors(from, to);
-        mesh.renderOrder = veiled ? Gaitcal.ORDER.veiled : Gaitcal.ORDER.marks;
-        mesh.frustumCulled = false;
-        body.groups[knee.segment].add(mesh);
-        this.meshes.push({ mesh, segment: knee.segment, near: true });
+        this.meshes.push({ mesh, segment, near: true });
       }
     };
     const [y, z] = [new THREE.Vector3(0, 1, 0), new THREE.Vector3(0, 0, 1)];
-    centres.forEach((centre, k) => {
-      add(new THREE.TorusGeometry(knee.radii[k], 0.0007, 8, 64), centre, z, across);
-      add(new THREE.SphereGeometry(0.0022, 16, 12), centre, z, across);
-    });
-    const line = centres[1].clone().sub(centres[0]);
-    const middle = centres[0].clone().addScaledVector(line, 0.5);
-    add(new THREE.CylinderGeometry(0.0007, 0.0007, line.length(), 8), middle, y, line.clone().normalize());
+    const [one, other] = centres.map(vector);
+    for (const [k, centre] of [one, other].entries()) {
+      add(new THREE.TorusGeometry(radii[k], 0.0007, 8, 64), centre, z, vector(across));
+      add(new THREE.SphereGeometry(0.0022, 16, 12), centre, z, vector(across));
+    }
+    const line = other.clone().sub(one);
+    const rod = new THREE.CylinderGeometry(0.0007, 0.0007, line.length(), 8);
+    add(rod, one.clone().lerp(other, 0.5), y, line.normalize());
   }
 
   // `near`: the joint that is looked at from near by, whose leg alone is shown, and of that brightly only what is beside
@@ -83,17 +83,8 @@ Gaitcal.Bones = class {
   write(host) {
     host.hidden = this.knees.length === 0;
     for (const written of host.querySelectorAll(".knee")) written.remove();
-    for (const knee of this.knees) {
-      const title = document.createElement("h3");
-      title.textContent = knee.title;
-      title.className = "knee";
-      host.append(title);
-      for (const text of [...knee.axes, knee.stands]) {
-        const line = document.createElement("p");
-        line.textContent = text;
-        line.className = "knee";
-        host.append(line);
-      }
+    for (const { title, axes, stands } of this.knees) {
+      host.append(html("h3.knee", title), ...[...axes, stands].map((text) => html("p.knee", text)));
     }
   }
 };

@@ -1,4 +1,3 @@
-"use strict";
 // The camera starts on the person and goes along; pointing at a marker or joint tells its name.
 Gaitcal.WIDE = 32;
 Gaitcal.FLIGHT = 300; // ms
@@ -6,7 +5,6 @@ Gaitcal.NARROW = 10; // degrees: from near by a wide angle would show the near c
 
 Gaitcal.Camera = class {
   constructor(viewer, pane, height) {
-    const THREE = MeshCat.THREE;
     this.viewer = viewer;
     this.pane = pane;
     this.height = height;
@@ -15,14 +13,13 @@ Gaitcal.Camera = class {
     viewer.set_camera(new THREE.PerspectiveCamera(Gaitcal.WIDE, 1, 0.05, 80));
     viewer.controls.maxDistance = 25;
     viewer.controls.minDistance = 0.15;
-    this.resize();
     window.onload = null;
+    this.resize();
     // A canvas of another size is empty until it is drawn.
-    const resized = new ResizeObserver(() => {
+    new ResizeObserver(() => {
       this.resize();
       viewer.render();
-    });
-    resized.observe(pane);
+    }).observe(pane);
   }
 
   resize() {
@@ -31,23 +28,23 @@ Gaitcal.Camera = class {
 
   // From a direction (in the laboratory: x forward, y up, z right) the whole person in the picture.
   look(person, direction, flying) {
-    const THREE = MeshCat.THREE;
-    const up = Math.tan((Math.PI / 180) * (Gaitcal.WIDE / 2));
-    const room = Math.max(0.66 * this.tall, (0.36 * this.height) / this.viewer.camera.aspect);
-    const target = new THREE.Vector3(person.x, 0.5 * this.tall, person.z);
-    const from = new THREE.Vector3(...direction).normalize().multiplyScalar((1.02 * room) / up);
+    const room = 1.02 * Math.max(0.66 * this.tall, (0.36 * this.height) / this.viewer.camera.aspect);
     this.last.copy(person);
-    this.go({ target, position: target.clone().add(from), angle: Gaitcal.WIDE }, flying);
+    const target = new THREE.Vector3(person.x, 0.5 * this.tall, person.z);
+    this.from(target, new THREE.Vector3(...direction), room, Gaitcal.WIDE, flying);
   }
 
   // A joint from near by; the direction is in its segment's axes: x forward, y up, z to the right.
-  lookAt(joint, direction, flying) {
-    const THREE = MeshCat.THREE;
+  lookAt({ place, turn }, direction, flying) {
     const room = 0.085 * this.height * Math.max(1, 1 / this.viewer.camera.aspect);
-    const from = new THREE.Vector3(...direction).normalize().applyQuaternion(joint.turn);
-    from.multiplyScalar(room / Math.tan((Math.PI / 180) * (Gaitcal.NARROW / 2)));
-    this.last.copy(joint.place);
-    this.go({ target: joint.place.clone(), position: joint.place.clone().add(from), angle: Gaitcal.NARROW }, flying);
+    this.last.copy(place);
+    this.from(place.clone(), new THREE.Vector3(...direction).applyQuaternion(turn), room, Gaitcal.NARROW, flying);
+  }
+
+  // So far away in a direction that `room` m are seen on each side of the target.
+  from(target, direction, room, angle, flying) {
+    const away = direction.normalize().multiplyScalar(room / Math.tan((Math.PI / 180) * (angle / 2)));
+    this.go({ target, position: target.clone().add(away), angle }, flying);
   }
 
   go(goal, flying) {
@@ -58,7 +55,7 @@ Gaitcal.Camera = class {
     }
     const { camera, controls } = this.viewer;
     const here = { target: controls.target.clone(), position: camera.position.clone(), angle: camera.fov };
-    this.flight = { here, goal, begin: performance.now(), moved: new MeshCat.THREE.Vector3() };
+    this.flight = { here, goal, begin: performance.now(), moved: new THREE.Vector3() };
     requestAnimationFrame(() => this.fly(this.flight));
   }
 
@@ -99,7 +96,7 @@ Gaitcal.Camera = class {
   // The target ([place, text, joint]) nearest to a place in the pane, within `reach` pixels; null where there is none.
   pointed(x, y, targets, reach) {
     const [w, h] = [this.pane.clientWidth, this.pane.clientHeight];
-    const at = new MeshCat.THREE.Vector3();
+    const at = new THREE.Vector3();
     let best = null;
     let least = reach;
     this.viewer.camera.updateMatrixWorld();
@@ -113,40 +110,43 @@ Gaitcal.Camera = class {
   }
 };
 
-Gaitcal.Tip = class {
-  // `targets()` lists what may be pointed at now; `chosen(joint)` is called after a click on a joint.
-  constructor(element, camera, { targets, chosen }) {
-    const { pane } = camera;
-    const found = (event, reach, among) => {
-      const box = pane.getBoundingClientRect();
-      const [x, y] = [event.clientX - box.left, event.clientY - box.top];
-      return [camera.pointed(x, y, among, reach), x, y, box];
-    };
-    const show = (event, reach) => {
-      const [target, x, y, box] = found(event, reach, targets());
-      element.hidden = target === null || Boolean(event.buttons && event.pointerType === "mouse");
-      pane.classList.toggle("joint", Boolean(target?.[2]));
-      if (element.hidden) return;
-      element.textContent = target[1];
-      element.style.left = `${Math.max(4, Math.min(x + 14, box.width - element.offsetWidth - 4))}px`;
-      element.style.top = `${Math.max(4, Math.min(y + 14, box.height - element.offsetHeight - 4))}px`;
-    };
-    let down = null;
-    pane.addEventListener("pointermove", (event) => event.pointerType === "mouse" && show(event, 14));
-    pane.addEventListener("pointerdown", (event) => {
-      down = [event.clientX, event.clientY];
-      if (event.pointerType !== "mouse") show(event, 26);
-    });
-    // The controls of MeshCat keep the pointer: its release is told to the window.
-    window.addEventListener("pointerup", (event) => {
-      const still = down && Math.hypot(event.clientX - down[0], event.clientY - down[1]) < 5;
-      down = null;
-      if (!still || event.button > 0) return;
-      const [target] = found(event, event.pointerType === "mouse" ? 18 : 28, targets().filter(([, , joint]) => joint));
-      if (target) chosen(target[2]);
-    });
-    pane.addEventListener("pointerleave", (event) => {
-      if (event.pointerType === "mouse") element.hidden = true;
-    });
-  }
+// What is pointed at. `targets()` lists what may be pointed at now; `chosen(joint)` is called after a click on a joint.
+Gaitcal.tip = (element, camera, { targets, chosen }) => {
+  const { pane } = camera;
+  const at = ({ clientX, clientY }) => {
+    const { left, top } = pane.getBoundingClientRect();
+    return [clientX - left, clientY - top];
+  };
+  const show = (event, reach) => {
+    const [x, y] = at(event);
+    const target = camera.pointed(x, y, targets(), reach);
+    element.hidden = target === null || Boolean(event.buttons && event.pointerType === "mouse");
+    pane.classList.toggle("joint", Boolean(target?.[2]));
+    if (element.hidden) return;
+    element.textContent = target[1];
+    const inside = (place, size, own) => `${Math.max(4, Math.min(place + 14, size - own - 4))}px`;
+    element.style.left = inside(x, pane.clientWidth, element.offsetWidth);
+    element.style.top = inside(y, pane.clientHeight, element.offsetHeight);
+  };
+  let down = null;
+  const mouse = ({ pointerType }) => pointerType === "mouse";
+  Gaitcal.dress(pane, {
+    pointermove: (event) => mouse(event) && show(event, 14),
+    pointerdown: (event) => {
+      down = at(event);
+      if (!mouse(event)) show(event, 26);
+    },
+    pointerleave: (event) => {
+      if (mouse(event)) element.hidden = true;
+    },
+  });
+  // The controls of MeshCat keep the pointer: its release is told to the window.
+  window.addEventListener("pointerup", (event) => {
+    const [x, y] = at(event);
+    const still = down && Math.hypot(x - down[0], y - down[1]) < Gaitcal.DRAGGED;
+    down = null;
+    if (!still || event.button > 0) return;
+    const target = camera.pointed(x, y, targets().filter(([, , joint]) => joint), mouse(event) ? 18 : 28);
+    if (target) chosen(target[2]);
+  });
 };

@@ -1,63 +1,73 @@
-"use strict";
-// Play, trial, speed, result and legend: the controls that are always there.
-Gaitcal.Controls = class {
-  constructor(page) {
-    this.page = page;
-    this.state = page.state;
-    const get = (id) => document.getElementById(id);
-    this.get = get;
-    for (const [r, { name, scene }] of page.results.entries()) get("result").add(new Option(name || scene.subject, String(r)));
-    get("whose").hidden = page.results.length < 2;
-    get("result").addEventListener("change", () => this.state.set({ result: Number(get("result").value) }));
-    get("trial").addEventListener("change", () => this.state.set({ trial: Number(get("trial").value) }));
-    get("speed").addEventListener("change", () => this.state.set({ speed: Number(get("speed").value) }));
-    get("play").addEventListener("click", () => page.clock.play());
-    get("open").addEventListener("click", () => this.legend(!get("main").classList.contains("open")));
-    this.state.on(["playing"], () => this.playing());
-    this.state.on(["speed"], () => (get("speed").value = String(this.state.speed)));
-    this.state.on(["result"], () => this.trials());
-    this.state.on(["result", "trial"], () => this.chosen());
-    this.measured();
-    this.trials();
-    this.chosen();
-    this.playing();
-    get("speed").value = String(this.state.speed);
-  }
+// Play, trials, results and legend: the controls that are always there. `legend(open)` opens and closes the layers.
+Gaitcal.controls = (page) => {
+  const { state, results } = page;
+  const { get } = Gaitcal;
+  const legend = (open) => {
+    get("main").classList.toggle("open", open);
+    get("open").setAttribute("aria-expanded", String(open));
+  };
+  const trials = () => {
+    get("trial").replaceChildren(...page.result.trials.map(({ name }, i) => new Option(name, i)));
+    get("trial").value = String(state.trial);
+  };
+  const playing = () => {
+    get("play").textContent = state.playing ? "\u275a\u275a" : "\u25b6";
+    get("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
+  };
+  get("result").append(...results.map(({ name, scene }, r) => new Option(name || scene.subject, r)));
+  get("whose").hidden = results.length < 2;
+  get("play").addEventListener("click", () => page.clock.play());
+  get("open").addEventListener("click", () => legend(!get("main").classList.contains("open")));
+  state.on(["result"], trials);
+  state.on(["playing"], playing);
+  trials();
+  playing();
 
   // The body fills what header and footer leave of the window; how high these are follows from what is in them, and the
   // header leaves when the page is scrolled.
-  measured() {
-    const root = document.documentElement.style;
-    let seen = true;
-    const write = () => {
-      root.setProperty("--above", `${seen ? this.get("top").offsetHeight : 0}px`);
-      root.setProperty("--below", `${this.get("controls").offsetHeight}px`);
-    };
-    const heights = new ResizeObserver(write);
-    for (const id of ["top", "controls"]) heights.observe(this.get(id));
-    const scrolled = new IntersectionObserver(([entry]) => {
-      seen = entry.isIntersecting;
-      write();
-    });
-    scrolled.observe(this.get("top"));
-  }
+  let there = true;
+  const measure = () => {
+    const { style } = document.documentElement;
+    style.setProperty("--above", `${there ? get("top").offsetHeight : 0}px`);
+    style.setProperty("--below", `${get("controls").offsetHeight}px`);
+  };
+  const heights = new ResizeObserver(measure);
+  for (const id of ["top", "controls"]) heights.observe(get(id));
+  const scrolled = ([entry]) => {
+    there = entry.isIntersecting;
+    measure();
+  };
+  new IntersectionObserver(scrolled).observe(get("top"));
+  return { legend };
+};
 
-  legend(open) {
-    this.get("main").classList.toggle("open", open);
-    this.get("open").setAttribute("aria-expanded", String(open));
-  }
-
-  playing() {
-    this.get("play").textContent = this.state.playing ? "\u275a\u275a" : "\u25b6";
-    this.get("play").setAttribute("aria-label", this.state.playing ? "Pause" : "Play");
-  }
-
-  trials() {
-    this.get("trial").replaceChildren(...this.page.result.trials.map(({ name }, i) => new Option(name, String(i))));
-  }
-
-  chosen() {
-    this.get("trial").value = String(this.state.trial);
-    this.get("result").value = String(this.state.result);
-  }
+// The presets as tabs.
+Gaitcal.presets = (host, { state }) => {
+  const names = Object.keys(Gaitcal.PRESETS);
+  const tabs = [...host.children];
+  // Arrow keys go from tab to tab, and around.
+  const moved = (event) => {
+    const here = tabs.indexOf(event.target);
+    const there = { ArrowRight: here + 1, ArrowLeft: here - 1, Home: 0, End: tabs.length - 1 }[event.key];
+    if (there === undefined || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const tab = tabs.at(there % tabs.length);
+    tab.focus();
+    tab.click();
+  };
+  const write = () => {
+    const { preset } = state;
+    for (const [k, tab] of tabs.entries()) {
+      tab.setAttribute("aria-selected", String(names[k] === preset));
+      tab.tabIndex = names[k] === preset ? 0 : -1;
+    }
+    Gaitcal.get("panel").setAttribute("aria-labelledby", `preset-${preset}`);
+    Gaitcal.get("main").dataset.preset = preset;
+    for (const id of ["switches", "curves", "steps"]) Gaitcal.get(id).hidden = preset !== "clinician";
+  };
+  for (const [k, tab] of tabs.entries()) tab.addEventListener("click", () => state.set({ preset: names[k] }));
+  host.addEventListener("keydown", moved);
+  state.on(["preset"], write);
+  write();
 };

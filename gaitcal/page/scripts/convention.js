@@ -1,7 +1,4 @@
-"use strict";
 // Signs, units and whose moment: as gaitcal/gait/conventions.py has them.
-Gaitcal.KINDS = { angle: "angle", moment: "moment", power: "power", force: "force" };
-Gaitcal.LEGS = { r: "right", l: "left" };
 Gaitcal.GROUND = {
   ground_reaction_vertical: ["Ground reaction, vertical", "up"],
   ground_reaction_forward: ["Ground reaction, forward", "forward"],
@@ -21,34 +18,28 @@ Gaitcal.Convention = class {
   // By what a value of the files is multiplied. `side`: of the stride, which matters to the pelvis; "" over time.
   factor(base, kind, side) {
     const { mass, bwh } = this.sheet.person;
-    if (kind === "angle") return this.ofPelvis(base, side)?.sign ?? 1;
-    if (kind === "moment") {
-      const scale = { Nm: 1, "Nm/kg": 1 / mass, "%BWH": 100 / bwh }[this.moments];
-      return scale * this.sign(base);
-    }
-    if (kind === "power") return this.moments === "Nm" ? 1 : 1 / mass;
-    return 1;
+    const scale = { Nm: 1, "Nm/kg": 1 / mass, "%BWH": 100 / bwh }[this.moments];
+    const power = this.moments === "Nm" ? 1 : 1 / mass;
+    return { angle: this.ofPelvis(base, side)?.sign ?? 1, moment: scale * this.sign(base), power }[kind] ?? 1;
   }
 
   unit(kind) {
-    if (kind === "moment") return Gaitcal.MOMENT_UNITS[this.moments];
-    if (kind === "power") return this.moments === "Nm" ? "W" : "W/kg";
-    return { angle: "°", force: "N" }[kind] ?? "";
+    const power = this.moments === "Nm" ? "W" : "W/kg";
+    return { angle: "°", moment: Gaitcal.MOMENT_UNITS[this.moments], power, force: "N" }[kind];
   }
 
   digits(kind) {
     const small = this.moments !== "Nm";
-    return { angle: 1, moment: small ? 2 : 1, power: small ? 2 : 0, force: 0 }[kind] ?? 1;
+    return { angle: 1, moment: small ? 2 : 1, power: small ? 2 : 0, force: 0 }[kind];
   }
 
   // What a positive value means.
   positive(base, kind, side) {
     if (kind === "power") return "generated";
     if (kind === "force") return Gaitcal.GROUND[base]?.[1] ?? "";
-    const row = this.sheet.rows.get(base);
-    if (!row) return "";
-    if (kind === "angle") return this.ofPelvis(base, side)?.words ?? row.angle[0];
-    return row.moment[this.flipped(base) ? 1 : 0];
+    const { angle, moment } = this.sheet.rows.get(base);
+    if (kind === "angle") return this.ofPelvis(base, side)?.words ?? angle[0];
+    return moment[this.flipped(base) ? 1 : 0];
   }
 
   title(base, kind) {
@@ -56,7 +47,7 @@ Gaitcal.Convention = class {
     const joint = this.total(base);
     if (kind === "power" && joint) return `${joint.title} power`;
     const title = this.sheet.rows.get(base)?.title ?? base;
-    return kind === "angle" ? title : `${title} ${Gaitcal.KINDS[kind]}`;
+    return kind === "angle" ? title : `${title} ${kind}`;
   }
 
   // The joint of which a power is the sum over all axes.
@@ -77,7 +68,7 @@ Gaitcal.Convention = class {
   }
 
   flipped(base) {
-    return this.clinical && Boolean(this.sheet.rows.get(base)?.flips);
+    return this.clinical && this.sheet.rows.get(base)?.flips;
   }
 
   sign(base) {
@@ -91,10 +82,4 @@ Gaitcal.Convention = class {
     if (side) return senses[side] ?? null;
     return senses.r && senses.r.sign === senses.l?.sign ? senses.r : null;
   }
-};
-
-// A number with so many digits; a minus sign as in print.
-Gaitcal.number = (value, digits) => {
-  const text = value.toFixed(digits);
-  return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", "\u2212");
 };

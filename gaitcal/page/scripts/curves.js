@@ -1,31 +1,25 @@
-"use strict";
 // The grid of small multiples: joints by angle, moment and power; what is drawn when, and where the clock stands.
 
 // What curves are drawn anew for. Time alone moves cursors.
-Gaitcal.DRAWN_FOR = ["result", "trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off", "second"];
+Gaitcal.DRAWN_FOR = [
+  "result", "trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off", "second",
+];
 // ms between the numbers above panels that nobody points at.
 Gaitcal.READ_EVERY = 120;
 Gaitcal.POINT_AT = "Point at a curve for its values; drag over it to loop a stretch; click its title to come near.";
 
 Gaitcal.Curves = class {
   constructor(host, page) {
-    this.host = host;
-    this.page = page;
-    this.state = page.state;
-    this.strides = new Gaitcal.Strides(page);
-    this.density = 1;
-    this.lead = "r";
-    this.pointed = null;
-    this.readAt = 0;
-    this.panels = [];
-    this.colours = Gaitcal.curveColours();
-    this.legend = new Gaitcal.CurveLegend(this);
-    this.peaks = new Gaitcal.Peaks(this);
-    this.watch = new IntersectionObserver((entries) => this.seen(entries), { rootMargin: "120px" });
+    const { state } = page;
+    Object.assign(this, { host, page, state, strides: new Gaitcal.Strides(page) });
+    Object.assign(this, { density: 1, lead: "r", pointed: null, readAt: 0, panels: [], groups: [] });
+    const part = (name) => host.querySelector(`.curve-${name}`);
+    Object.assign(this, { legend: part("legend"), notes: part("notes"), grid: part("groups"), sentence: part("sentence") });
+    this.peaks = new Gaitcal.Peaks(part("peaks"), this);
+    this.watch = new IntersectionObserver((entries) => this.came(entries), { rootMargin: "120px" });
     this.build();
-    const { state } = this;
     state.on(["seconds"], () => this.tick());
-    state.on(Gaitcal.DRAWN_FOR, (_, changed) => (changed.has("result") ? this.build() : this.refresh()));
+    state.on(Gaitcal.DRAWN_FOR, (changed) => (changed.has("result") ? this.build() : this.refresh()));
     state.on(["window"], () => {
       for (const panel of this.panels) panel.window();
     });
@@ -36,102 +30,67 @@ Gaitcal.Curves = class {
 
   // The frame of the grid: what of the result has curves.
   build() {
-    const element = Gaitcal.curvePart;
+    const { strides, host } = this;
     for (const panel of this.panels) panel.plot?.destroy();
     this.watch.disconnect();
-    this.panels = [];
-    this.groups = [];
     this.pointed = null;
-    this.sentence = element("p", "curve-sentence");
-    this.grid = element("div", "curve-groups");
-    this.host.replaceChildren();
-    if (!this.strides.sheet) return;
-    this.known = new Set(this.strides.sheets.filter(Boolean).flatMap((sheet) => sheet.trials.flatMap(({ packed }) => packed.curves.map((curve) => `${curve.base}/${curve.kind}`))));
-    for (const joint of this.strides.sheet.joints) this.place(Gaitcal.jointGroup(joint, this));
-    this.place(Gaitcal.groundGroup(this));
-    this.top = element("div", "curve-top");
-    this.top.append(this.legend.root, this.sentence);
-    this.host.append(element("h2", "unseen", "Curves"), this.chooser(), this.top, this.grid, this.legend.notes, this.peaks.root);
+    [this.panels, this.groups] = [[], []];
+    for (const part of host.children) part.hidden = !strides.sheet;
+    if (!strides.sheet) return;
+    const trials = strides.sheets.filter(Boolean).flatMap((sheet) => sheet.trials);
+    const known = new Set(trials.flatMap(({ packed }) => packed.curves.map(({ base, kind }) => `${base}/${kind}`)));
+    const has = ({ base, kind }) => known.has(`${base}/${kind}`);
+    const joints = strides.sheet.joints.map((joint) => Gaitcal.jointGroup(joint, has));
+    this.groups = [...joints, Gaitcal.groundGroup(has)]
+      .filter(({ subjects }) => subjects.length)
+      .map((group) => Gaitcal.curveGroup(group, this));
+    this.panels = this.groups.flatMap(({ panels }) => panels);
+    this.grid.replaceChildren(...this.groups.map(({ root }) => root));
     for (const panel of this.panels) this.watch.observe(panel.root);
     this.enlarge(false);
     this.refresh();
-  }
-
-  has({ base, kind }) {
-    return this.known.has(`${base}/${kind}`);
-  }
-
-  place(group) {
-    if (!group.panels.length) return;
-    this.grid.append(group.root);
-    this.groups.push(group);
-    this.panels.push(...group.panels);
-  }
-
-  // Where there is room for one column only, what kind of curve it holds.
-  chooser() {
-    const field = Gaitcal.curvePart("fieldset", "curve-kinds");
-    field.append(Gaitcal.curvePart("legend", "", "Curves"));
-    for (const [kind, text] of [["angle", "angles"], ["moment", "moments"], ["power", "powers"], ["all", "all"]]) {
-      const label = Gaitcal.curvePart("label");
-      const input = Gaitcal.curvePart("input");
-      Object.assign(input, { type: "radio", name: "curve-kind", value: kind, checked: kind === (this.kind ?? "angle") });
-      input.addEventListener("change", () => this.choose(kind));
-      label.append(input, Gaitcal.curvePart("span", "", text));
-      field.append(label);
-    }
-    this.choose(this.kind ?? "angle");
-    return field;
-  }
-
-  choose(kind) {
-    this.kind = kind;
-    this.grid.dataset.kind = kind;
   }
 
   // Everything anew, when it is looked at.
   refresh() {
     if (!this.strides.sheet) return;
     const { state, strides } = this;
-    this.colours = this.density > 1 ? Gaitcal.ON_PAPER : Gaitcal.curveColours();
+    const { trial } = strides;
+    this.colours = Gaitcal.pageColours();
     this.conventions = strides.sheets.map((sheet) => sheet && new Gaitcal.Convention(sheet, state));
     this.offs = ["r", "l"].flatMap((side) => {
       const known = strides.on(state.result, side).straight.filter(({ stride }) => stride.off !== null);
-      const percents = known.map(({ stride }) => (100 * (stride.off - stride.start)) / (stride.stop - stride.start));
-      return percents.length ? [{ side, at: percents.reduce((a, b) => a + b, 0) / percents.length }] : [];
+      const { n, mean } = Gaitcal.average(known.map(({ stride }) => Gaitcal.percentOf(stride, stride.off)));
+      return n ? [{ side, at: mean }] : [];
     });
-    this.stances = ["r", "l"].flatMap((side) => strides.trial.stances(side).map(([from, to]) => ({ side, from, to })));
+    this.stances = ["r", "l"].flatMap((side) =>
+      Gaitcal.stances(trial, side, trial.duration).map((span) => ({ side, span })),
+    );
     this.held = this.current();
     this.now = this.moment();
-    for (const panel of this.panels) {
-      panel.dirty = true;
-      panel.name();
-    }
-    this.legend.write();
-    this.schedule();
+    for (const panel of this.panels) panel.name();
+    this.tell();
+    this.redraw();
     clearTimeout(this.writing);
-    this.writing = setTimeout(() => this.peaks.write(this.panels.filter(({ subject }) => !subject.detail).map(({ subject }) => subject)), 60);
+    const whole = this.panels.map(({ subject }) => subject).filter(({ detail }) => !detail);
+    this.writing = setTimeout(() => this.peaks.write(whole), 60);
   }
 
   schedule() {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = null;
-      this.flush();
+      this.draw(this.panels.filter(({ dirty, visible, held }) => dirty && visible && held === undefined));
+      this.readings();
     });
-  }
-
-  flush() {
-    this.draw(this.panels.filter((panel) => panel.dirty && panel.visible));
-    this.readings();
   }
 
   // All sizes are read before the first is drawn: to draw in between would lay the page out each time.
   draw(panels) {
-    const sizes = panels.map((panel) => panel.size());
-    for (const [i, panel] of panels.entries()) if (sizes[i]) panel.draw(sizes[i]);
+    const sizes = panels.map(({ place }) => [place.clientWidth, place.clientHeight]);
+    for (const [i, panel] of panels.entries()) if (!sizes[i].includes(0)) panel.draw(sizes[i]);
   }
 
-  seen(entries) {
+  came(entries) {
     if (this.strides.sheet) this.now = this.moment();
     for (const { target, isIntersecting } of entries) {
       const panel = this.panels.find(({ root }) => root === target);
@@ -143,9 +102,12 @@ Gaitcal.Curves = class {
   }
 
   resized() {
-    const width = this.host.clientWidth;
-    if (width === this.wide) return;
-    this.wide = width;
+    if (this.host.clientWidth === this.wide) return;
+    this.wide = this.host.clientWidth;
+    this.redraw();
+  }
+
+  redraw() {
     for (const panel of this.panels) panel.dirty = true;
     this.schedule();
   }
@@ -170,10 +132,7 @@ Gaitcal.Curves = class {
     const held = this.current();
     const others = held.some((stride, i) => stride !== this.held[i]);
     this.held = held;
-    if (others && this.state.spread !== "mean") {
-      for (const panel of this.panels) panel.dirty = true;
-      this.schedule();
-    }
+    if (others && this.state.spread !== "mean") this.redraw();
     this.now = this.moment();
     for (const panel of this.panels) if (panel.visible) panel.follow(this.now);
     if (this.pointed) {
@@ -206,23 +165,17 @@ Gaitcal.Curves = class {
     return this.page.results[i].name || this.strides.sheets[i].person.name;
   }
 
-  summary({ subject }) {
-    return this.peaks.summary(subject);
-  }
-
   // The looped window as percents of the stride of a leg that it lies in; null where it lies in none.
   windowPercents(side) {
     const { window } = this.state;
-    const stride = this.strides.near(side, 0.5 * (window[0] + window[1])) ?? this.strides.near(side === "r" ? "l" : "r", window[0]);
-    if (!stride) return null;
-    const percents = window.map((t) => Math.min(100, Math.max(0, (100 * (t - stride.start)) / (stride.stop - stride.start))));
+    const stride = this.strides.nearAny(side, 0.5 * (window[0] + window[1]));
+    const percents = window.map((t) => Math.min(100, Math.max(0, Gaitcal.percentOf(stride, t))));
     return percents[1] > percents[0] ? percents : null;
   }
 
   // The chosen joint's curves are large, all its powers among them; the others step back.
   enlarge(move) {
-    const joint = this.state.joint?.replace(/_[rl]$/, "") ?? null;
-    const side = /_([rl])$/.exec(this.state.joint ?? "")?.[1];
+    const [, joint = null, side] = /^(.*?)(?:_([rl]))?$/.exec(this.state.joint ?? "");
     if (side) this.lead = side;
     const here = this.groups.some((group) => group.joint === joint);
     for (const group of this.groups) {
@@ -231,12 +184,11 @@ Gaitcal.Curves = class {
       group.root.classList.toggle("dim", here && !chosen);
       if (chosen && "open" in group.root) group.root.open = true;
       for (const panel of group.panels) {
-        panel.dirty = true;
         if (side) panel.lead = side;
-        if (panel.title.type === "button") panel.title.setAttribute("aria-pressed", String(chosen));
+        if (panel.subject.joint) panel.title.setAttribute("aria-pressed", String(chosen));
       }
     }
-    this.schedule();
+    this.redraw();
     if (move) this.reveal(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);
   }
 
@@ -258,10 +210,104 @@ Gaitcal.Curves = class {
       this.grid.before(this.papers);
     } else for (const group of this.groups) group.cells.append(...group.panels.map(({ root }) => root));
     this.refresh();
-    for (const panel of this.panels) {
-      panel.plot?.destroy();
-      panel.plot = null;
-    }
     if (on) this.draw(this.panels);
   }
+
+  // What the lines of the curves are, and of how many strides; above and below the grid.
+  tell() {
+    const { strides, state } = this;
+    const { percent, counts, sheet } = strides;
+    const many = Math.max(...counts) > 1;
+    const means = percent && state.spread === "mean" && many;
+    const has = (part) => sheet.trials.some(({ packed }) => packed.curves.some((curve) => curve[part] && curve.joint));
+    const second = state.second && strides.sheets[1 - state.result];
+    const shown = {
+      none: !percent,
+      sd: means,
+      se: state.errors && has("se"),
+      thin: percent && !means && many,
+      nominal: state.nominal && has("nominal"),
+      truth: state.truth && has("truth"),
+      norm: state.norm && percent && sheet.bands.length > 0,
+      off: percent,
+      stance: !percent,
+      second: Boolean(second),
+    };
+    const words = {
+      se: means ? "± standard error of the mean" : "± standard error",
+      second: second ? this.named(1 - state.result) : "",
+    };
+    for (const item of this.legend.children) {
+      const { key } = item.dataset;
+      item.hidden = shown[key] === false;
+      if (key in words) item.lastElementChild.textContent = words[key];
+    }
+    this.notes.replaceChildren(...this.sentences(percent, counts).map((text) => html("p", text)));
+  }
+
+  sentences(percent, [right, left]) {
+    const { strides, state } = this;
+    const relative = strides.trial.relative ? ["Joint angles are counted from the static trial."] : [];
+    if (!percent) {
+      const why = state.axis === "percent" ? ", which holds no complete stride" : "";
+      return [`Against the time of ${strides.trial.name}${why}.`, ...relative];
+    }
+    const on = (side) => strides.on(state.result, side);
+    const trials = (side) => Gaitcal.count(new Set(on(side).straight.map(({ trial }) => trial)).size, "trial");
+    const turning = on("r").turning.length + on("l").turning.length;
+    const [turns, takes] = turning === 1 ? ["turns", "takes"] : ["turn", "take"];
+    const without = ["r", "l"].filter((side) => !strides.near(side, state.seconds));
+    const sources = new Set(state.norm ? strides.sheet.bands.map(({ source }) => source) : []);
+    return [
+      `0 to 100 % of each leg’s own stride, from strike to next strike: right ${Gaitcal.count(right, "stride")} of ` +
+        `${trials("r")}, left ${Gaitcal.count(left, "stride")} of ${trials("l")}.`,
+      ...(turning ? [`${Gaitcal.count(turning, "stride")} ${turns} and ${takes} no part in means.`] : []),
+      ...without.map((side) => `The ${Gaitcal.LEGS[side]} leg makes no complete stride in ${strides.trial.name}.`),
+      ...[...sources].map((source) => `Healthy people: ${source}.`),
+      ...relative,
+    ];
+  }
+};
+
+// The curves of one joint, and how they stand: powers in the last column, whatever else there is. Three angles stand above
+// their moments; fewer beside them; what has angles or forces alone is a row.
+Gaitcal.jointGroup = ({ joint, title, power, rows }, has) => {
+  const subjects = rows.flatMap(({ base }, i) => {
+    const own = ["angle", "moment"].map((kind) => ({ base, kind, joint })).filter(has);
+    const alone = own.length === 1 && own[0].kind === "moment";
+    const total = { base: power, kind: "power", joint };
+    const detail = { base, kind: "power", joint, detail: true };
+    return [
+      ...own.map((subject) => ({ ...subject, alone })),
+      ...(i === 0 && power && has(total) ? [total] : []),
+      ...(power !== base && has(detail) ? [detail] : []),
+    ];
+  });
+  const count = (kind) => subjects.filter((subject) => subject.kind === kind).length;
+  const layout = count("moment") + count("power") === 0 ? "flow" : count("angle") > 2 ? "planes" : "columns";
+  return { joint, title, subjects, layout };
+};
+
+Gaitcal.groundGroup = (has) => {
+  const subjects = Object.keys(Gaitcal.GROUND).map((base) => ({ base, kind: "force", joint: null })).filter(has);
+  return { joint: "ground", title: "Ground reactions", subjects, layout: "flow" };
+};
+
+Gaitcal.curveGroup = ({ joint, title, subjects, layout }, curves) => {
+  const folded = joint === "arm";
+  const panels = subjects.map((subject) => new Gaitcal.Panel(subject, curves));
+  const cells = html("div.curve-cells", panels.map((panel) => panel.root));
+  const heading = html("h3", title);
+  const root = html(folded ? "details.curve-group" : "section.curve-group", { class: layout, "data-joint": joint },
+    folded ? html("summary", heading) : heading, cells);
+  return { joint, root, cells, panels };
+};
+
+// Panels of curves as they stand on paper: kinematics on one page, kinetics on the other.
+Gaitcal.curvePapers = (panels) => {
+  const whole = panels.filter(({ subject }) => !subject.detail && subject.joint !== "arm");
+  const paper = (title, ...kinds) =>
+    html(`section.curve-paper.${title.toLowerCase()}`, html("h2", title), html("div.curve-cells",
+      kinds.flatMap((kind) => whole.filter(({ subject }) => subject.kind === kind)).map(({ root }) => root)));
+  return html("div.curve-papers", paper("Kinematics", "angle"), paper("Kinetics", "moment", "power", "force"));
 };

@@ -1,10 +1,9 @@
-"use strict";
 // The body of one result, with its bones, markers, forces and joints.
 Gaitcal.Figure = class {
   constructor(result, root) {
     const { scene } = result;
     this.scene = scene;
-    this.group = new MeshCat.THREE.Group();
+    this.group = new THREE.Group();
     root.add(this.group);
     this.body = new Gaitcal.Body(scene, this.group);
     this.bones = new Gaitcal.Bones(scene, this.body);
@@ -56,7 +55,7 @@ Gaitcal.Figure = class {
     const { trial } = this;
     if (layer === "bones") return this.bones.why;
     if (layer === "forces") return trial.hasForces || trial.plates.length ? null : "no force plates in this trial";
-    if (layer === "uncertainty") return this.joints.known ? null : "not estimated";
+    if (layer === "uncertainty") return this.joints.parts.uncertainty.length ? null : "not estimated";
     if (layer === "fitted") return this.joints.parts.fitted.length ? null : "no joint was fitted";
     return null;
   }

@@ -1,100 +1,80 @@
-"use strict";
 // Joint centres and axes, nominal and fitted, with what is known of their uncertainty. They are fixed in the segments
 // and drawn after everything else on a fresh depth buffer, so that they are seen inside the body.
 Gaitcal.Joints = class {
   constructor(scene, body, root) {
-    const THREE = MeshCat.THREE;
-    const colours = Gaitcal.COLOURS;
     const half = 0.056 * scene.height;
     const CONFIDENCE = 1.96;
-    const { ORDER } = Gaitcal;
-    this.marks = [];
-    this.parts = { nominal: [], fitted: [], uncertainty: [] };
-    const solid = (colour, more) =>
-      new THREE.MeshPhongMaterial({ color: colour, transparent: true, shininess: 20, specular: 0x222222, ...more });
-    const materials = {};
-    for (const kind of ["nominal", "fitted"]) materials[kind] = [solid(colours[kind], {}), solid(colours[kind], Gaitcal.VEIL)];
+    Object.assign(this, { body, marks: scene.joints, parts: { nominal: [], fitted: [], uncertainty: [] } });
+    const vector = (values) => new THREE.Vector3().fromArray(values);
+    const solid = (color) => new THREE.MeshPhongMaterial({ color, transparent: true, shininess: 20, specular: 0x222222 });
+    const both = (colour) => [solid(colour), Object.assign(solid(colour), Gaitcal.VEIL)];
     const cloud = new THREE.MeshBasicMaterial({
-      color: colours.fitted, transparent: true, opacity: 0.28, depthWrite: false, side: THREE.DoubleSide,
+      color: Gaitcal.COLOURS.fitted, transparent: true, opacity: 0.28, depthWrite: false, side: THREE.DoubleSide,
     });
     const ball = new THREE.SphereGeometry(1, 24, 16);
     const cube = new THREE.BoxGeometry(1.7, 1.7, 1.7);
     const rod = new THREE.CylinderGeometry(1, 1, 1, 12);
-    const fresh = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ transparent: true }));
-    fresh.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(9), 3));
-    fresh.renderOrder = ORDER.fresh;
-    fresh.frustumCulled = false;
-    fresh.onBeforeRender = (renderer) => renderer.clearDepth();
-    root.add(fresh);
-
-    const add = (kind, mark, mesh, order) => {
-      mesh.renderOrder = order;
-      mesh.frustumCulled = false;
-      body.groups[mark.segment].add(mesh);
-      this.parts[kind].push({ mesh, segment: mark.segment, joint: mark.joint, parent: mark.parent });
+    // Told apart without colour: the fitted joint is round and solid, the nominal one square, thin and dashed.
+    const STYLE = {
+      fitted: { head: ball, centre: 0.0085, ends: 0.0075, thick: 0.0034, dashes: 1, dash: 1, materials: both(Gaitcal.COLOURS.fitted) },
+      nominal: { head: cube, centre: 0.006, ends: 0.0055, thick: 0.0017, dashes: 9, dash: 0.6, materials: both(Gaitcal.COLOURS.nominal) },
     };
+    const nothing = Gaitcal.geometry(new Float32Array(9));
+    const fresh = Gaitcal.mesh(root, nothing, new THREE.MeshBasicMaterial({ transparent: true }), Gaitcal.ORDER.fresh);
+    fresh.onBeforeRender = (renderer) => renderer.clearDepth();
+
+    const keep = (kind, { segment, joint, parent }, mesh) => this.parts[kind].push({ mesh, segment, joint, parent });
     // One part of a mark, stretched by `scale` and turned from y to a direction.
     const part = (kind, mark, geometry, place, direction, scale) => {
-      for (const [material, order] of [[materials[kind][0], ORDER.marks], [materials[kind][1], ORDER.veiled]]) {
-        const mesh = new THREE.Mesh(geometry, material);
+      for (const mesh of Gaitcal.veiled(body.groups[mark.segment], geometry, STYLE[kind].materials)) {
         mesh.position.copy(place);
         if (direction) mesh.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), direction);
         mesh.scale.set(...scale);
-        add(kind, mark, mesh, order);
+        keep(kind, mark, mesh);
       }
-    };
-    // Told apart without colour: the fitted joint is round and solid, the nominal one square, thin and dashed.
-    const STYLE = {
-      fitted: { head: ball, centre: 0.0085, ends: 0.0075, thick: 0.0034, dashes: 1, dash: 1 },
-      nominal: { head: cube, centre: 0.006, ends: 0.0055, thick: 0.0017, dashes: 9, dash: 0.6 },
     };
     const centre = (kind, mark, place) =>
-      part(kind, mark, STYLE[kind].head, new THREE.Vector3().fromArray(place), null, Array(3).fill(STYLE[kind].centre));
+      part(kind, mark, STYLE[kind].head, vector(place), null, Array(3).fill(STYLE[kind].centre));
     const axis = (kind, mark, place, along) => {
       const { head, ends, thick, dashes, dash } = STYLE[kind];
-      const [middle, direction] = [place, along].map((v) => new THREE.Vector3().fromArray(v));
-      const at = (s) => middle.clone().addScaledVector(direction, s);
+      const direction = vector(along);
+      const at = (s) => vector(place).addScaledVector(direction, s);
       for (const end of [-half, half]) part(kind, mark, head, at(end), direction, Array(3).fill(ends));
       for (let k = 0; k < dashes; k++) {
-        const place = at(half * ((2 * k + 1) / dashes - 1));
-        part(kind, mark, rod, place, direction, [thick, ((2 * half) / dashes) * dash, thick]);
+        const length = ((2 * half) / dashes) * dash;
+        part(kind, mark, rod, at(half * ((2 * k + 1) / dashes - 1)), direction, [thick, length, thick]);
       }
     };
+    const uncertain = (mark, geometry) => {
+      const mesh = Gaitcal.mesh(body.groups[mark.segment], geometry, cloud, Gaitcal.ORDER.clouds);
+      keep("uncertainty", mark, mesh);
+      return mesh;
+    };
 
-    const fitted = new Set(scene.joints.filter((mark) => mark.fitted).map((mark) => mark.joint));
-    const done = new Set();
-    const seen = new Set();
-    for (const mark of scene.joints) {
-      this.marks.push(mark);
-      mark.parent = !seen.has(mark.joint);
-      seen.add(mark.joint);
+    const fitted = new Set(this.marks.filter((mark) => mark.fitted).map((mark) => mark.joint));
+    const [above, done] = [new Set(), new Set()];
+    for (const mark of this.marks) {
+      mark.parent = !above.has(mark.joint);
+      mark.place = new THREE.Vector3();
+      above.add(mark.joint);
       centre("nominal", mark, mark.nominalCentre);
       if (mark.nominalAxis) axis("nominal", mark, mark.nominalCentre, mark.nominalAxis);
       if (!fitted.has(mark.joint)) continue;
       // Both segments see the fitted joint in one place; a second axis (the shoulder's) is drawn as well.
-      if (!done.has(mark.joint)) centre("fitted", mark, mark.fittedCentre);
-      if (mark.fittedAxis && (!done.has(mark.joint) || mark.joint.startsWith("shoulder"))) {
+      const first = !done.has(mark.joint);
+      done.add(mark.joint);
+      if (first) centre("fitted", mark, mark.fittedCentre);
+      if (mark.fittedAxis && (first || mark.joint.startsWith("shoulder"))) {
         axis("fitted", mark, mark.fittedCentre, mark.fittedAxis);
       }
-      done.add(mark.joint);
       if (mark.centreSpread) {
-        const mesh = new THREE.Mesh(ball, cloud);
+        const mesh = uncertain(mark, ball);
+        const [c, s] = [mark.fittedCentre, mark.centreSpread.map((x) => CONFIDENCE * x)];
         mesh.matrixAutoUpdate = false;
-        const s = mark.centreSpread.map((x) => CONFIDENCE * x);
-        const c = mark.fittedCentre;
         mesh.matrix.set(s[0], s[1], s[2], c[0], s[3], s[4], s[5], c[1], s[6], s[7], s[8], c[2], 0, 0, 0, 1);
-        add("uncertainty", mark, mesh, ORDER.clouds);
       }
-      if (mark.axisSpread && mark.fittedAxis) {
-        add("uncertainty", mark, new THREE.Mesh(Gaitcal.cones(mark, 1.25 * half, CONFIDENCE), cloud), ORDER.clouds);
-      }
+      if (mark.axisSpread && mark.fittedAxis) uncertain(mark, Gaitcal.cones(mark, 1.25 * half, CONFIDENCE));
     }
-    this.places = this.marks.map(() => new THREE.Vector3());
-    this.body = body;
-  }
-
-  get known() {
-    return this.parts.uncertainty.length > 0;
   }
 
   // `near`: the one joint that is looked at, as its upper segment has it; null: all, in both their segments.
@@ -105,61 +85,39 @@ Gaitcal.Joints = class {
     }
   }
 
-  has(joint) {
-    return this.marks.some((one) => Gaitcal.jointNamed(one.joint) === joint);
+  of(joint) {
+    return this.marks.filter((mark) => Gaitcal.jointNamed(mark.joint) === joint);
   }
 
   // The segments that meet in a joint; null of none.
   segments(joint) {
-    const marks = this.marks.filter((one) => Gaitcal.jointNamed(one.joint) === joint);
+    const marks = this.of(joint);
     return marks.length ? new Set(marks.map(({ segment }) => segment)) : null;
   }
 
   // The joint's centre in the laboratory and the axes of its segment, now; null where it has no mark.
   pose(joint) {
-    const mark = this.marks.find((one) => Gaitcal.jointNamed(one.joint) === joint);
-    if (!mark) return null;
-    const group = this.body.groups[mark.segment];
-    const place = new MeshCat.THREE.Vector3().fromArray(mark.fittedCentre).applyMatrix4(group.matrix);
-    return { place, turn: group.quaternion };
+    const [mark] = this.of(joint);
+    return mark ? { place: this.placed(mark).clone(), turn: this.body.groups[mark.segment].quaternion } : null;
+  }
+
+  placed({ place, fittedCentre, segment }) {
+    return place.fromArray(fittedCentre).applyMatrix4(this.body.groups[segment].matrix);
   }
 
   // Joints may be pointed at and chosen even where they are not drawn.
   targets(trial, on) {
-    const near = (mark) => {
-      const group = this.body.groups[mark.segment];
-      const place = this.places[this.marks.indexOf(mark)].fromArray(mark.fittedCentre).applyMatrix4(group.matrix);
-      const text = on ? Gaitcal.jointText(mark) : Gaitcal.jointTitle(mark);
-      return [place, `${text}\nclick: come near`, Gaitcal.jointNamed(mark.joint)];
-    };
-    return this.marks.filter(({ segment }) => trial.tracked[segment]).map(near);
+    const target = (mark) => [
+      this.placed(mark),
+      `${on ? mark.text : mark.title}\nclick: come near`,
+      Gaitcal.jointNamed(mark.joint),
+    ];
+    return this.marks.filter(({ segment }) => trial.tracked[segment]).map(target);
   }
-};
-
-Gaitcal.SIDES = { r: "right", l: "left" };
-
-Gaitcal.jointTitle = (mark) => {
-  const [name, side] = mark.joint.split("_");
-  return side in Gaitcal.SIDES ? `${Gaitcal.SIDES[side]} ${name} joint` : `${name} joint`;
-};
-
-Gaitcal.jointText = (mark) => {
-  const title = Gaitcal.jointTitle(mark);
-  if (!mark.fitted) return `${title}\nnot fitted: nominal`;
-  const norm = (v) => Math.hypot(...v);
-  const moved = norm(mark.fittedCentre.map((x, k) => x - mark.nominalCentre[k]));
-  let text = `${title}\ncentre moved ${(1000 * moved).toFixed(1)} mm`;
-  if (mark.nominalAxis && mark.fittedAxis) {
-    const cosine = mark.fittedAxis.reduce((sum, x, k) => sum + x * mark.nominalAxis[k], 0);
-    text += `, axis turned ${((180 / Math.PI) * Math.acos(Math.min(1, cosine))).toFixed(1)}\u00b0`;
-  }
-  if (mark.centreSpread) text += `\nstandard error of the centre ${(1000 * norm(mark.centreSpread)).toFixed(1)} mm`;
-  return text;
 };
 
 // Two cones from the joint centre that the axis stays within: half angles = confidence times standard errors.
 Gaitcal.cones = (mark, length, confidence) => {
-  const THREE = MeshCat.THREE;
   const s = mark.axisSpread;
   const columns = [0, 1, 2].map((k) => new THREE.Vector3(s[k], s[3 + k], s[6 + k]));
   columns.sort((a, b) => b.length() - a.length());
@@ -178,8 +136,5 @@ Gaitcal.cones = (mark, length, confidence) => {
       triangles.push(0, first + k, first + ((k + 1) % AROUND));
     }
   }
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points.flat()), 3));
-  geometry.setIndex(triangles);
-  return geometry;
+  return Gaitcal.geometry(new Float32Array(points.flat()), triangles);
 };

@@ -1,8 +1,6 @@
-"use strict";
 // Measured markers, model markers, and a bar from one to the other.
 Gaitcal.Markers = class {
   constructor(scene, root) {
-    const THREE = MeshCat.THREE;
     const colours = Gaitcal.COLOURS;
     this.labels = scene.markers.labels;
     this.segments = scene.markers.segments;
@@ -34,7 +32,6 @@ Gaitcal.Markers = class {
   // `near`: the joint that is looked at from near by, where markers are small and those of the other side are hidden;
   // `times`: how often as long as they are the errors are drawn.
   pose(trial, at, body, { near, times }) {
-    const THREE = MeshCat.THREE;
     const matrix = new THREE.Matrix4();
     const none = new THREE.Matrix4().makeScale(0, 0, 0);
     const along = new THREE.Vector3();
@@ -81,7 +78,6 @@ Gaitcal.Markers = class {
 // Ground reactions as arrows from the centre of pressure, drawn over the body as joints are; force plates.
 Gaitcal.Forces = class {
   constructor(root) {
-    const THREE = MeshCat.THREE;
     this.METRES_PER_NEWTON = 0.001;
     this.group = new THREE.Group();
     this.plates = new THREE.Group();
@@ -100,7 +96,6 @@ Gaitcal.Forces = class {
   }
 
   open(trial) {
-    const THREE = MeshCat.THREE;
     this.plates.clear();
     const fill = new THREE.MeshBasicMaterial({
       color: Gaitcal.COLOURS.plate, transparent: true, opacity: 0.28, side: THREE.DoubleSide, depthWrite: false,
@@ -108,20 +103,15 @@ Gaitcal.Forces = class {
     const line = new THREE.LineBasicMaterial({ color: Gaitcal.COLOURS.plate });
     for (let p = 0; p < trial.plates.length; p += 12) {
       const corners = trial.plates.slice(p, p + 12);
-      const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.BufferAttribute(corners, 3));
-      geometry.setIndex([0, 1, 2, 0, 2, 3]);
-      const outline = new THREE.BufferGeometry();
-      outline.setAttribute("position", new THREE.BufferAttribute(corners, 3));
       const plate = new THREE.Group();
       plate.position.y = 0.002;
-      plate.add(new THREE.Mesh(geometry, fill), new THREE.LineLoop(outline, line));
+      const area = Gaitcal.geometry(corners, [0, 1, 2, 0, 2, 3]);
+      plate.add(new THREE.Mesh(area, fill), new THREE.LineLoop(Gaitcal.geometry(corners), line));
       this.plates.add(plate);
     }
   }
 
   pose(trial, at) {
-    const THREE = MeshCat.THREE;
     const force = new THREE.Vector3();
     const up = new THREE.Vector3(0, 1, 0);
     this.arrows.forEach((a, foot) => {

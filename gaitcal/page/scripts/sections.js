@@ -1,72 +1,51 @@
-"use strict";
 // Below the curves, what a preset tells: of the person first, then of the chosen trial. Trust tells in between what
 // makes the error of the trial's peak moments, as the person is asked about that first.
 
-Gaitcal.TITLES = {
-  clinician: "About these curves",
-  fit: "The fit of the model",
-  joints: "Joints and segments",
-  trust: "Can it be believed?",
-  provenance: "Where it comes from",
-};
-
 // What one preset tells: of the person, then of `trials` of the sheet. `scope`: as of `Gaitcal.Blocks`.
 Gaitcal.presetParts = (scope, sheet, preset, trials) => {
-  const out = document.createDocumentFragment();
-  const [title, own] = [Gaitcal.TITLES[preset] ?? "", sheet.sections?.[preset] ?? []];
+  const [title, own] = [Gaitcal.PRESETS[preset].title, sheet.sections?.[preset] ?? []];
   const trust = preset === "trust";
-  if (own.length || trust) out.append(Gaitcal.make("h2", {}, title));
-  if (trust) out.append(Gaitcal.reasons(sheet));
-  const heading = own.findIndex(({ kind }) => kind === "heading");
-  const first = trust && heading >= 0 ? heading : own.length;
-  out.append(new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(own.slice(0, first)));
-  for (const trial of trials) {
+  const ofPerson = (blocks) => new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(blocks);
+  const ofTrial = (trial) => {
     const blocks = trial.sections?.[preset];
-    if (!blocks?.length) continue;
+    if (!blocks?.length) return null;
     const name = Gaitcal.visible(trial.name);
     const told = blocks[0].kind === "heading" && Gaitcal.visible(blocks[0].text).includes(name);
-    const above = Gaitcal.make("h2", {}, "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role));
-    const parts = new Gaitcal.Blocks({ ...scope, trial }, told ? 1 : 2, `Trial ${name}`).all(blocks);
-    out.append(Gaitcal.make("div", { class: "of-trial" }, told ? null : above, parts));
-  }
-  if (first < own.length) {
-    out.append(Gaitcal.make("h2", { class: "of-all" }, "The whole calibration"));
-    out.append(new Gaitcal.Blocks({ ...scope, trial: null }, 2, title).all(own.slice(first)));
-  }
-  return out;
+    const above = !told && html("h2", "Trial ", Gaitcal.named(trial.name), ", ", Gaitcal.visible(trial.role));
+    return html("div.of-trial", above, new Gaitcal.Blocks({ ...scope, trial }, told ? 1 : 2, `Trial ${name}`).all(blocks));
+  };
+  const heading = own.findIndex(({ kind }) => kind === "heading");
+  const first = trust && heading >= 0 ? heading : own.length;
+  return [
+    (own.length > 0 || trust) && html("h2", title),
+    trust && Gaitcal.reasons(sheet),
+    ofPerson(own.slice(0, first)),
+    trials.map(ofTrial),
+    first < own.length && [html("h2.of-all", "The whole calibration"), ofPerson(own.slice(first))],
+  ];
 };
 
-Gaitcal.Sections = class {
-  constructor(host, page) {
-    Object.assign(this, { host, page, cursors: [] });
-    page.state.on(["preset", "trial", "result"], () => this.draw());
-    page.state.on(["seconds", "playing"], () => this.follow());
-    this.draw();
-  }
-
+Gaitcal.sections = (host, page) => {
+  const { state } = page;
+  const cursors = [];
+  const title = (fold) => fold.firstElementChild.textContent;
+  const follow = () => {
+    for (const cursor of cursors) cursor(state.seconds, !state.playing);
+  };
   // What a reader has unfolded stays so in another trial.
-  draw() {
-    const { page, host, cursors } = this;
+  const draw = () => {
     const { sheet } = page.result;
-    const summaries = () =>
-      [...host.querySelectorAll("details")].map((fold) => [fold, fold.firstElementChild.textContent]);
-    const open = new Set(
-      summaries()
-        .filter(([fold]) => fold.open)
-        .map(([, title]) => title),
-    );
+    const open = new Set([...host.querySelectorAll("details[open]")].map(title));
+    const shown = page.sheet ? [page.sheet] : [];
     cursors.length = 0;
-    const parts = sheet
-      ? Gaitcal.presetParts({ page, cursors }, sheet, page.state.preset, page.sheet ? [page.sheet] : [])
-      : "";
-    host.replaceChildren(parts);
+    host.replaceChildren();
+    if (sheet) Gaitcal.built(host, "", Gaitcal.presetParts({ page, cursors }, sheet, state.preset, shown));
     host.hidden = !host.hasChildNodes();
-    for (const [fold, title] of summaries()) fold.open = open.has(title);
-    this.follow();
-  }
-
-  follow() {
-    const { seconds, playing } = this.page.state;
-    for (const cursor of this.cursors) cursor(seconds, !playing);
-  }
+    for (const fold of host.querySelectorAll("details")) fold.open = open.has(title(fold));
+    follow();
+  };
+  state.on(["preset", "trial", "result"], draw);
+  state.on(["seconds", "playing"], follow);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  draw();
 };

@@ -1,12 +1,9 @@
-"use strict";
 // The body in motion: figure, layers and camera, as the state has them.
 Gaitcal.Stage = class {
   constructor(page) {
-    const THREE = MeshCat.THREE;
-    const get = (id) => document.getElementById(id);
+    const { get } = Gaitcal;
     this.page = page;
     this.state = page.state;
-    this.get = get;
     this.viewer = new MeshCat.Viewer(get("pane"));
     this.viewer.gui.domElement.remove();
     for (const path of [["Grid"], ["Axes"], ["Lights"]]) this.viewer.set_property(path, "visible", false);
@@ -21,26 +18,29 @@ Gaitcal.Stage = class {
     this.floor = new Gaitcal.Floor(this.upright);
     this.figures = page.results.map(() => null);
     this.camera = new Gaitcal.Camera(this.viewer, get("pane"), page.result.scene.height);
-    this.legend = new Gaitcal.Legend(get("toggles"), page);
-    this.tip = new Gaitcal.Tip(get("tip"), this.camera, {
+    this.legend = Gaitcal.legend(get("toggles"), page);
+    Gaitcal.tip(get("tip"), this.camera, {
       targets: () => this.figure.targets((layer) => this.on(layer)),
       chosen: (joint) => this.state.set({ joint }),
     });
-    this.slow = 0;
-    this.eased = false;
-    this.before = null;
+    Object.assign(this, { slow: 0, eased: false, before: null });
     this.painted();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.painted());
-    this.views();
+    get("views").addEventListener("click", ({ target: { dataset } }) => {
+      if (dataset.from) this.look(...dataset.from.split(" ").map(Number), true);
+    });
+    get("near").addEventListener("click", ({ target: { dataset } }) => {
+      if (dataset.joint !== undefined) this.state.set({ joint: dataset.joint || null });
+    });
     get("follow").addEventListener("change", () => this.refresh());
     this.open();
-    this.state.on(["result", "trial", "joint", "layers", "preset", "seconds"], (_, changed) => this.changed(changed));
+    this.state.on(["result", "trial", "joint", "layers", "preset", "seconds"], (changed) => this.changed(changed));
   }
 
   changed(changed) {
-    const opened = changed.has("result") || changed.has("trial");
-    if (opened) this.open();
-    else if (changed.has("layers") || changed.has("joint") || changed.has("preset")) this.refresh();
+    const any = (...fields) => fields.some((field) => changed.has(field));
+    if (any("result", "trial")) this.open();
+    else if (any("layers", "joint", "preset")) this.refresh();
     else this.pose();
     if (changed.has("joint")) this.look(...this.front(), true);
     if (this.state.playing) this.ease(performance.now());
@@ -50,27 +50,12 @@ Gaitcal.Stage = class {
   // Colours of the page's scheme.
   painted() {
     const style = getComputedStyle(document.documentElement);
-    const colour = (name) => new MeshCat.THREE.Color(style.getPropertyValue(name).trim());
+    const colour = (name) => new THREE.Color(style.getPropertyValue(name).trim());
     const ground = colour("--ground");
     for (const end of ["top_color", "bottom_color"]) this.viewer.set_property(["Background"], end, ground.toArray());
     this.viewer.scene.fog.color.copy(ground);
     this.floor.paint(style.getPropertyValue("--tile").trim(), style.getPropertyValue("--seam").trim());
     this.viewer.set_dirty();
-  }
-
-  views() {
-    const add = (host, title, clicked) => {
-      const button = document.createElement("button");
-      button.type = "button";
-      button.textContent = title;
-      button.addEventListener("click", clicked);
-      this.get(host).append(button);
-    };
-    const sides = { oblique: [0.75, 0.3, 0.85], side: [0, 0.06, 1], front: [1, 0.06, 0], back: [-1, 0.06, 0] };
-    for (const [title, from] of Object.entries(sides)) add("views", title, () => this.look(...from, true));
-    for (const [title, joint] of [["whole body", null], ["right knee", "knee_r"], ["left knee", "knee_l"]]) {
-      add("near", title, () => this.state.set({ joint }));
-    }
   }
 
   // The person and trial of the state, from where the camera first sees them.
@@ -90,7 +75,7 @@ Gaitcal.Stage = class {
   // What is looked at from near by: null where the chosen joint has no mark here.
   get near() {
     const { joint } = this.state;
-    return joint !== null && this.figure.joints.has(joint) ? joint : null;
+    return joint !== null && this.figure.joints.of(joint).length ? joint : null;
   }
 
   front() {
@@ -112,17 +97,17 @@ Gaitcal.Stage = class {
     const { near } = this;
     this.figure.show((layer) => this.on(layer), near);
     const words = this.on("bones") ? this.figure.bones.words(near) : null;
-    this.get("about").textContent = words ?? this.page.about();
-    this.get("heading").classList.toggle("near", words !== null);
+    Gaitcal.get("about").textContent = words ?? this.page.trial.about;
+    Gaitcal.get("heading").classList.toggle("near", words !== null);
     this.pose();
   }
 
   pose() {
     const { figure, near } = this;
-    figure.pose(this.state.seconds, near, this.legend.times);
+    figure.pose(this.state.seconds, near, this.legend.times());
     this.floor.follow(figure.place);
     const joint = near && figure.joints.pose(near);
-    this.camera.goAlong(joint ? joint.place : figure.place, this.get("follow").checked, Boolean(joint));
+    this.camera.goAlong(joint ? joint.place : figure.place, Gaitcal.get("follow").checked, Boolean(joint));
     this.viewer.set_dirty();
   }
 

@@ -1,80 +1,50 @@
-"use strict";
-// What is chosen. Whoever draws listens to the fields that it shows; whoever is clicked sets them.
-Gaitcal.PRESETS = [
-  { name: "clinician", title: "Clinician", layers: ["body", "bones", "forces"] },
-  { name: "fit", title: "Fit", layers: ["body", "measured", "model", "errors"] },
-  { name: "joints", title: "Joints", layers: ["body", "bones", "nominal", "fitted", "uncertainty"] },
-  { name: "trust", title: "Trust", layers: ["body", "bones", "forces"] },
-  { name: "provenance", title: "Provenance", layers: ["body"] },
-];
+// What is chosen on the page of a result.
+Gaitcal.LAYERS = ["body", "bones", "measured", "model", "errors", "forces", "fitted", "nominal", "uncertainty"];
+
+// The presets are the tabs of the page: {title: of what it tells, layers: that it shows}.
+Gaitcal.PRESETS = {};
+for (const { id, dataset: { title, layers } } of document.querySelectorAll("#presets button")) {
+  Gaitcal.PRESETS[id.replace("preset-", "")] = { title, layers: layers.split(" ") };
+}
+
+Gaitcal.SPEEDS = [0.1, 0.25, 0.5, 1, 2];
 
 // The joints of curves and tables, and those of the linkage that each stands for.
 Gaitcal.JOINTS = {
   hip: ["hip"], knee: ["knee"], ankle: ["talocrural", "subtalar"], trunk: ["back"], arm: ["shoulder", "elbow"], pelvis: [],
 };
+Gaitcal.UNPAIRED = ["trunk", "pelvis"];
 
-// "talocrural_r" as "ankle_r"; null where there is no such joint.
+// "talocrural_r" as "ankle_r"; undefined where there is no such joint.
 Gaitcal.jointNamed = (text) => {
   const [, name, side] = /^([a-z]+?)(_[rl])?$/.exec(text ?? "") ?? [];
-  const found = Object.entries(Gaitcal.JOINTS).find(([joint, parts]) => joint === name || parts.includes(name));
-  if (!found) return null;
-  const paired = !["trunk", "pelvis"].includes(found[0]);
-  return paired === Boolean(side) ? `${found[0]}${side ?? ""}` : null;
+  const [found] = Object.entries(Gaitcal.JOINTS).find(([joint, parts]) => joint === name || parts.includes(name)) ?? [];
+  return found && Gaitcal.UNPAIRED.includes(found) !== Boolean(side) ? `${found}${side ?? ""}` : undefined;
 };
 
-Gaitcal.State = class {
+// The trial that is shown first: the first walk.
+Gaitcal.firstTrial = (result) => Math.max(0, result.trials.findIndex((trial) => trial.role === "gait"));
+
+Gaitcal.State = class extends Gaitcal.Chosen {
   // `results`: as the page holds them, with their trials.
   constructor(results) {
-    this.results = results;
-    this.listeners = [];
-    this.lent = [];
-    Object.assign(this, this.defaults());
-  }
-
-  defaults() {
-    const trial = Gaitcal.firstTrial(this.results[0]);
-    const sheet = this.results[0].sheet;
-    return {
-      result: 0,
-      trial,
-      seconds: 0,
-      playing: false,
-      speed: 1,
-      window: null,
-      preset: "clinician",
-      layers: new Set(sheet ? Gaitcal.PRESETS[0].layers : Gaitcal.LAYERS.map(([name]) => name)),
-      axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time",
-      unit: "Nm/kg",
-      signs: "opensim",
-      acting: "internal",
-      nominal: false,
-      norm: true,
-      errors: true,
-      truth: true,
-      spread: "strides",
-      off: new Set(),
-      joint: null,
-      second: this.results.length > 1,
+    const { sheet } = results[0];
+    const usual = {
+      result: 0, trial: Gaitcal.firstTrial(results[0]), seconds: 0, playing: false, speed: 1, window: null,
+      preset: "clinician", layers: new Set(sheet ? Gaitcal.PRESETS.clinician.layers : Gaitcal.LAYERS), joint: null,
+      axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time", spread: "strides",
+      unit: "Nm/kg", signs: "opensim", acting: "internal",
+      nominal: false, norm: true, errors: true, truth: true, second: results.length > 1, off: new Set(),
     };
+    super(usual, Gaitcal.addressed(results));
+    Object.assign(this, { results, lent: [] });
+    const values = this.said();
+    this.still = values.joint !== undefined || values.seconds !== undefined || values.window !== undefined;
+    this.set(values);
+    this.on(["playing"], () => this.soon());
   }
 
-  // `listener(state, changed)` is called after any of the fields has changed; `changed`: the Set of all that did.
-  on(fields, listener) {
-    this.listeners.push([fields, listener]);
-  }
-
-  set(values) {
-    const changed = new Set();
-    for (const [field, value] of Object.entries(this.following(values))) {
-      if (Object.is(this[field], value)) continue;
-      this[field] = value;
-      changed.add(field);
-    }
-    if (changed.size === 0) return;
-    for (const [fields, listener] of this.listeners) if (fields.some((field) => changed.has(field))) listener(this, changed);
-  }
-
-  // With what follows from a choice: another trial begins at its begin, a preset has its layers, and time has an end.
+  // Another trial begins at its begin, a preset has its layers, and time has an end.
   following(values) {
     const next = { ...values };
     const result = next.result ?? this.result;
@@ -88,7 +58,7 @@ Gaitcal.State = class {
     if ("seconds" in next) next.seconds = inside(next.seconds);
     if (next.window) next.window = inside(next.window[1]) > inside(next.window[0]) ? next.window.map(inside) : null;
     if (next.preset && next.preset !== this.preset) {
-      next.layers ??= this.near(new Set(Gaitcal.PRESETS.find(({ name }) => name === next.preset).layers), next);
+      next.layers ??= this.near(new Set(Gaitcal.PRESETS[next.preset].layers), next);
     } else if ("joint" in next && Boolean(next.joint) !== Boolean(this.joint)) next.layers ??= this.near(this.layers, next);
     return next;
   }
@@ -100,7 +70,75 @@ Gaitcal.State = class {
     this.lent = joint === null ? [] : axes.filter((layer) => !layers.has(layer));
     return new Set([...own, ...this.lent]);
   }
+
+  // A joint may be all that the address says: view.html#knee_r
+  said() {
+    const joint = Gaitcal.jointNamed(window.location.hash.slice(1));
+    return joint ? { joint, ...super.said() } : super.said();
+  }
+
+  soon() {
+    if (!this.playing) super.soon();
+  }
+
+  normal() {
+    const layers = this.results[0].sheet ? Gaitcal.PRESETS[this.preset].layers : this.usual.layers;
+    const trial = Gaitcal.firstTrial(this.results[this.result]);
+    return { ...this.usual, trial, layers: new Set([...layers, ...this.lent]) };
+  }
 };
 
-// The trial that is shown first: the first walk.
-Gaitcal.firstTrial = (result) => Math.max(0, result.trials.findIndex((trial) => trial.role === "gait"));
+Gaitcal.addressed = (results) => {
+  const milli = (value) => String(Math.round(1000 * value) / 1000);
+  const among = (known) => ({
+    read: (text) => new Set(known.filter((name) => text.split(",").includes(name))),
+    write: (names) => [...names].sort().join(","),
+  });
+  // A trial is named by its name where that is short and its own, and by its number from 1 where not.
+  const trial = {
+    read: (text, { result }) => {
+      const { trials } = results[result];
+      const number = /^\d{1,4}$/.test(text) ? Number(text) - 1 : trials.findIndex(({ name }) => name === text);
+      return trials[number] && number;
+    },
+    write: (index, { result }) => {
+      const { trials } = results[result];
+      const { name } = trials[index];
+      const own = trials.filter((other) => other.name === name).length === 1;
+      return own && name.length <= 80 && !/^\d+$/.test(name) ? name : String(index + 1);
+    },
+  };
+  return {
+    preset: Gaitcal.among(...Object.keys(Gaitcal.PRESETS)),
+    axis: Gaitcal.among("percent", "time"),
+    unit: Gaitcal.among("Nm", "Nm/kg", "%BWH"),
+    signs: Gaitcal.among("opensim", "clinical"),
+    acting: Gaitcal.among("internal", "external"),
+    spread: Gaitcal.among("strides", "mean"),
+    ...Object.fromEntries(["nominal", "norm", "errors", "truth", "second"].map((field) => [field, Gaitcal.onOff])),
+    joint: { read: Gaitcal.jointNamed, write: (joint) => joint ?? "" },
+    speed: Gaitcal.among(...Gaitcal.SPEEDS),
+    window: {
+      read: (text) => {
+        const [from, to] = text.split(",").map(Number.parseFloat);
+        return from >= 0 && to > from ? [from, to] : undefined;
+      },
+      write: (window) => (window ?? []).map(milli).join(","),
+    },
+    layers: among(Gaitcal.LAYERS),
+    off: among(results.flatMap((result, r) => Gaitcal.parts(result, r))),
+    result: {
+      read: (text) => (results[Number(text) - 1] ? Number(text) - 1 : undefined),
+      write: (index) => String(index + 1),
+    },
+    trial,
+    seconds: { name: "t", read: (text) => [Number.parseFloat(text)].find(Number.isFinite), write: milli },
+  };
+};
+
+// The keys of `state.off`: "result/trial", "result/trial/side/number", all counted from 0 but the stride's own number.
+Gaitcal.parts = ({ sheet }, r) =>
+  (sheet?.trials ?? []).flatMap((trial, t) => [
+    `${r}/${t}`,
+    ...trial.strides.map(({ side, number }) => `${r}/${t}/${side}/${number}`),
+  ]);

@@ -1,13 +1,6 @@
-"use strict";
 // The packed scene, back as numbers. See gaitcal/page/scene_file.py for how it was packed.
-const Gaitcal = {};
 
-Gaitcal.bytes = (text) => {
-  const binary = atob(text);
-  const out = new Uint8Array(binary.length);
-  for (let i = 0; i < out.length; i++) out[i] = binary.charCodeAt(i);
-  return out.buffer;
-};
+Gaitcal.bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
 
 Gaitcal.floats = (text) => new Float32Array(Gaitcal.bytes(text));
 
@@ -15,10 +8,8 @@ Gaitcal.GAP = -32768;
 
 // Packed lengths: at(i) is a number, or NaN in a gap.
 Gaitcal.Lengths = class {
-  constructor(packed) {
-    this.low = packed.low;
-    this.step = packed.step;
-    this.data = new Int16Array(Gaitcal.bytes(packed.data));
+  constructor({ low, step, data }) {
+    Object.assign(this, { low, step, data: new Int16Array(Gaitcal.bytes(data)) });
   }
 
   at(i) {
@@ -31,34 +22,34 @@ Gaitcal.Lengths = class {
   }
 };
 
+// Where x lies in ascending values: the last one at or before it, the next one, and the share of the way to that.
+Gaitcal.located = (values, x) => {
+  let low = 0;
+  let high = values.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (values[middle] <= x) low = middle;
+    else high = middle;
+  }
+  return { low, high, share: high > low ? (x - values[low]) / (values[high] - values[low]) : 0 };
+};
+
 // One trial, read at any time: poses, markers and forces between two frames are interpolated.
 Gaitcal.Trial = class {
   constructor(packed, scene) {
-    this.name = packed.name;
-    this.role = packed.role;
-    this.recorded = packed.recorded;
-    this.stride = packed.stride;
-    this.start = packed.start;
+    const { name, role, about, valid, tracked, hasForces } = packed;
+    Object.assign(this, { packed, name, role, about, valid, tracked, hasForces });
     this.segments = scene.segments.length;
     this.markers = scene.markers.labels.length;
-    this.tracked = packed.tracked;
-    this.hasForces = packed.hasForces;
-    this.packed = packed;
   }
 
   // Unpacked only when it is first shown, so that many trials cost nothing.
   open() {
     if (this.time) return this;
-    const p = this.packed;
-    this.time = Gaitcal.floats(p.time);
-    this.pelvis = Gaitcal.floats(p.pelvis);
-    this.origins = new Gaitcal.Lengths(p.origins);
-    this.turns = new Int16Array(Gaitcal.bytes(p.turns));
-    this.measured = new Gaitcal.Lengths(p.measured);
-    this.forces = Gaitcal.floats(p.forces);
-    this.centres = Gaitcal.floats(p.centres);
-    this.validLegs = new Uint8Array(Gaitcal.bytes(p.validLegs)); // right, left of every frame
-    this.plates = Gaitcal.floats(p.plates);
+    const { packed } = this;
+    for (const name of ["time", "pelvis", "forces", "centres", "plates"]) this[name] = Gaitcal.floats(packed[name]);
+    for (const name of ["origins", "measured"]) this[name] = new Gaitcal.Lengths(packed[name]);
+    this.turns = new Int16Array(Gaitcal.bytes(packed.turns));
     this.packed = null;
     return this;
   }
@@ -69,15 +60,8 @@ Gaitcal.Trial = class {
 
   // The frame at or before time t (s from the start), and how far (0..1) it is to the next one.
   frame(t) {
-    let low = 0;
-    let high = this.time.length - 1;
-    while (high - low > 1) {
-      const middle = (low + high) >> 1;
-      if (this.time[middle] <= t) low = middle;
-      else high = middle;
-    }
-    const span = high > low ? this.time[high] - this.time[low] : 1;
-    return { low, high, part: Math.min(1, Math.max(0, (t - this.time[low]) / span)) };
+    const { low, high, share } = Gaitcal.located(this.time, t);
+    return { low, high, part: Math.min(1, Math.max(0, share)) };
   }
 
   // Segments and markers are packed relative to the pelvis.
@@ -102,9 +86,9 @@ Gaitcal.Trial = class {
   // False where the marker was not seen in either frame.
   marker(at, marker, out) {
     const [a, b] = [3 * (at.low * this.markers + marker), 3 * (at.high * this.markers + marker)];
-    const seen = Gaitcal.between((k) => this.measured.at(a + k), (k) => this.measured.at(b + k), at.part, out);
-    if (seen) this.fromPelvis(at, out);
-    return seen;
+    const found = Gaitcal.between((k) => this.measured.at(a + k), (k) => this.measured.at(b + k), at.part, out);
+    if (found) this.fromPelvis(at, out);
+    return found;
   }
 
   force(at, foot, outForce, outCentre) {

@@ -4,7 +4,7 @@
     attacks --quick        # a dozen, in less than a minute
     attacks --clean        # every finding on the clean recordings, more of them
 
-Each attack changes one thing in one short study (static trial, walk, isolated trials: `attacks/bases.py`), which is
+Each attack changes one thing in one short study (static trial, walk, isolated trials: `attacks/attack.py`), which is
 then checked and calibrated as `gaitcal calibrate` would. Without options each is made on one study, the studies
 taking turns; with `--all`, `--only` or `--base` on every study that it is meant for. It ends as one of
 
@@ -30,15 +30,12 @@ import re
 import sys
 from functools import partial
 
-from scripts.validation.attacks import report
-from scripts.validation.attacks.attack import Attack, Result
-from scripts.validation.attacks.bases import EVERY, SYNTHETIC
+from scripts.validation.attacks.attack import EVERY, SYNTHETIC, Attack, Result
 from scripts.validation.attacks.corpus import corpus, once_each
-from scripts.validation.attacks.run import Clean, run_clean, run_title
+from scripts.validation.attacks.run import Clean, line, lines, passed, run_clean, run_title  # noqa: F401
 from scripts.validation.harness import side_by_side
 
 SHARED = ("--jobs", "--only", "--list", "--json")
-passed = report.passed
 
 
 def chosen_attacks(arguments: argparse.Namespace) -> list[Attack]:
@@ -103,8 +100,8 @@ def run(chosen: argparse.Namespace) -> list[Result]:
     tasks = [partial(run_title, attack.title, of_base[attack.base]) for attack in attacks]
     for result in side_by_side(tasks, chosen.jobs):
         results.append(result)
-        print(f"{len(results):4d} of {len(attacks)}{report.line(result)}", file=sys.stderr, flush=True)
-    print("\n".join(report.lines(results)))
+        print(f"{len(results):4d} of {len(attacks)}{line(result)}", file=sys.stderr, flush=True)
+    print("\n".join(lines(results)))
     if refused:
         raise SystemExit(1)
     return results

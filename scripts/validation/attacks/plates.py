@@ -14,8 +14,7 @@ from gaitcal import Recording, Study
 from gaitcal.arrays import Array
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.recording import ForcePlate
-from scripts.validation.attacks.attack import StudyChange
-from scripts.validation.attacks.bases import WALK, loaded, with_recording
+from scripts.validation.attacks.attack import WALK, StudyChange, loaded, with_recording
 from scripts.validation.attacks.markers import MM
 
 PlateChange: TypeAlias = Callable[[ForcePlate], ForcePlate]

@@ -1,4 +1,6 @@
-"""Trajectories that are not what the cameras saw: stuck, filled, smoothed, late, noisy."""
+"""Attacks on whole trials: trajectories that are not what the cameras saw (stuck, filled, smoothed, late, noisy), ways
+to stand wrong in a static trial, and what goes wrong with all markers of a file at once: unit, axes, clock.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +10,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
-from gaitcal import MarkerSet, Recording
+from gaitcal import MarkerSet, Recording, Study
 from gaitcal.arrays import Array
-from scripts.validation.attacks.markers import MM, SEED, WHOLE, Change, Part, columns, frames, put
+from scripts.validation.attacks.attack import StudyChange, loaded, with_recording
+from scripts.validation.attacks.markers import MM, SEED, WHOLE, Change, Part, body_axes, columns, frames, put
 
 
 def of_marker(key: str, change: Callable[[Array, Array], Array], part: Part = WHOLE) -> Change:
@@ -125,5 +129,153 @@ def noisy(mm: float, key: str | None = None) -> Change:
             return replace(recording, markers=recording.markers + noise)
         at = columns(recording, markers, key)
         return put(recording, at, WHOLE, (recording.markers + noise)[:, at])
+
+    return spoil
+
+
+HIP_BELOW_ASIS = np.array([-0.05, -0.09, 0.0])
+"""m forward, up, right: roughly the middle of the hips from the middle of both ASIS."""
+
+
+def knees_bent(degrees: float, sides: str = "rl") -> Change:
+    """Knees flexed by so many degrees over feet that stay flat: half of it in the hip, half in the ankle."""
+    return _posed(lambda share: np.full(1, degrees), sides)
+
+
+def knees_bending(degrees: float, hertz: float = 0.5) -> Change:
+    """The person goes down and up while the static trial is recorded."""
+    return _posed(lambda time: degrees * 0.5 * (1 - np.cos(2 * np.pi * hertz * time)), "rl")
+
+
+def _posed(angle: Callable[[Array], Array], sides: str) -> Change:
+    def spoil(recording: Recording, markers: MarkerSet) -> Recording:
+        out = recording.markers.copy()
+        known = np.flatnonzero(np.isfinite(recording.markers[:, _asis(recording, markers)]).all(axis=(1, 2)))
+        axes = body_axes(recording, markers, int(known[0]))
+        asis = np.nanmean(recording.markers[:, _asis(recording, markers)], axis=1)
+        half = 0.5 * np.broadcast_to(angle(recording.time - recording.time[0]), len(recording.time))
+        forward = Rotation.from_rotvec(np.deg2rad(half)[:, None] * axes[:, 2]).as_matrix()
+        hip = asis + axes @ HIP_BELOW_ASIS
+        for side in sides:
+            knee = np.nanmean(recording.markers[:, columns(recording, markers, f"knee_lat_{side}")], axis=1)
+            ankle = np.nanmean(recording.markers[:, columns(recording, markers, f"ankle_lat_{side}")], axis=1)
+            knee_now = hip + _turn(forward, knee - hip)
+            back = np.swapaxes(forward, 1, 2)
+            ankle_now = knee_now + _turn(back, ankle - knee)
+            for name, old, new, turn in (
+                ("thigh", knee, knee_now, forward),
+                ("shank", knee, knee_now, back),
+                ("foot", ankle, ankle_now, np.broadcast_to(np.eye(3), forward.shape)),
+            ):
+                at = _with_landmarks(recording, markers, name, side)
+                lever = recording.markers[:, at] - old[:, None]
+                out[:, at] = new[:, None] + np.einsum("fij,fmj->fmi", turn, lever)
+        return replace(recording, markers=out)
+
+    return spoil
+
+
+def _with_landmarks(recording: Recording, markers: MarkerSet, segment: str, side: str) -> list[int]:
+    """Columns of a segment's markers and of the landmarks at its lower end."""
+    ends = {"thigh": ("knee_lat", "knee_med"), "shank": ("ankle_lat", "ankle_med")}.get(segment, ())
+    known = [f"{end}_{side}" for end in ends if f"{end}_{side}" in markers.landmarks]
+    found = [c for key in (f"{segment}_{side}", *known) for c in columns(recording, markers, key)]
+    return list(dict.fromkeys(found))
+
+
+def _asis(recording: Recording, markers: MarkerSet) -> list[int]:
+    return [*columns(recording, markers, "asis_r"), *columns(recording, markers, "asis_l")]
+
+
+def _turn(rotations: Array, vectors: Array) -> Array:
+    out: Array = np.einsum("fij,fj->fi", rotations, vectors)
+    return out
+
+
+def static_of(base: str, factor: float = 1.0) -> StudyChange:
+    """The static trial of another person who wears the same marker set."""
+
+    def change(study: Study) -> Study:
+        other = loaded(base).static.recording
+        return with_recording(study, "static", replace(other, markers=factor * other.markers))
+
+    return change
+
+
+def scaled(factor: float) -> Change:
+    """All positions times a factor: another unit, or a person of another size."""
+    return lambda recording, markers: replace(recording, markers=factor * recording.markers)
+
+
+def axes(order: tuple[int, int, int], signs: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Change:
+    """Axes of the markers in another order, or turned round."""
+    return lambda recording, markers: replace(recording, markers=recording.markers[:, :, order] * np.array(signs))
+
+
+def tilted(degrees: float, axis: str = "x") -> Change:
+    """The room of the markers turned against that of the plates."""
+    turn = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+    return lambda recording, markers: replace(recording, markers=recording.markers @ turn.T)
+
+
+def other_rate(factor: float) -> Change:
+    """A header that tells `factor` times the true frame rate; the forces keep their own clock."""
+    return lambda recording, markers: replace(recording, time=recording.time / factor)
+
+
+def frames_dropped(part: Part) -> Change:
+    """Frames that the file lacks, the rest moved up as if there had been no gap."""
+
+    def spoil(recording: Recording, markers: MarkerSet) -> Recording:
+        gone = np.arange(len(recording.time))[frames(recording, part)]
+        kept = np.delete(recording.markers, gone, axis=0)
+        return replace(recording, time=recording.time[: len(kept)], markers=kept)
+
+    return spoil
+
+
+def frame_lost(share: float, count: int = 1) -> Change:
+    """So many frames are missing at a share of the trial, and the times are numbered on as if nothing were."""
+
+    def spoil(recording: Recording, markers: MarkerSet) -> Recording:
+        at = round(share * len(recording.time))
+        kept = np.delete(recording.markers, np.arange(at, at + count), axis=0)
+        return replace(recording, time=recording.time[: len(kept)], markers=kept)
+
+    return spoil
+
+
+def frame_twice(share: float) -> Change:
+    """One frame stands in the file twice, and the last one is left out."""
+
+    def spoil(recording: Recording, markers: MarkerSet) -> Recording:
+        at = round(share * len(recording.time))
+        twice = np.insert(recording.markers, at, recording.markers[at], axis=0)
+        return replace(recording, markers=twice[:-1])
+
+    return spoil
+
+
+def backwards(recording: Recording, markers: MarkerSet) -> Recording:
+    """Played from the end to the beginning."""
+    return replace(recording, markers=recording.markers[::-1].copy())
+
+
+def hardly_moving(share: float) -> Change:
+    """Every marker stays near its mean."""
+
+    def spoil(recording: Recording, markers: MarkerSet) -> Recording:
+        mean = np.nanmean(recording.markers, axis=0)
+        return replace(recording, markers=mean + share * (recording.markers - mean))
+
+    return spoil
+
+
+def cropped(part: Part) -> Change:
+    """Only a part of the frames."""
+
+    def spoil(recording: Recording, markers: MarkerSet) -> Recording:
+        where = frames(recording, part)
+        return replace(recording, time=recording.time[where], markers=recording.markers[where])
 
     return spoil

@@ -28,8 +28,8 @@ from pathlib import Path
 
 import gaitcal
 from scripts.validation.harness import commas, matching, say
-from scripts.validation.people import calibrated, hips, imaging, pairs, simulated
-from scripts.validation.people.real import fitted
+from scripts.validation.people import calibrated, hips, pairs
+from scripts.validation.people.calibrated import fitted
 from scripts.validation.recordings import PEOPLE, SIMULATED, changed, data, study_of_person
 from scripts.validation.truth.people import made
 from scripts.validation.truth.skin import Kind
@@ -42,9 +42,9 @@ def hips_part(chosen: argparse.Namespace) -> Figures:
     """Movement of joints of real people."""
     fits = [fitted(name, changed(study_of_person(name), chosen.settings)) for name in chosen.only]
     say(*hips.hip_lines(fits), "", *hips.population_lines(fits), "")
-    images = imaging.imaged(data() / "imaging" / "hip_landmarks_ct.csv")
-    say(*imaging.lines(fits, images))
-    return hips.hip_figures(fits) | imaging.outside(fits, images)
+    images = hips.imaged(data() / "imaging" / "hip_landmarks_ct.csv")
+    say(*hips.lines(fits, images))
+    return hips.hip_figures(fits) | hips.outside(fits, images)
 
 
 def halves_part(chosen: argparse.Namespace) -> Figures:
@@ -88,8 +88,8 @@ def skin_part(chosen: argparse.Namespace) -> Figures:
         for person in SIMULATED:
             made(person, folder, chosen.cache)
             for seed in range(1 if kind is Kind.NONE else chosen.seeds):
-                found += simulated.hips_of(person, kind, seed, chosen.settings, folder, chosen.cache)
-        say(*simulated.lines(found, out))
+                found += calibrated.hips_of(person, kind, seed, chosen.settings, folder, chosen.cache)
+        say(*calibrated.lines(found, out))
     return out
 
 

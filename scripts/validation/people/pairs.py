@@ -21,8 +21,8 @@ from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.study.study_trial import Role, StudyTrial
 from scripts.validation.error_bars import coverage
+from scripts.validation.people.calibrated import Fit, fitted
 from scripts.validation.people.hips import HIP
-from scripts.validation.people.real import Fit, fitted
 from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
 
 LONG_S = 3.0

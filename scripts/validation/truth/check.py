@@ -25,7 +25,7 @@ from pathlib import Path
 
 from scripts.validation.harness import commas, matching, say, side_by_side
 from scripts.validation.recordings import SIMULATED, data
-from scripts.validation.truth import gait, isolated, recovery, report, synthetic, wanted
+from scripts.validation.truth import gait, isolated, recovery, report, synthetic
 from scripts.validation.truth.outcome import Outcome
 from scripts.validation.truth.people import made
 from scripts.validation.truth.skin import FIVE, OF_PEOPLE, Kind
@@ -100,5 +100,5 @@ def run(chosen: argparse.Namespace) -> list[Outcome]:
     if chosen.set:
         print(f"settings: {', '.join(chosen.set)}")
     earlier = report.read(chosen.against) if chosen.against else None
-    print("\n".join([*report.lines(outcomes, earlier, details=chosen.details), *wanted.lines(outcomes)]))
+    print("\n".join([*report.lines(outcomes, earlier, details=chosen.details), *report.wanted_lines(outcomes)]))
     return outcomes

@@ -19,12 +19,17 @@ from gaitcal import COORDINATES, Calibration, Motion, Study
 from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
 from scripts.validation.error_bars import Bars, bars, rms
-from scripts.validation.truth.gathered import Gathered, fitted_parameters
-from scripts.validation.truth.outcome import Figure, Outcome, timed_fit
-from scripts.validation.truth.people import WalkingPerson, at_times, walking_person, with_settings
+from scripts.validation.truth.outcome import Figure, Gathered, Outcome, fitted_parameters, timed_fit
+from scripts.validation.truth.people import (
+    WalkingPerson,
+    at_times,
+    hip_parameters,
+    static_frames,
+    walking_person,
+    with_settings,
+)
 from scripts.validation.truth.rigid import across, rigid_motion
 from scripts.validation.truth.skin import Kind, disturbed
-from scripts.validation.truth.true_joints import hip_parameters, static_frames
 
 JOINT_OF = {"hip": "hip_flexion", "knee": "knee_angle", "ankle": "ankle_angle"}
 """Joint -> the coordinate whose axis passes through its centre."""

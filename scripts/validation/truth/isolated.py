@@ -9,13 +9,20 @@ import numpy as np
 
 from gaitcal import Calibration, Study
 from gaitcal.arrays import Array
-from scripts.validation.truth.functional import sara, score
-from scripts.validation.truth.gathered import Fitted, Gathered, fitted_parameters
-from scripts.validation.truth.outcome import Figure, Outcome, timed_fit
-from scripts.validation.truth.people import IsolatedPerson, isolated_person, with_settings
-from scripts.validation.truth.rigid import Line, rigid_motion
+from scripts.validation.truth.outcome import Figure, Fitted, Gathered, Outcome, fitted_parameters, timed_fit
+from scripts.validation.truth.people import (
+    DIRECTIONS,
+    IsolatedPerson,
+    SegmentPose,
+    isolated_person,
+    leg_parameters,
+    static_frames,
+    with_settings,
+    x_axis,
+    z_axis,
+)
+from scripts.validation.truth.rigid import Line, rigid_motion, sara, score
 from scripts.validation.truth.skin import Kind, disturbed
-from scripts.validation.truth.true_joints import DIRECTIONS, SegmentPose, leg_parameters, static_frames, x_axis, z_axis
 
 AXES = {
     "knee axis in thigh": ("knee_{s}.thigh", "thigh_{s}", "proximal", "knee_{s}"),

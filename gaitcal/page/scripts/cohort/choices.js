@@ -1,12 +1,13 @@
-"use strict";
-// What is chosen: who is shown, in which order, and what of them. It stands in the address, so that a link opens it.
-Gaitcal.ROWS = 50;
+// What is chosen: who is shown, in which order, and what of them.
 
-Gaitcal.Choices = class {
+// Fields by which fewer people are shown.
+Gaitcal.NARROWING = ["verdict", "cause", "group", "find", "tests"];
+Gaitcal.MOST_SHOWN = 4;
+
+Gaitcal.Choices = class extends Gaitcal.Chosen {
   constructor(people) {
-    this.people = people;
-    this.listeners = [];
-    this.usual = {
+    const measures = people.distributed("both");
+    const usual = {
       verdict: "",
       cause: "",
       group: "",
@@ -14,37 +15,29 @@ Gaitcal.Choices = class {
       tests: new Map(),
       sort: "verdict",
       page: 0,
-      rows: Gaitcal.ROWS,
+      rows: 50,
       legs: "both",
       doubtful: true,
-      columns: Gaitcal.USUAL_COLUMNS.filter((name) => people.columns.has(name)),
-      measures: Gaitcal.USUAL_MEASURES.filter((name) => Gaitcal.distributed(people, "both").has(name)),
+      columns: people.usual.columns.filter((name) => people.columns.has(name)),
+      measures: people.usual.measures.filter((name) => measures.has(name)),
       shown: [],
     };
-    Object.assign(this, this.usual, this.read());
-    window.addEventListener("hashchange", () => this.set({ ...this.usual, ...this.read() }));
+    super(usual, Gaitcal.addressed(people, measures));
+    this.people = people;
+    this.set(this.said());
   }
 
-  // `listener(changed)` is called after any of the fields has changed.
-  on(fields, listener) {
-    this.listeners.push([fields, listener]);
+  said() {
+    return { ...this.usual, ...super.said() };
   }
 
-  set(values) {
-    const changed = new Set(Object.keys(values).filter((field) => !Object.is(this[field], values[field])));
-    if (changed.size === 0) return;
-    Object.assign(this, values);
-    const narrowed = Gaitcal.NARROWING.some((field) => changed.has(field));
+  following(values) {
+    const changed = (field) => field in values && !Object.is(values[field], this[field]);
+    const narrowed = Gaitcal.NARROWING.some(changed);
     if (narrowed) this.kept = null;
-    if (narrowed || changed.has("sort")) {
-      this.ordered = null;
-      if (!changed.has("page") && this.page) {
-        this.page = 0;
-        changed.add("page");
-      }
-    }
-    for (const [fields, listener] of this.listeners) if (fields.some((field) => changed.has(field))) listener(changed);
-    this.soon();
+    if (!narrowed && !changed("sort")) return values;
+    this.ordered = null;
+    return { page: 0, ...values };
   }
 
   // Everyone who passes all filters, in the order of the table of people.
@@ -69,88 +62,53 @@ Gaitcal.Choices = class {
     return this.ordered;
   }
 
-  get narrowed() {
-    return (
-      this.filtered().length < this.people.count || Gaitcal.NARROWING.some((field) => field !== "tests" && this[field])
-    );
-  }
-
-  clear() {
-    this.set(Object.fromEntries(Gaitcal.NARROWING.map((field) => [field, this.usual[field]])));
-  }
-
-  soon() {
-    clearTimeout(this.later);
-    this.later = setTimeout(() => this.write(), 250);
-  }
-
-  write() {
-    const said = new URLSearchParams();
-    const usual = this.texts(this.usual);
-    for (const [field, text] of Object.entries(this.texts(this))) if (text !== usual[field]) said.set(field, text);
-    const text = said.toString();
-    try {
-      history.replaceState(null, "", text ? `#${text}` : window.location.pathname + window.location.search);
-    } catch {
-      // A browser that keeps the address of a file as it is: nothing else depends on it.
-    }
-  }
-
-  texts(of) {
-    const { people } = this;
-    return {
-      verdict: of.verdict,
-      cause: of.cause,
-      group: of.group,
-      find: of.find,
-      sort: of.sort,
-      legs: of.legs,
-      page: String(of.page),
-      rows: String(of.rows),
-      doubtful: String(Number(of.doubtful)),
-      columns: of.columns.join(","),
-      measures: of.measures.join(","),
-      tests: JSON.stringify([...of.tests]),
-      shown: JSON.stringify(of.shown.map((i) => people.name(i))),
-    };
-  }
-
-  // What the address says, of what it may say.
-  read() {
-    const said = new URLSearchParams(window.location.hash.slice(1));
-    const { people } = this;
-    const out = {};
-    for (const field of ["cause", "group", "find"]) if (said.has(field)) out[field] = said.get(field).slice(0, 300);
-    if (Gaitcal.VERDICTS.includes(said.get("verdict"))) out.verdict = said.get("verdict");
-    if (said.get("sort") === "" || people.columns.has((said.get("sort") ?? "").replace(/^-/, "")))
-      out.sort = said.get("sort");
-    if (["both", "r", "l"].includes(said.get("legs"))) out.legs = said.get("legs");
-    for (const field of ["page", "rows"])
-      if (/^\d{1,6}$/.test(said.get(field) ?? "")) out[field] = Number(said.get(field));
-    if (said.has("doubtful")) out.doubtful = said.get("doubtful") !== "0";
-    const known = { columns: people.columns, measures: Gaitcal.distributed(people, "both") };
-    for (const [field, names] of Object.entries(known)) {
-      const found = [...new Set((said.get(field) ?? "").split(","))].filter((name) => names.has(name));
-      if (found.length || (field === "measures" && said.get(field) === "")) out[field] = found;
-    }
-    const tests = Gaitcal.listed(said.get("tests")).filter(
-      (pair) => Array.isArray(pair) && people.columns.has(pair[0]),
-    );
-    if (tests.length) out.tests = new Map(tests.map(([name, text]) => [name, String(text).slice(0, 100)]));
-    const names = new Set(Gaitcal.listed(said.get("shown")));
-    if (names.size) out.shown = people.all.filter((i) => names.has(people.name(i))).slice(0, Gaitcal.MOST_SHOWN);
-    return out;
+  // The curves of a person are drawn over the means, or no longer; of so many the first goes.
+  show(i, on = true) {
+    const others = this.shown.filter((other) => other !== i);
+    this.set({ shown: on ? [...others, i].slice(-Gaitcal.MOST_SHOWN) : others });
   }
 };
 
-// Fields by which fewer people are shown.
-Gaitcal.NARROWING = ["verdict", "cause", "group", "find", "tests"];
-
-Gaitcal.listed = (text) => {
-  try {
-    const found = JSON.parse(text ?? "[]");
-    return Array.isArray(found) ? found : [];
-  } catch {
-    return [];
-  }
+Gaitcal.addressed = (people, measures) => {
+  const words = { read: (text) => text.slice(0, 300) };
+  const number = { read: (text) => (/^\d{1,6}$/.test(text) ? Number(text) : undefined) };
+  const names = (known, none) => ({
+    read: (text) => {
+      const found = [...new Set(text.split(","))].filter((name) => known.has(name));
+      return found.length || (none && text === "") ? found : undefined;
+    },
+    write: (list) => list.join(","),
+  });
+  const listed = (text) => {
+    try {
+      const found = JSON.parse(text);
+      return Array.isArray(found) ? found : [];
+    } catch {
+      return [];
+    }
+  };
+  return {
+    verdict: Gaitcal.among(...Gaitcal.VERDICTS),
+    cause: words,
+    group: words,
+    find: words,
+    sort: { read: (text) => (text === "" || people.columns.has(text.replace(/^-/, "")) ? text : undefined) },
+    legs: Gaitcal.among("both", "r", "l"),
+    page: number,
+    rows: number,
+    doubtful: Gaitcal.onOff,
+    columns: names(people.columns, false),
+    measures: names(measures, true),
+    tests: {
+      read: (text) => {
+        const known = listed(text).filter((pair) => Array.isArray(pair) && people.columns.has(pair[0]));
+        return new Map(known.map(([name, test]) => [name, String(test).slice(0, 100)]));
+      },
+      write: (tests) => JSON.stringify([...tests]),
+    },
+    shown: {
+      read: (text) => people.all.filter((i) => listed(text).includes(people.name(i))).slice(0, Gaitcal.MOST_SHOWN),
+      write: (shown) => JSON.stringify(shown.map((i) => people.name(i))),
+    },
+  };
 };

@@ -1,7 +1,6 @@
-"use strict";
 // Distributions: a dot is a person, a box the middle half of a group, a line its median.
-Gaitcal.LANE = 54;
-Gaitcal.EDGE = 10;
+Gaitcal.LANE = 54; // px high
+Gaitcal.LANE_WIDE = 380; // px, about: dots that are nearer than their size in it stand in a pile
 
 // Value below which so large a part of sorted values lies.
 Gaitcal.quantile = (sorted, part) => {
@@ -10,268 +9,110 @@ Gaitcal.quantile = (sorted, part) => {
   return low + (high - low) * (at - Math.floor(at));
 };
 
-Gaitcal.Distributions = class {
-  constructor(host, people, choices) {
-    Object.assign(this, { people, choices });
-    this.add = Gaitcal.make("select", { "aria-label": "Add a measure" });
-    this.add.addEventListener("change", () => {
-      if (this.add.value) choices.set({ measures: [...choices.measures, this.add.value] });
-    });
-    this.place = Gaitcal.make("div", { class: "strips" });
-    host.append(
-      Gaitcal.make(
-        "div",
-        { class: "bar" },
-        Gaitcal.legsChoice(choices),
-        Gaitcal.make("label", { class: "pick" }, Gaitcal.make("span", {}, "Measure"), this.add),
-      ),
-      this.place,
-    );
-    choices.on([...Gaitcal.NARROWING, "legs", "measures"], () => this.stale());
-    new ResizeObserver(() => this.place.clientWidth !== this.wide && this.stale()).observe(this.place);
-    // Thousands of dots are drawn when they are seen.
-    new IntersectionObserver(([{ isIntersecting }]) => this.seen(isIntersecting), { rootMargin: "300px" }).observe(
-      host,
-    );
-    window.addEventListener("beforeprint", () => this.dirty && this.draw());
-    this.dirty = true;
-  }
-
-  stale() {
-    this.dirty = true;
-    if (this.visible) this.draw();
-  }
-
-  seen(visible) {
-    this.visible = visible;
-    if (visible && this.dirty) this.draw();
-  }
-
-  draw() {
-    this.dirty = false;
-    const { choices } = this;
-    this.wide = this.place.clientWidth;
-    this.known = Gaitcal.distributed(this.people, choices.legs);
-    const others = [...this.known.values()].filter(({ name }) => !choices.measures.includes(name));
-    this.add.replaceChildren(
-      Gaitcal.make("option", { value: "" }, "add …"),
-      ...others.map((measure) =>
-        Gaitcal.make(
-          "option",
-          { value: measure.name },
-          `${Gaitcal.columnWords(measure)}${measure.unit ? ` (${measure.unit})` : ""}`,
-        ),
-      ),
-    );
-    const chosen = choices.measures.filter((name) => this.known.has(name));
-    this.place.replaceChildren(...chosen.map((name) => new Gaitcal.Strip(this, this.known.get(name)).root));
-    for (const figure of this.place.children) figure.fill();
-  }
+Gaitcal.distributions = (host, people, choices) => {
+  const place = host.querySelector(".strips");
+  const add = Gaitcal.get("add");
+  let [dirty, visible] = [true, false];
+  // What is no longer as it is chosen, where it is seen, or everywhere: thousands of dots are drawn when they are seen.
+  const draw = (changed, everywhere = false) => {
+    dirty ||= changed;
+    if (!dirty || !(visible || everywhere)) return;
+    dirty = false;
+    const known = people.distributed(choices.legs);
+    const others = [...known.values()].filter(({ name }) => !choices.measures.includes(name));
+    const words = ({ legged, title, side, unit }) =>
+      Gaitcal.columnWords({ title, side: legged ? null : side }) + (unit ? ` (${unit})` : "");
+    add.replaceChildren(new Option("add …", ""), ...others.map((measure) => new Option(words(measure), measure.name)));
+    const chosen = choices.measures.filter((name) => known.has(name));
+    place.replaceChildren(...chosen.map((name) => Gaitcal.strip(people, choices, known.get(name))));
+  };
+  add.addEventListener("change", () => add.value && choices.set({ measures: [...choices.measures, add.value] }));
+  choices.on([...Gaitcal.NARROWING, "legs", "measures"], () => draw(true));
+  const came = ([{ isIntersecting }]) => {
+    visible = isIntersecting;
+    draw(false);
+  };
+  new IntersectionObserver(came, { rootMargin: "300px" }).observe(host);
+  window.addEventListener("beforeprint", () => draw(false, true));
 };
 
 // One measure: a lane for each group.
-Gaitcal.Strip = class {
-  constructor(owner, measure) {
-    Object.assign(this, { people: owner.people, choices: owner.choices, measure });
-    const off = Gaitcal.make(
-      "button",
-      { type: "button", class: "off", "aria-label": `Take away ${measure.title}` },
-      "✕",
-    );
-    off.addEventListener("click", () =>
-      this.choices.set({ measures: this.choices.measures.filter((name) => name !== measure.name) }),
-    );
-    const legs = measure.legged
-      ? { both: ", mean of both legs", r: ", right", l: ", left" }[this.choices.legs]
-      : measure.side
-        ? `, ${Gaitcal.SIDE_WORDS[measure.side]}`
-        : "";
-    this.title = `${measure.title}${legs}${measure.unit ? `, ${measure.unit}` : ""}`;
-    this.tip = Gaitcal.make("p", { class: "tip-line", role: "status" }, "\u00a0");
-    this.lanes = Gaitcal.make("div", { class: "lanes strip-lanes", tabindex: "0", role: "group" });
-    this.root = Gaitcal.make(
-      "figure",
-      { class: "strip" },
-      Gaitcal.make("figcaption", {}, Gaitcal.make("strong", {}, this.title), off),
-      this.tip,
-      this.lanes,
-    );
-    this.root.fill = () => this.fill();
-    this.lanes.addEventListener(
-      "pointerover",
-      ({ target }) => target.dataset?.i && this.point(Number(target.dataset.i)),
-    );
-    this.lanes.addEventListener("pointerleave", () => this.point(null));
-    this.lanes.addEventListener(
-      "click",
-      (event) => event.target.dataset?.i && this.open(Number(event.target.dataset.i), event),
-    );
-    this.lanes.addEventListener("keydown", (event) => this.pressed(event));
-    this.lanes.addEventListener("blur", () => this.point(null));
-  }
+Gaitcal.strip = (people, choices, measure) => {
+  const { name, legged, digits, unit } = measure;
+  const legs = { both: "mean of both legs", ...Gaitcal.LEGS }[legged ? choices.legs : measure.side];
+  const title = [measure.title, legs, unit].filter(Boolean).join(", ");
+  const values = choices.filtered().map((i) => ({ i, value: measure.at(i) })).filter(({ value }) => Number.isFinite(value));
+  values.sort((a, b) => a.value - b.value);
+  const axis = new Gaitcal.Axis(values.map(({ value }) => value), {});
+  const dots = new Map();
+  let now = null;
 
-  fill() {
-    const values = this.choices
-      .filtered()
-      .map((i) => ({ i, value: this.measure.at(i) }))
-      .filter(({ value }) => Number.isFinite(value));
-    values.sort((a, b) => a.value - b.value);
-    this.order = values.map(({ i }) => i);
-    const [low, high] = values.length ? [values[0].value, values[values.length - 1].value] : [0, 1];
-    const room = 0.04 * (high - low) || Math.abs(high) * 0.05 || 1;
-    this.low = low - room;
-    this.high = high + room;
-    const groups = this.people.groups
-      .map((name) => [name, values.filter(({ i }) => this.people.groupOf[i] === name)])
-      .filter(([, own]) => own.length);
-    const digits = this.measure.digits ?? 2;
-    const told = groups.map(
-      ([name, own]) =>
-        `${Gaitcal.visible(name)}: n ${own.length}, median ${Gaitcal.numeral(
-          Gaitcal.quantile(
-            own.map(({ value }) => value),
-            0.5,
-          ),
-          digits,
-        )}`,
-    );
-    this.lanes.setAttribute("aria-label", `${this.title}. ${told.join("; ") || "No values"}.`);
-    this.dots = new Map();
-    const label = (name, own) =>
-      Gaitcal.make(
-        "div",
-        { class: "lane-label" },
-        Gaitcal.named(name),
-        Gaitcal.make(
-          "small",
-          {},
-          `n ${own.length}, median ${Gaitcal.numeral(
-            Gaitcal.quantile(
-              own.map(({ value }) => value),
-              0.5,
-            ),
-            digits,
-          )}`,
-        ),
-      );
-    this.lanes.replaceChildren(
-      ...groups.flatMap(([name, own]) => [label(name, own), Gaitcal.make("div", { class: "lane-place" })]),
-    );
-    const places = [...this.lanes.querySelectorAll(".lane-place")];
-    this.wide = Math.max(120, (places[0]?.clientWidth || 400) - 1);
-    groups.forEach(([name, own], k) => {
-      places[k].append(this.lane(own, this.people.groups.indexOf(name)));
-    });
-    if (groups.length) this.lanes.append(Gaitcal.make("div"), this.axis());
-    else this.lanes.append(Gaitcal.make("p", { class: "soft" }, "Nobody who passes the filters has a value."));
-  }
-
-  x(value) {
-    return Gaitcal.EDGE + ((value - this.low) / (this.high - this.low)) * (this.wide - 2 * Gaitcal.EDGE);
-  }
-
-  lane(own, k) {
-    const sorted = own.map(({ value }) => value);
-    const svg = Gaitcal.svg("svg", { class: "lane", width: this.wide, height: Gaitcal.LANE, "aria-hidden": "true" });
-    const [first, median, third] = [0.25, 0.5, 0.75].map((part) => this.x(Gaitcal.quantile(sorted, part)));
-    if (own.length > 3)
-      svg.append(
-        Gaitcal.svg("rect", {
-          class: "middle",
-          x: first,
-          width: Math.max(1, third - first),
-          y: 4,
-          height: Gaitcal.LANE - 8,
-          rx: 3,
-        }),
-      );
-    const radius = own.length > 250 ? 2 : own.length > 60 ? 3 : 4.5;
-    // Dots that would lie on each other stand in a pile, closer where there are many.
-    const piles = new Map();
-    for (const entry of own) {
-      const bin = Math.round(this.x(entry.value) / (2 * radius));
-      if (!piles.has(bin)) piles.set(bin, []);
-      piles.get(bin).push(entry);
-    }
-    for (const pile of piles.values()) {
-      const step = Math.min(2 * radius, (Gaitcal.LANE - 2 * radius - 4) / Math.max(1, pile.length - 1));
-      pile.forEach(({ i, value }, n) => {
-        const y = Gaitcal.LANE / 2 + (n % 2 ? 1 : -1) * Math.ceil(n / 2) * step;
-        const dot = Gaitcal.svg("circle", {
-          class: `person group${k % Gaitcal.GROUP_COLOURS}`,
-          cx: this.x(value).toFixed(1),
-          cy: y.toFixed(1),
-          r: radius,
-          "data-i": i,
-        });
-        this.dots.set(i, dot);
-        svg.append(dot);
-      });
-    }
-    svg.append(Gaitcal.svg("line", { class: "median", x1: median, x2: median, y1: 2, y2: Gaitcal.LANE - 2 }));
-    return svg;
-  }
-
-  axis() {
-    const svg = Gaitcal.svg("svg", { class: "lane axis", width: this.wide, height: 20, "aria-hidden": "true" });
-    for (const { at, digits } of Gaitcal.roundTicks(this.low, this.high, Math.max(2, Math.min(6, this.wide / 70)))) {
-      svg.append(
-        Gaitcal.svg("line", { class: "zero", x1: this.x(at), x2: this.x(at), y1: 0, y2: 4 }),
-        Gaitcal.svg("text", { x: this.x(at), y: 16, "text-anchor": "middle" }, Gaitcal.numeral(at, digits)),
-      );
-    }
-    return svg;
-  }
-
-  words(i) {
-    const { people, measure } = this;
-    const value = Gaitcal.numeral(measure.at(i), measure.digits ?? 2);
-    return `${Gaitcal.visible(people.name(i))}: ${value} ${measure.unit} (${Gaitcal.visible(people.word("verdict", i))})`;
-  }
-
-  // A dot is pointed at: who it is.
-  point(i) {
-    this.dots.get(this.now)?.classList.remove("pointed");
-    this.now = i;
-    const dot = i === null ? null : this.dots.get(i);
-    dot?.classList.add("pointed");
-    this.tip.textContent = dot ? this.words(i) : "\u00a0";
-  }
-
-  open(i, event) {
-    const link = this.people.link(i);
-    if (link) window.open(link, event.ctrlKey || event.metaKey ? "_blank" : "_self");
-  }
-
-  pressed(event) {
-    const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
-    if (event.key === "Enter" && this.now !== null && this.now !== undefined) this.open(this.now, event);
-    else if (event.key === "Escape") this.point(null);
-    else if (step && this.order.length) {
-      const here = this.order.indexOf(this.now);
-      this.point(
-        this.order[
-          here < 0 ? (step > 0 ? 0 : this.order.length - 1) : Math.min(this.order.length - 1, Math.max(0, here + step))
-        ],
-      );
-    } else return;
-    event.preventDefault();
-  }
-};
-
-// Which legs pictures are of: one choice for distributions and curves.
-Gaitcal.legsChoice = (choices) => {
-  const options = [
-    ["both", "mean of both"],
-    ["r", "right"],
-    ["l", "left"],
-  ].map(([value, words]) => Gaitcal.make("option", { value }, words));
-  const select = Gaitcal.make("select", {}, ...options);
-  const write = () => {
-    select.value = choices.legs;
+  // Who a dot is that is pointed at.
+  const point = (i) => {
+    dots.get(now)?.classList.remove("pointed");
+    now = i;
+    dots.get(i)?.classList.add("pointed");
+    const words = () => `${people.name(i)}: ${Gaitcal.numeral(measure.at(i), digits)} ${unit} (${people.word("verdict", i)})`;
+    tip.textContent = dots.has(i) ? Gaitcal.visible(words()) : "\u00a0";
   };
-  select.addEventListener("change", () => choices.set({ legs: select.value }));
-  choices.on(["legs"], write);
-  write();
-  return Gaitcal.make("label", { class: "pick" }, Gaitcal.make("span", {}, "Legs"), select);
+  const open = (i, event) => {
+    const link = i !== null && people.link(i);
+    if (link) window.open(link, event.ctrlKey || event.metaKey ? "_blank" : "_self");
+  };
+  const pressed = (event) => {
+    const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
+    const last = values.length - 1;
+    const here = values.findIndex(({ i }) => i === now);
+    const next = here < 0 ? (step > 0 ? 0 : last) : Math.min(last, Math.max(0, here + step));
+    if (event.key === "Enter" && now !== null) open(now, event);
+    else if (event.key === "Escape") point(null);
+    else if (step && values.length) point(values[next].i);
+    else return;
+    event.preventDefault();
+  };
+
+  const lane = (own, k, quartiles) => {
+    const [first, median, third] = quartiles;
+    const radius = own.length > 250 ? 2 : own.length > 60 ? 3 : 4.5;
+    const pile = ({ value }) => Math.round((axis.share(value) * Gaitcal.LANE_WIDE) / (2 * radius));
+    // Dots that would lie on each other stand in a pile, closer where there are many.
+    for (const one of Gaitcal.grouped(own, pile).values()) {
+      const step = Math.min(2 * radius, (Gaitcal.LANE - 2 * radius - 4) / Math.max(1, one.length - 1));
+      for (const [n, { i, value }] of one.entries()) {
+        const cy = (Gaitcal.LANE / 2 + (n % 2 ? 1 : -1) * Math.ceil(n / 2) * step).toFixed(1);
+        const kind = `circle.person.group${k % Gaitcal.GROUP_COLOURS}`;
+        dots.set(i, svg(kind, { cx: axis.at(value), cy, r: radius, "data-i": i }));
+      }
+    }
+    const box = { x: axis.at(first), width: axis.width(first, third), y: 4, height: Gaitcal.LANE - 8, rx: 3 };
+    return axis.lane(Gaitcal.LANE,
+      own.length > 3 && svg("rect.middle", box),
+      own.map(({ i }) => dots.get(i)),
+      axis.line("median", median, median, 2, Gaitcal.LANE - 2),
+    );
+  };
+  const inGroups = Gaitcal.grouped(values, ({ i }) => people.groupOf[i]);
+  const groups = people.groups.filter((group) => inGroups.has(group)).map((group) => {
+    const own = inGroups.get(group);
+    const quartiles = [0.25, 0.5, 0.75].map((part) => Gaitcal.quantile(own.map(({ value }) => value), part));
+    const words = `n ${own.length}, median ${Gaitcal.numeral(quartiles[1], digits)}`;
+    const label = html("div.lane-label", Gaitcal.named(group), html("small", words));
+    const drawn = lane(own, people.groups.indexOf(group), quartiles);
+    return { told: `${Gaitcal.visible(group)}: ${words}`, parts: [label, drawn] };
+  });
+  const nobody = html("p.soft", "Nobody who passes the filters has a value.");
+  const of = ({ target }) => (target.dataset?.i ? Number(target.dataset.i) : null);
+  const told = groups.map((group) => group.told).join("; ") || "No values";
+  const lanes = html("div.lanes.strip-lanes",
+    {
+      tabindex: "0", role: "group", "aria-label": `${title}. ${told}.`, keydown: pressed,
+      pointerover: (event) => of(event) !== null && point(of(event)), pointerleave: () => point(null),
+      click: (event) => open(of(event), event), blur: () => point(null),
+    },
+    groups.length ? [groups.map(({ parts }) => parts), html("div"), axis.foot()] : nobody,
+  );
+  const tip = html("p.tip-line", { role: "status" }, "\u00a0");
+  const gone = () => choices.set({ measures: choices.measures.filter((other) => other !== name) });
+  const off = Gaitcal.button("✕", gone, { class: "off", "aria-label": `Take away ${measure.title}` });
+  return html("figure.strip", html("figcaption", html("strong", title), off), tip, lanes);
 };

@@ -1,5 +1,4 @@
-"use strict";
-// The people of a cohort: columns of their table, what is joined from them, and their mean curves.
+// The people of a cohort: columns of their table, and their mean curves.
 
 // A name as it is shown where nobody gave one.
 Gaitcal.EVERYONE = "everyone";
@@ -10,20 +9,40 @@ Gaitcal.VERDICTS = ["refused", "doubtful", "trustworthy"];
 Gaitcal.People = class {
   // `content`: JSON of the page; `packed`: text of the curves, which is unpacked when it is asked for.
   constructor(content, packed) {
-    Object.assign(this, content);
-    this.packed = packed;
-    this.count = content.about.results;
-    this.raw = new Map(content.columns.map((column) => [column.name, Gaitcal.opened(column)]));
+    Object.assign(this, content, { packed, count: content.about.results });
+    this.columns = new Map();
+    for (const column of content.columns) this.columns.set(column.name, this.opened(column));
     this.all = [...Array(this.count).keys()];
-    const grouped = this.all.some((i) => this.word("group", i));
-    this.groupOf = this.all.map((i) => this.word("group", i) || (grouped ? Gaitcal.UNGROUPED : Gaitcal.EVERYONE));
+    this.grouped = this.all.some((i) => this.word("group", i));
+    this.groupOf = this.all.map((i) => this.word("group", i) || (this.grouped ? Gaitcal.UNGROUPED : Gaitcal.EVERYONE));
     this.groups = [...new Set(this.groupOf)].sort();
-    this.grouped = grouped;
-    this.columns = Gaitcal.tableColumns(this);
+    this.points = 100 / content.every + 1;
+  }
+
+  // A column with at(i): a word, or a number (NaN where there is none), its own or that of another column.
+  opened(column) {
+    const { words, numbers, of, sign, error } = column;
+    if (words) return { ...column, text: true, at: (i) => words[of[i]] };
+    const values = numbers && Gaitcal.floats(numbers);
+    const at = numbers ? (i) => values[i] : (i) => sign * this.columns.get(of).at(i);
+    return { ...column, text: false, at, error: error && ((i) => this.columns.get(error).at(i)) };
+  }
+
+  // What distributions can be of, over legs as they are chosen: measures (of both legs their mean), and every column of
+  // numbers.
+  distributed(legs) {
+    const numbers = [...this.columns.values()].filter(({ text }) => !text);
+    const out = new Map();
+    for (const [name, columns] of Gaitcal.grouped(numbers, (column) => column.measure ?? column.name)) {
+      const own = columns.filter(({ measure, side }) => !measure || legs === "both" || side === legs);
+      const at = (i) => Gaitcal.average(own.map((column) => column.at(i))).mean;
+      if (own.length) out.set(name, { ...own[0], name, at, legged: Boolean(own[0].measure) });
+    }
+    return out;
   }
 
   word(column, i) {
-    return this.raw.get(column)?.at(i) ?? "";
+    return this.columns.get(column)?.at(i) ?? "";
   }
 
   // Name and session.
@@ -31,38 +50,73 @@ Gaitcal.People = class {
     return [this.word("person", i), this.word("session", i)].filter(Boolean).join(" ");
   }
 
-  // The person's own page, from here; a folder's name may hold what an address may not.
+  // The person's name, which leads to the own page where there is one; a folder's name may hold what an address may not.
+  linked(i, name = this.name(i)) {
+    const link = this.link(i);
+    return link ? html("a", { href: link }, Gaitcal.named(name)) : Gaitcal.named(name);
+  }
+
   link(i) {
-    const page = this.word("page", i) || "";
+    const page = this.word("page", i);
     return page && `./${page.split("/").map(encodeURIComponent).join("/")}`;
   }
 
-  // Whether there are walks of which no stride counts.
-  strideless(i) {
-    return this.reasons.of[i].includes(this.reasons.strideless);
+  // Whether the curves of a leg are drawn; where the leg has no verdict, that of the person counts.
+  takesPart(i, side, doubtful) {
+    const verdict = this.word(`verdict_${side}`, i) || this.word("verdict", i);
+    return verdict !== "refused" && (doubtful || verdict !== "doubtful");
   }
 
-  // Of the leg; of the person where the leg has none.
-  legVerdict(i, side) {
-    return this.word(`verdict_${side}`, i) || this.word("verdict", i);
-  }
-
-  get points() {
-    return 100 / this.every + 1;
-  }
-
-  // Packed curve of a person, variable and leg; null where nothing is known of it.
-  whole(i, variable, side) {
+  // The curve (NaN in gaps) of a session of a person, the mean of its legs; null where no leg that takes part has one.
+  curve(i, variable, { legs, doubtful }) {
     this.integers ??= new Int16Array(Gaitcal.bytes(this.packed()));
-    const begin = ((i * this.curves.length + variable) * 2 + (side === "r" ? 0 : 1)) * this.points;
-    const found = this.integers.subarray(begin, begin + this.points);
-    return found.some((value) => value !== Gaitcal.GAP) ? found : null;
+    const sides = (legs === "both" ? ["r", "l"] : [legs]).filter((side) => this.takesPart(i, side, doubtful));
+    const curves = sides.map((side) => {
+      const begin = ((i * this.curves.length + variable) * 2 + (side === "r" ? 0 : 1)) * this.points;
+      const whole = [...this.integers.subarray(begin, begin + this.points)];
+      return whole.map((value) => (value === Gaitcal.GAP ? NaN : value * this.curves[variable].step));
+    }).filter((curve) => curve.some(Number.isFinite));
+    return curves.length ? Gaitcal.averages(curves).mean : null;
+  }
+
+  // Group -> {mean, sd, n: of each point, people} of a variable over those who pass the filters: each person counts the
+  // same, with the mean of its sessions.
+  means(choices, variable) {
+    const out = new Map();
+    for (const [group, own] of Gaitcal.grouped(choices.filtered(), (i) => this.groupOf[i])) {
+      const sessions = own.map((i) => [this.word("person", i), this.curve(i, variable, choices)]);
+      const known = Gaitcal.grouped(sessions.filter(([, curve]) => curve), ([name]) => name);
+      const people = [...known.values()].map((one) => Gaitcal.averages(one.map(([, curve]) => curve)).mean);
+      if (people.length) out.set(group, { ...Gaitcal.averages(people), people: people.length });
+    }
+    return out;
+  }
+
+  // Who lies farthest from the mean of the own group: root mean square over all curves, in standard deviations.
+  farthest(choices, most = 5) {
+    const away = new Map(choices.filtered().map((i) => [i, []]));
+    for (const variable of this.curves.keys()) {
+      const means = this.means(choices, variable);
+      for (const [i, squares] of away) {
+        const group = means.get(this.groupOf[i]);
+        const curve = group?.people >= Gaitcal.LEAST_OF_GROUP && this.curve(i, variable, choices);
+        for (const [k, value] of (curve || []).entries()) {
+          if (group.sd[k] > 0 && group.n[k] >= Gaitcal.LEAST_OF_GROUP) {
+            squares.push(((value - group.mean[k]) / group.sd[k]) ** 2);
+          }
+        }
+      }
+    }
+    return [...away]
+      .map(([i, squares]) => ({ i, distance: Math.sqrt(Gaitcal.average(squares).mean) }))
+      .filter(({ distance }) => Number.isFinite(distance))
+      .sort((a, b) => b.distance - a.distance)
+      .slice(0, most);
   }
 };
 
-// A column of the page as {at(i)}: a number (NaN where there is none) or a word.
-Gaitcal.opened = (column) => {
-  if (column.words) return { ...column, text: true, at: (i) => column.words[column.of[i]] };
-  const numbers = Gaitcal.floats(column.numbers);
-  return { ...column, text: false, at: (i) => numbers[i] };
-};
+// People of a group from whom a distance to it can be told.
+Gaitcal.LEAST_OF_GROUP = 3;
+
+// A column's title, with its leg.
+Gaitcal.columnWords = ({ title, side }) => (side ? `${title}, ${Gaitcal.LEGS[side]}` : title);

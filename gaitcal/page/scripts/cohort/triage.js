@@ -1,4 +1,3 @@
-"use strict";
 // Triage: how many are refused, doubtful, trustworthy or without a result, and why, the commonest cause first.
 Gaitcal.CAUSES_AT_ONCE = 8;
 Gaitcal.VERDICT_WORDS = {
@@ -7,130 +6,64 @@ Gaitcal.VERDICT_WORDS = {
   trustworthy: "nothing speaks against them",
   failed: "no result: each with its cause",
 };
-Gaitcal.SEVERITIES = { error: "poor", warning: "look", failed: "poor" };
 
-Gaitcal.Triage = class {
-  constructor(host, people, choices) {
-    Object.assign(this, { people, choices });
-    this.buttons = [];
-    const cards = Gaitcal.make(
-      "ul",
-      { class: "cards triage" },
-      ...["refused", "doubtful", "trustworthy", "failed"].map((word) => this.card(word)),
-    );
-    host.append(cards, this.causes());
-    choices.on(["verdict", "cause"], () => this.draw());
-    this.draw();
-  }
-
-  card(word) {
-    const { people } = this;
-    const failed = word === "failed";
+Gaitcal.triage = (host, people, choices) => {
+  // A button that puts a filter on, and off again; of those without a result, one that leads to them.
+  const filter = (words, field, value, attributes) => {
+    if (value === "failed") return Gaitcal.button(words, () => Gaitcal.go("failures"), attributes);
+    const turn = () => choices.set({ [field]: choices[field] === value ? "" : value });
+    const button = Gaitcal.button(words, turn, attributes);
+    const draw = () => button.setAttribute("aria-pressed", String(choices[field] === value));
+    choices.on([field], draw);
+    draw();
+    return button;
+  };
+  const card = (word) => {
     const own = people.all.filter((i) => people.word("verdict", i) === word);
-    const count = failed ? people.failures.length : own.length;
-    const strideless = own.filter((i) => people.strideless(i)).length;
-    const tone = { refused: "poor", doubtful: "look", trustworthy: "good", failed: "" }[word];
-    const button = Gaitcal.make(
-      "button",
-      { type: "button", class: `card ${tone}`, disabled: count === 0 },
+    const count = word === "failed" ? people.failures.length : own.length;
+    const strideless = own.filter((i) => people.reasons.of[i].includes(people.reasons.strideless)).length;
+    const words = [
       Gaitcal.judgement(word),
-      Gaitcal.make("span", { class: "value" }, String(count)),
-      Gaitcal.make("span", { class: "soft" }, Gaitcal.VERDICT_WORDS[word]),
-      strideless
-        ? Gaitcal.make("span", { class: "soft strideless" }, `of these ${strideless} without a usable stride`)
-        : null,
+      html("span.value", String(count)),
+      html("span.soft", Gaitcal.VERDICT_WORDS[word]),
+      strideless > 0 && html("span.soft.strideless", `of these ${strideless} without a usable stride`),
+    ];
+    const tone = Gaitcal.JUDGEMENTS[word]?.tone ?? "";
+    return html("li", filter(words, "verdict", word, { class: `card ${tone}`, disabled: count === 0 }));
+  };
+  const row = ({ severity, cause, actions, count }) => {
+    const failed = severity === "failed";
+    const most = Math.max(1, people.count + people.failures.length);
+    const shown = Gaitcal.capital(Gaitcal.visible(cause));
+    const button = filter(shown, "cause", failed ? severity : cause, { class: "plain-button" });
+    const bar = svg("svg.share", { width: 90, height: 10, "aria-hidden": "true" },
+      svg("rect.whole", { width: 90, height: 10 }),
+      svg(`rect.${severity}`, { width: Math.max(2, (90 * count) / most).toFixed(1), height: 10 }),
     );
-    if (failed) button.addEventListener("click", () => Gaitcal.go("failures"));
-    else this.toggle(button, "verdict", word);
-    return Gaitcal.make("li", {}, button);
-  }
-
-  // A button that puts a filter on, and off again.
-  toggle(button, field, value) {
-    button.addEventListener("click", () => this.choices.set({ [field]: this.choices[field] === value ? "" : value }));
-    this.buttons.push([button, field, value]);
-  }
-
-  draw() {
-    for (const [button, field, value] of this.buttons)
-      button.setAttribute("aria-pressed", String(this.choices[field] === value));
-  }
-
-  // Each cause once, those of failures too, the one of most people first.
-  ranked() {
-    const { people } = this;
-    const found = new Map();
-    const note = (severity, cause, action) => {
-      const entry = found.get(cause) ?? { severity, cause, actions: new Set(), count: 0 };
-      if (severity === "error") entry.severity = severity;
-      if (action) entry.actions.add(action);
-      return found.set(cause, entry).get(cause);
-    };
-    for (const indices of people.reasons.of) {
-      const own = new Set(
-        indices
-          .map((k) => people.reasons.causes[k])
-          .map(({ severity, cause, action }) => note(severity, cause, action)),
-      );
-      for (const entry of own) entry.count++;
-    }
-    for (const { cause, what_to_do: action } of people.failures) note("failed", cause, action).count++;
-    return [...found.values()].sort((a, b) => b.count - a.count || (a.cause < b.cause ? -1 : 1));
-  }
-
-  causes() {
-    const ranked = this.ranked();
-    if (!ranked.length) return Gaitcal.make("p", {}, "No cause for doubt was found in anybody.");
-    const [first, rest] = [ranked.slice(0, Gaitcal.CAUSES_AT_ONCE), ranked.slice(Gaitcal.CAUSES_AT_ONCE)];
-    const out = Gaitcal.make("div", {}, this.list(first, "Causes, the commonest first"));
-    if (rest.length) out.append(Gaitcal.fold(`${rest.length} more causes`, this.list(rest, "Further causes")));
-    return out;
-  }
-
-  list(entries, label) {
-    const most = Math.max(1, this.people.count + this.people.failures.length);
-    const head = ["Cause", "Severity", "People and sessions", "What to do"].map((text) =>
-      Gaitcal.make("th", { scope: "col", class: "text" }, text),
+    const [action = "–", ...others] = actions;
+    const more = others.length ? ` (and ${others.length} other wordings: see each person's page)` : "";
+    const words = Gaitcal.visible(action + more);
+    const begin = `${words.slice(0, 130).replace(/\s+\S*$/, "")} …`;
+    return html("tr",
+      html("th.text", { scope: "row" }, button),
+      html("td.text.short", Gaitcal.tag(failed ? "no result" : severity, Gaitcal.SEVERITIES[severity])),
+      html("td.text.short", html("strong", String(count)), " ", bar),
+      html("td.text.action", words.length > 170 ? Gaitcal.fold(begin, html("p", words)) : words),
     );
-    const rows = entries.map((entry) => this.row(entry, most));
-    const table = Gaitcal.make(
-      "table",
-      { class: "causes" },
-      Gaitcal.make("caption", {}, Gaitcal.make("span", {}, label)),
-      Gaitcal.make("thead", {}, Gaitcal.make("tr", {}, ...head)),
-      Gaitcal.make("tbody", {}, ...rows),
+  };
+  const list = (entries, label) => {
+    const head = ["Cause", "Severity", "People and sessions", "What to do"];
+    const table = html("table.causes",
+      html("caption", html("span", label)),
+      html("thead", html("tr", head.map((text) => html("th.text", { scope: "col" }, text)))),
+      html("tbody", entries.map(row)),
     );
     return Gaitcal.scroller(table, label);
-  }
-
-  row({ severity, cause, actions, count }, most) {
-    const button = Gaitcal.make(
-      "button",
-      { type: "button", class: "plain-button" },
-      Gaitcal.capital(Gaitcal.visible(cause)),
-    );
-    if (severity === "failed") button.addEventListener("click", () => Gaitcal.go("failures"));
-    else this.toggle(button, "cause", cause);
-    const bar = Gaitcal.svg(
-      "svg",
-      { class: "share", width: 90, height: 10, "aria-hidden": "true" },
-      Gaitcal.svg("rect", { class: "whole", width: 90, height: 10 }),
-      Gaitcal.svg("rect", { class: severity, width: Math.max(2, (90 * count) / most).toFixed(1), height: 10 }),
-    );
-    const [action = "–", ...others] = [...actions];
-    const words = others.length ? `${action} (and ${others.length} other wordings: see each person's page)` : action;
-    const long = words.length > 170;
-    const told = long
-      ? Gaitcal.fold(`${words.slice(0, 130).replace(/\s+\S*$/, "")} …`, Gaitcal.make("p", {}, Gaitcal.visible(words)))
-      : Gaitcal.visible(words);
-    const word = severity === "failed" ? "no result" : severity;
-    return Gaitcal.make(
-      "tr",
-      {},
-      Gaitcal.make("th", { scope: "row", class: "text" }, button),
-      Gaitcal.make("td", { class: "text short" }, Gaitcal.tag(word, Gaitcal.SEVERITIES[severity])),
-      Gaitcal.make("td", { class: "text short" }, Gaitcal.make("strong", {}, String(count)), " ", bar),
-      Gaitcal.make("td", { class: "text action" }, told),
-    );
-  }
+  };
+  const [first, rest] = [people.ranked.slice(0, Gaitcal.CAUSES_AT_ONCE), people.ranked.slice(Gaitcal.CAUSES_AT_ONCE)];
+  Gaitcal.built(host, "", [
+    html("ul.cards.triage", Object.keys(Gaitcal.VERDICT_WORDS).map(card)),
+    first.length ? list(first, "Causes, the commonest first") : html("p", "No cause for doubt was found in anybody."),
+    rest.length > 0 && Gaitcal.fold(`${rest.length} more causes`, list(rest, "Further causes")),
+  ]);
 };

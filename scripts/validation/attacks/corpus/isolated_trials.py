@@ -8,14 +8,27 @@ from functools import lru_cache
 from pathlib import Path
 
 from gaitcal import Recording, Study, synthesize
-from scripts.validation.attacks.attack import Kind, StudyChange
-from scripts.validation.attacks.bases import WALK, with_recording
+from scripts.validation.attacks.attack import WALK, Kind, StudyChange, with_recording
 from scripts.validation.attacks.corpus.words import EXCHANGED, MIRROR, MOVED, PERSON, RATE, STUCK, UNITS, Row, rows
-from scripts.validation.attacks.labelling import exchanged, sides_exchanged
-from scripts.validation.attacks.markers import in_trial
-from scripts.validation.attacks.placement import displaced, mirrored_cluster, slid, turned
-from scripts.validation.attacks.trajectories import delayed, frozen, noisy
-from scripts.validation.attacks.whole_files import axes, backwards, hardly_moving, other_rate, scaled
+from scripts.validation.attacks.markers import (
+    displaced,
+    exchanged,
+    in_trial,
+    mirrored_cluster,
+    sides_exchanged,
+    slid,
+    turned,
+)
+from scripts.validation.attacks.trajectories import (
+    axes,
+    backwards,
+    delayed,
+    frozen,
+    hardly_moving,
+    noisy,
+    other_rate,
+    scaled,
+)
 
 OTHER_SEED = 2
 ALL = "synthetic uf3 functional"

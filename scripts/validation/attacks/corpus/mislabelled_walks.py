@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from scripts.validation.attacks.attack import Kind
 from scripts.validation.attacks.corpus.words import EXCHANGED, MIRROR, MOVED, Row, rows
-from scripts.validation.attacks.labelling import exchanged, rotated_labels, sides_exchanged
-from scripts.validation.attacks.markers import WHOLE, in_walk
+from scripts.validation.attacks.markers import WHOLE, exchanged, in_walk, rotated_labels, sides_exchanged
 
 
 def attacks() -> Row:

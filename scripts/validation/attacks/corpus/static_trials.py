@@ -4,12 +4,27 @@ from __future__ import annotations
 
 from scripts.validation.attacks.attack import Kind
 from scripts.validation.attacks.corpus.words import EXCHANGED, MIRROR, MOVED, PERSON, POSE, STILL, Row, rows
-from scripts.validation.attacks.labelling import exchanged, removed, rotated_labels, sides_exchanged
-from scripts.validation.attacks.markers import in_static
-from scripts.validation.attacks.placement import displaced, mirrored_cluster, slid, turned
-from scripts.validation.attacks.standing import knees_bending, knees_bent, static_of
-from scripts.validation.attacks.trajectories import noisy, of_marker
-from scripts.validation.attacks.whole_files import axes, cropped, scaled
+from scripts.validation.attacks.markers import (
+    displaced,
+    exchanged,
+    in_static,
+    mirrored_cluster,
+    removed,
+    rotated_labels,
+    sides_exchanged,
+    slid,
+    turned,
+)
+from scripts.validation.attacks.trajectories import (
+    axes,
+    cropped,
+    knees_bending,
+    knees_bent,
+    noisy,
+    of_marker,
+    scaled,
+    static_of,
+)
 
 LANDMARKS = (
     # landmark, segment that carries it, mm (forward, up, right), bases

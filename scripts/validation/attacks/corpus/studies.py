@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gaitcal import Study, load_marker_set
-from scripts.validation.attacks.attack import Kind, StudyChange
-from scripts.validation.attacks.bases import WALK, with_recording
+from scripts.validation.attacks.attack import WALK, Kind, StudyChange, with_recording
 from scripts.validation.attacks.corpus.isolated_trials import recording_of
 from scripts.validation.attacks.corpus.words import EXCHANGED, MIRROR, MOVED, PERSON, UNITS, WALKS, Row, rows
-from scripts.validation.attacks.labelling import exchanged, sides_exchanged
-from scripts.validation.attacks.markers import in_every, labels_of
-from scripts.validation.attacks.placement import displaced, slid
-from scripts.validation.attacks.whole_files import axes, scaled
+from scripts.validation.attacks.markers import displaced, exchanged, in_every, labels_of, sides_exchanged, slid
+from scripts.validation.attacks.trajectories import axes, scaled
 
 
 def files_exchanged(a: str, b: str) -> StudyChange:

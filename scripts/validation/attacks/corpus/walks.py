@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from gaitcal import Study
-from scripts.validation.attacks.attack import Kind, StudyChange
-from scripts.validation.attacks.bases import WALK, loaded, with_recording
+from scripts.validation.attacks.attack import WALK, Kind, StudyChange, loaded, with_recording
 from scripts.validation.attacks.corpus.words import (
     EXCHANGED,
     MIRROR,
@@ -17,30 +16,35 @@ from scripts.validation.attacks.corpus.words import (
     Row,
     rows,
 )
-from scripts.validation.attacks.labelling import removed
-from scripts.validation.attacks.markers import WHOLE, in_moving, in_walk
-from scripts.validation.attacks.placement import displaced, mirrored_cluster, slid, turned
+from scripts.validation.attacks.markers import (
+    WHOLE,
+    displaced,
+    in_moving,
+    in_walk,
+    mirrored_cluster,
+    removed,
+    slid,
+    turned,
+)
 from scripts.validation.attacks.trajectories import (
+    axes,
+    backwards,
     delayed,
     drifting,
+    frame_lost,
+    frame_twice,
+    frames_dropped,
     frozen,
     ghost,
+    hardly_moving,
     interpolated,
     lost,
     low_passed,
     noisy,
     of_marker,
-    spline_filled,
-)
-from scripts.validation.attacks.whole_files import (
-    axes,
-    backwards,
-    frame_lost,
-    frame_twice,
-    frames_dropped,
-    hardly_moving,
     other_rate,
     scaled,
+    spline_filled,
     tilted,
 )
 

@@ -1,0 +1,380 @@
+"""Everything that the page tells beside the body in motion, as plain data: `page.json` of the folder of a result.
+
+person, program     who, made when and with what
+verdict, lines      how far it can be believed; the three lines at the top of the page
+rows, measures      what curves and steps are called, and what their signs mean
+bands               healthy people, where they are given
+trials              curves, events, strides of each (`trial_data`), with sections of their own
+sections            preset of the page -> blocks: headings, sentences, tables, pictures of intervals
+
+The page is made from it again at any time; trials of several runs of one person are joined here.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from gaitcal.codes import Code
+from gaitcal.errors import InputError
+from gaitcal.explanations.explanation import explanation_of
+from gaitcal.explanations.markdown import Bullets, Paragraph, parts_of
+from gaitcal.faults.verdict import Judgement, TrialVerdict, Verdict
+from gaitcal.gait.cycles import coordinate_of, kind_of
+from gaitcal.gait.moments import explained
+from gaitcal.gait.normal_bands import Bands
+from gaitcal.gait.spatiotemporal import MEASURES
+from gaitcal.io.toml import package_version
+from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, Coordinate, is_of_leg
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.page.fit import fit_blocks
+from gaitcal.page.joints import joint_blocks
+from gaitcal.page.plain_data import (
+    Block,
+    Sections,
+    bullets,
+    curve_letters,
+    heading,
+    rounded,
+    script_json,
+    text,
+    thinned_trial,
+    visible,
+)
+from gaitcal.page.provenance import Origin, further_sections, provenance_blocks, recorded_blocks
+from gaitcal.page.summary import TONES, clinician_blocks, further_lines, top_lines
+from gaitcal.page.trial_data import trial_page_data
+from gaitcal.page.trust import trust_blocks
+from gaitcal.session.result import Calibration, TrialResult
+
+PAGE_DATA: Final = "page.json"
+FORMAT: Final = 1
+MOST_LETTERS: Final = 7_000_000
+"""Packed curves of all trials of a page together, of the 25 MB that it may have."""
+SHOWN_MEASURES: Final = {
+    "speed": ("Walking speed", 2),
+    "cadence": ("Cadence", 1),
+    "stride_length": ("Stride length", 3),
+    "stride_time": ("Stride time", 3),
+    "step_length": ("Step length", 3),
+    "step_width": ("Step width", 3),
+    "step_time": ("Step time", 3),
+    "stance_percent": ("Stance", 1),
+    "swing_percent": ("Swing", 1),
+    "double_support_percent": ("Double support", 1),
+    "single_support_percent": ("Single support", 1),
+}
+"""Measure -> its words and decimals in the table of steps and phases; `spatiotemporal.csv` has all of them."""
+_NO_BACKTICKS: Final = str.maketrans("", "", "`")
+
+
+def calibration_page_data(
+    calibration: Calibration, normal: Bands | None = None, manifest: Mapping[str, object] | None = None
+) -> dict[str, Any]:
+    """Of a calibration.
+
+    `normal`: bands of healthy people, to be drawn behind angles, moments and powers. `manifest`: versions, settings
+    and hashes of the inputs.
+    """
+    truth = calibration.truth
+    return {
+        **person_page_data(calibration.model.subject, calibration.verdict, normal),
+        "lines": top_lines(calibration),
+        "trials": [
+            trial_page_data(
+                calibration.model,
+                trial,
+                verdict=calibration.verdict.trials.get(trial.name),
+                relative_to=calibration.relative_to,
+                truth=None if truth is None else truth.of(trial.name),
+            )
+            for trial in calibration.trials
+        ],
+        "sections": result_sections(calibration, normal, manifest),
+    }
+
+
+def result_sections(
+    calibration: Calibration, normal: Bands | None = None, manifest: Mapping[str, object] | None = None
+) -> Sections:
+    """Of the whole result; what belongs to one trial stands with the trial."""
+    sections = {
+        "clinician": clinician_blocks(calibration, normal),
+        "fit": fit_blocks(calibration),
+        "joints": joint_blocks(calibration),
+        "trust": trust_blocks(calibration),
+        "provenance": provenance_blocks(calibration, manifest or {}),
+    }
+    return {preset: blocks for preset, blocks in sections.items() if blocks}
+
+
+def further_page_data(
+    model: SubjectModel,
+    trials: Sequence[TrialResult],
+    verdict: Verdict,
+    relative_to: Mapping[str, float] | None = None,
+    origin: Origin | None = None,
+) -> dict[str, Any]:
+    """Of further trials of a calibrated person.
+
+    Parameters
+    ----------
+    relative_to : as of `curves_of`.
+    origin : the calibration; None where nothing is known of it.
+    """
+    of_trials = []
+    for trial in trials:
+        data = trial_page_data(model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to)
+        of_trials.append({**data, "sections": {**data["sections"], "provenance": recorded_blocks(trial)}})
+    person = person_page_data(model.subject, verdict)
+    return {
+        **person,
+        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials)],
+        "trials": of_trials,
+        "sections": {} if origin is None else further_sections(origin),
+    }
+
+
+def person_page_data(subject: Subject, verdict: Verdict, normal: Bands | None = None) -> dict[str, Any]:
+    """What does not belong to one trial; bands in the units and with the signs of curves."""
+    bands = []
+    for name, band in (normal or {}).items():
+        sides = {s: [[rounded(value) for value in part] for part in band.for_person(subject, s)] for s in SIDES}
+        bands.append({"base": coordinate_of(name), "kind": kind_of(name).words, "source": band.source, **sides})
+    return {
+        "format": FORMAT,
+        "program": f"gaitcal {package_version('gaitcal')}",
+        "made": datetime.datetime.now().astimezone().strftime("%d %B %Y, %H:%M").lstrip("0"),
+        "person": {
+            "name": subject.name,
+            "session": subject.session,
+            "mass": subject.mass,
+            "height": subject.height,
+            "sex": subject.sex,
+            "weight": subject.weight,
+            "bwh": subject.bwh,
+        },
+        "verdict": verdict_page_data(verdict),
+        "lines": [],
+        "rows": coordinate_rows(),
+        "measures": [
+            {"name": name, "title": title, "digits": digits, "unit": MEASURES[name]}
+            for name, (title, digits) in SHOWN_MEASURES.items()
+        ],
+        "bands": bands,
+    }
+
+
+def verdict_page_data(verdict: Verdict) -> dict[str, Any]:
+    """Judgement and reasons, the worst first."""
+    return {
+        "judgement": verdict.judgement.value,
+        "sentence": verdict.sentence,
+        "forced": verdict.forced,
+        "reasons": [
+            {
+                **explained_code(reason.code),
+                "severity": reason.severity.value,
+                "cause": explained(reason.cause),
+                "evidence": explained(reason.evidence),
+                "action": explained(reason.action),
+                "trials": list(reason.trials),
+                "leg": reason.leg,
+            }
+            for reason in verdict.reasons
+        ],
+    }
+
+
+def explained_code(code: Code) -> dict[str, Any]:
+    """`code`, `title` and `page` of a reason: what `gaitcal explain` says, as blocks, to be there without a network."""
+    explanation = explanation_of(code)
+    blocks: list[Block] = []
+    for part, pieces in parts_of(explanation.text):
+        blocks.append(heading(part, 3))
+        for piece in pieces:
+            if isinstance(piece, Paragraph):
+                blocks.append(text(piece.text.translate(_NO_BACKTICKS)))
+            elif isinstance(piece, Bullets):
+                blocks.append(bullets(item.translate(_NO_BACKTICKS) for item in piece.items))
+            else:
+                blocks.append(text(" ".join(piece.lines), "soft"))
+    return {"code": code.value, "title": explanation.title, "page": blocks}
+
+
+def coordinate_rows() -> list[dict[str, Any]]:
+    """Small multiples: joints with their coordinates, titles, and what positive and negative values mean.
+
+    `angle`, `moment`: words for a positive and a negative value with OpenSim's signs, moments internal. `flips`: the
+    clinical signs have the opposite moment. `pelvis`: side of the stride -> sign and word of the clinical angle.
+    """
+
+    def row_of(row: Coordinate) -> dict[str, Any]:
+        clinical = row.clinical
+        return {
+            "base": row.name,
+            "title": row.title,
+            "angle": list(row.senses or (row.angle, f"not {row.angle}")),
+            "moment": list(row.senses or (row.moment, f"not {row.moment}")),
+            "actor": row.moment,
+            "flips": is_of_leg(row.name),
+            "pelvis": {s: {"sign": clinical.sign(s), "words": clinical.words} for s in SIDES} if clinical else {},
+        }
+
+    return [
+        {
+            "joint": key,
+            "title": group.title,
+            "power": group.power or None,
+            "rows": [row_of(row) for row in COORDINATE_TABLE.values() if row.group == key],
+        }
+        for key, group in GROUPS.items()
+    ]
+
+
+def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """Page data of further trials, after those of an earlier run that it does not hold itself."""
+    names = {trial["name"] for trial in new["trials"]}
+    kept = only(earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names])
+    verdict, rest = _joined_verdict(kept, new), list(new["lines"][1:])
+    if kept["trials"]:
+        last = ", ".join(visible(name) for name in sorted(names))
+        rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
+    trials = [*kept["trials"], *new["trials"]]
+    return {**new, "trials": trials, "verdict": verdict, "lines": [verdict_line(verdict), *rest]}
+
+
+def followed_by(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
+    """Page data of a calibration with further trials after its own; none of them may have the name of its own."""
+    verdict, lines = _joined_verdict(data, further), list(data["lines"])
+    if verdict["sentence"] != data["verdict"]["sentence"]:
+        lines[:1] = [verdict_line(verdict)]
+    return {
+        **data,
+        "lines": lines,
+        "trials": [*data["trials"], *further["trials"]],
+        "verdict": verdict,
+        "bands": data["bands"] or further["bands"],
+    }
+
+
+def verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
+    """The line at the top of the page that tells the verdict, and its worst reason."""
+    judgement = Judgement(verdict["judgement"])
+    words = f"{judgement.value.capitalize()}. {verdict['sentence']}"
+    if verdict["reasons"]:
+        worst, *rest = verdict["reasons"]
+        where = f" ({', '.join(visible(name) for name in worst['trials'])})" if worst["trials"] else ""
+        words += f" {'Worst' if rest else 'Because'}: {worst['cause']}{where}."
+    return {"tone": TONES[judgement], "text": visible(words)}
+
+
+def only(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """Page data of further trials with some of them alone, and the reasons about these."""
+    trials = [trial for trial in data["trials"] if trial["name"] in names]
+    about = [reason for reason in data["verdict"]["reasons"] if set(reason["trials"]) & set(names)]
+    judgement = _common(trial["verdict"]["judgement"] for trial in trials if trial["verdict"] is not None)
+    if about and judgement is Judgement.TRUSTWORTHY:
+        judgement = Judgement.DOUBTFUL
+    return {**data, "trials": trials, "verdict": {**data["verdict"], "judgement": judgement.value, "reasons": about}}
+
+
+def doubted(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
+    """Page data with a warning more for each (trial, what is wrong with it, what to do), unless it is there already."""
+    verdict = data["verdict"]
+    known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
+    code = explained_code(Code.RESULT_EDITED)
+    new = [
+        {**code, "severity": "warning", "cause": cause, "evidence": "", "action": action, "trials": [name], "leg": ""}
+        for name, cause, action in doubts
+        if (cause, name) not in known
+    ]
+    if not new:
+        return dict(data)
+    judgement = verdict["judgement"]
+    if judgement == Judgement.TRUSTWORTHY.value:
+        judgement = Judgement.DOUBTFUL.value
+    return {**data, "verdict": {**verdict, "judgement": judgement, "reasons": [*verdict["reasons"], *new]}}
+
+
+def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """Page data whose trials have other names: old -> new."""
+    reasons = [
+        {**reason, "trials": [names.get(name, name) for name in reason["trials"]]}
+        for reason in data["verdict"]["reasons"]
+    ]
+    trials = [{**trial, "name": names.get(trial["name"], trial["name"])} for trial in data["trials"]]
+    return {**data, "trials": trials, "verdict": {**data["verdict"], "reasons": reasons}}
+
+
+def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """The verdict on both: refused or trustworthy where everything is, and doubtful otherwise."""
+    parts = [data["verdict"] for data in (one, other) if data["trials"]]
+    trials = {}
+    for trial in (*one["trials"], *other["trials"]):
+        if (verdict := trial["verdict"]) is not None:
+            legs = {side: Judgement(verdict[side]) for side in SIDES if side in verdict}
+            trials[trial["name"]] = TrialVerdict(judgement=Judgement(verdict["judgement"]), legs=legs)
+    judged = Verdict(
+        judgement=_common(part["judgement"] for part in parts),
+        reasons=(),
+        trials=trials,
+        forced=any(part.get("forced", False) for part in parts),
+    )
+    reasons = sorted((r for part in parts for r in part["reasons"]), key=lambda reason: reason["severity"] != "error")
+    return {
+        "judgement": judged.judgement.value,
+        "sentence": judged.sentence,
+        "reasons": reasons,
+        "forced": judged.forced,
+    }
+
+
+def _common(judgements: Iterable[str]) -> Judgement:
+    """What all are; doubtful where they differ, trustworthy where there are none."""
+    found = {Judgement(name) for name in judgements} or {Judgement.TRUSTWORTHY}
+    return found.pop() if len(found) == 1 else Judgement.DOUBTFUL
+
+
+def thinned(data: Mapping[str, Any], most: int = MOST_LETTERS) -> Mapping[str, Any]:
+    """Page data with at most so many letters of packed curves, of every second, third, ... frame; as it is where it
+    has no more.
+    """
+    every = max(1, -(-sum(map(curve_letters, data["trials"])) // most))
+    return data if every == 1 else {**data, "trials": [thinned_trial(trial, every) for trial in data["trials"]]}
+
+
+def curves_left_out(data: Mapping[str, Any]) -> tuple[str, ...]:
+    """A sentence for every trial whose curves hold some frames only."""
+    return tuple(
+        f"{trial['name']}: its curves hold one frame in {trial['every']} of {trial['frames']}; a short peak may be "
+        "lower in the page than in the tables"
+        for trial in data["trials"]
+        if trial["every"] > 1
+    )
+
+
+def write_page_data(data: Mapping[str, Any], path: Path) -> None:
+    """Write page data; the page reads the same text."""
+    path.write_text(script_json(data), encoding="utf-8")
+
+
+def read_page_data(path: Path) -> dict[str, Any]:
+    """Read back what `write_page_data` wrote.
+
+    Raises
+    ------
+    InputError
+        The file is not there, or is no page data of this version.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT or not isinstance(data.get("trials"), list):
+        raise InputError("is no page of this version; calibrate again", source=path, code=Code.NO_RESULT)
+    return data

@@ -1,0 +1,222 @@
+"""Preset Provenance: what was recorded, how it was computed, with what, and what was assumed.
+
+Further trials of a calibrated person tell it of themselves; what the calibration's own page tells of joints and
+provenance is told again, as that of the calibration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath, PureWindowsPath
+from typing import Any, Final
+
+import numpy as np
+
+from gaitcal.calibration.joint_phases import Phase
+from gaitcal.gait.moments import counted, joint_words, role_words
+from gaitcal.page.plain_data import (
+    MISSING,
+    Block,
+    Cell,
+    Sections,
+    bullets,
+    cell,
+    fold,
+    heading,
+    named,
+    number,
+    table,
+    text,
+    visible,
+    words_column,
+)
+from gaitcal.session.result import Calibration, TrialResult
+
+LONG_NOTE: Final = 300
+"""Characters of a note from which it is folded."""
+HASHES: Final = "inputs_sha256"
+NO_SETTINGS: Final = ("kind", "files", "sha256", HASHES)
+"""Entries of a manifest that are no settings."""
+PHASES: Final = {
+    "gait": "legs, from walking",
+    "all joints": "all joints, over all trials at once",
+    "inertial": "masses, mass centres and moments of inertia",
+}
+NOISE: Final = (
+    "Noise: the marker error that would say as little of the joint parameters, if every frame of every marker were "
+    "independent of all others. Skin movement repeats itself, so it is larger than the residuals; what was known "
+    "before a phase, of people and by earlier trials, is weighed against it. How long each phase took: summary.json."
+)
+FILES: Final = (
+    "Beside this page: parameters.csv (every parameter with its error), summary.json, manifest.json (settings, "
+    "versions, SHA-256 of every file), cycles.csv and ensemble.csv (curves of each stride, and their means), "
+    "spatiotemporal.csv, motion/, moments/, powers/, forces/, markers/ and marker_errors/ (each trial at each "
+    "instant), model.osim, model.urdf, model.xml, model.toml. This page needs no network and can be archived as it is."
+)
+COPIED: Final = ("clinician", "joints", "provenance")
+"""Presets of the calibration's page that are told again."""
+EDITED: Final = "The model, or another file of the result, was edited since: what is told of it below may not hold."
+NOT_KNOWN: Final = "The page of the calibration cannot be read: its summary.json and manifest.json tell what was done."
+
+
+def provenance_blocks(calibration: Calibration, manifest: Mapping[str, object]) -> list[Block]:
+    """Of the whole result; `manifest`: versions, settings and hashes of the inputs."""
+    settings = [
+        [cell(name), cell(value)]
+        for name, value in _flat({key: value for key, value in manifest.items() if key not in NO_SETTINGS})
+    ]
+    return [
+        *_recordings(calibration),
+        *_assumptions(calibration),
+        *_phases(calibration.phases),
+        heading("Versions and settings"),
+        table(["Name", words_column("Value")], settings),
+        *_hashes(manifest.get(HASHES)),
+        text(FILES, "soft"),
+    ]
+
+
+def _file_name(source: str) -> str:
+    """The name alone: a folder's name may say who the person is."""
+    return PureWindowsPath(PurePosixPath(source).name).name or source
+
+
+def _recordings(calibration: Calibration) -> list[Block]:
+    head: list[Cell] = ["Trial", words_column("Used as"), words_column("File")]
+    head += ["Length", "Frames", "Rate", "Markers", "Seen", "Force plates"]
+    rows: list[list[Cell]] = []
+    for trial in calibration.study.trials:
+        recording = trial.recording
+        seen = np.isfinite(recording.markers).all(axis=2)
+        rows.append(
+            [
+                cell(named(trial.name)),
+                cell(role_words(trial.role, trial.joint)),
+                cell(named(_file_name(recording.source))),
+                f"{number(float(recording.time[-1] - recording.time[0]), 2)} s",
+                number(len(recording.time), 0),
+                f"{number(recording.rate, 0)} Hz",
+                str(len(recording.labels)),
+                f"{number(100.0 * float(seen.mean()) if seen.size else 0.0)} %",
+                str(len(recording.plates) or "none"),
+            ]
+        )
+    subject = calibration.model.subject
+    person = (
+        f"Body mass {number(subject.mass)} kg, height {number(subject.height, 3)} m, anthropometric table "
+        f"{subject.sex}; marker set {calibration.study.marker_set.name}."
+    )
+    return [heading("What was recorded"), text(person), table(head, rows)]
+
+
+def _assumptions(calibration: Calibration) -> list[Block]:
+    out = [heading("What was assumed")]
+    if not calibration.notes:
+        out.append(text("Nothing beyond the study file."))
+    prefixes = {trial.name: f"{trial.name}: " for trial in calibration.trials}
+    out += note_blocks([note for note in calibration.notes if not note.startswith(tuple(prefixes.values()))])
+    for name, prefix in prefixes.items():
+        if notes := [note.removeprefix(prefix) for note in calibration.notes if note.startswith(prefix)]:
+            out.append(fold(f"Trial {named(name)}: {counted(len(notes), 'note')}", note_blocks(notes)))
+    if calibration.model.frozen:
+        held = ", ".join(name.replace("_", " ") for name in calibration.model.frozen)
+        out.append(text(f"No marker shows {held}: the trunk stays upright, arms hang along it."))
+    return out
+
+
+def note_blocks(notes: Sequence[str]) -> list[Block]:
+    """Notes as a list; long ones stand below it, folded away."""
+    short = [note for note in notes if len(note) <= LONG_NOTE]
+    long = [fold(f"{note[:120]}…", [text(note)]) for note in notes if len(note) > LONG_NOTE]
+    return [bullets(short), *long] if short else [*long]
+
+
+def _phases(phases: Sequence[Phase]) -> list[Block]:
+    if not phases:
+        return [heading("Phases of the calibration"), text("No phase was run.")]
+    head: list[Cell] = ["Phase", words_column("Trials"), "Parameters", "Iterations", "Noise"]
+    head += [words_column("Status"), words_column("Why it ended")]
+    rows: list[list[Cell]] = []
+    for phase in phases:
+        words = PHASES.get(phase.name, phase.name)
+        if phase.name.startswith("joint:"):
+            words = f"{joint_words(phase.name.removeprefix('joint:'))}, from its own trials"
+        rows.append(
+            [
+                cell(words),
+                cell(", ".join(named(trial) for trial in phase.trials)),
+                str(phase.parameters),
+                str(phase.iterations),
+                "" if phase.marker_noise is None else f"{number(1e3 * phase.marker_noise)} mm",
+                cell(phase.status, tone="good" if phase.converged else "look"),
+                cell(phase.message),
+            ]
+        )
+    return [heading("Phases of the calibration"), table(head, rows), text(NOISE, "soft")]
+
+
+def _hashes(inputs: object) -> list[Block]:
+    if not isinstance(inputs, Mapping) or not inputs:
+        return []
+    rows: list[list[Cell]] = [[cell(named(_file_name(str(name)))), cell(value)] for name, value in inputs.items()]
+    return [heading("Inputs"), table(["File", words_column("SHA-256")], rows)]
+
+
+def _flat(manifest: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Nested tables as rows of dotted names and values."""
+    for key, value in manifest.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{name}.")
+        elif isinstance(value, list | tuple):
+            yield name, ", ".join(visible(v) for v in value) or MISSING
+        else:
+            yield name, MISSING if value is None else str(value)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The calibration that further trials come after."""
+
+    data: Mapping[str, Any]  # Of its page; empty where it cannot be read
+    edited: bool  # One of its files is not as it was written
+
+
+def further_sections(origin: Origin) -> Sections:
+    """Of the calibration, for the page of its further trials."""
+    found = origin.data.get("sections")
+    known = found if isinstance(found, Mapping) else {}
+    sections: Sections = {preset: list(known.get(preset) or ()) for preset in COPIED}
+    edited = [text(EDITED, "warning")] if origin.edited else []
+    if joints := sections["joints"]:
+        sections["joints"] = [*edited, text("Of the calibration, not of these trials:", "soft"), *joints]
+    whole = sections["provenance"]
+    folded = [fold("Recordings, phases, settings and versions of the calibration", whole)] if whole else []
+    sections["provenance"] = [*_model(origin.data), *edited, *folded]
+    return {preset: blocks for preset, blocks in sections.items() if blocks}
+
+
+def _model(data: Mapping[str, Any]) -> list[Block]:
+    """Whose calibration, when, and how far it can be believed."""
+    out = [heading("The model of these trials")]
+    try:
+        judgement, sentence = data["verdict"]["judgement"], data["verdict"]["sentence"]
+        trials = ", ".join(named(trial["name"]) for trial in data["trials"]) or "no moving trial"
+        made = f"Calibrated on {data['made']} with {data['program']} from {trials}."
+    except (KeyError, TypeError):
+        return [*out, text(NOT_KNOWN, "warning")]
+    return [*out, text(f"{made} It is not fitted anew to these trials. Its own verdict: {judgement}. {sentence}")]
+
+
+def recorded_blocks(trial: TrialResult) -> list[Block]:
+    """What one further trial is made of."""
+    recording, time = trial.recording, trial.body.time
+    plates = counted(len(recording.plates), "force plate") if recording.plates else "no force plates"
+    words = (
+        f"{role_words(trial.role, trial.joint).capitalize()}, from the file {named(_file_name(recording.source))}: "
+        f"{number(float(time[-1] - time[0]), 2)} s, {number(len(time), 0)} frames at {number(recording.rate, 0)} Hz, "
+        f"{len(recording.labels)} markers, {plates}."
+    )
+    notes = [note.removeprefix(f"{trial.name}: ") for note in trial.notes]
+    return [heading(f"Trial {named(trial.name)}"), text(words), *note_blocks(notes)]

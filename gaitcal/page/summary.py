@@ -1,0 +1,397 @@
+"""What a reader asks first of walks and of the whole result: three lines on top, four answers, preset Clinician."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
+from gaitcal.faults.verdict import Judgement
+from gaitcal.gait.cycles import POINTS, normalise, source_words, usable
+from gaitcal.gait.moments import (
+    SIDE_WORDS,
+    MomentNumbers,
+    coordinate_title,
+    counted,
+    explained,
+    listed,
+    moment_numbers,
+    moment_of,
+)
+from gaitcal.gait.normal_bands import Bands
+from gaitcal.gait.spatiotemporal import LEAST_VALID, StridePeaks, stride_peaks
+from gaitcal.gait.strides import TURNING, Layout, layout, strides_of, turns
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.page.plain_data import Block, fold, heading, named, number, text, visible
+from gaitcal.session.parameter_words import counts, counts_sentence
+from gaitcal.session.result import Calibration, TrialResult
+from gaitcal.session.trial_result import RmsErrors, leg_fit, trial_fit
+from gaitcal.session.warnings import is_trunk_unmeasured, unmeasured_words
+
+KNEE_ADDUCTION = "knee_adduction"
+"""The moment that is told in full; external adduction is the opposite of the internal moment."""
+GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
+"""Marker error over what each joint by itself reaches."""
+TONES = {Judgement.TRUSTWORTHY: "good", Judgement.DOUBTFUL: "look", Judgement.REFUSED: "poor"}
+TONE_ORDER = ("plain", "good", "look", "poor")
+NO_FORCES = "No joint moments and powers: this trial has no force plates."
+NO_FOOT = "No joint moments: in no frame is a foot on the ground wholly on force plates of its own."
+NO_ERRORS = "No standard errors of the moments were computed for this result; curves of moments have no bands."
+HOW_TO_READ = (
+    "0 to 100 % of the gait cycle go from a foot strike to the next strike of the same foot, for each foot by "
+    "itself. Moments are internal, those of muscles and ligaments, unless the switch says external; the axes "
+    "of the curves say what is positive. %BW·H is percent of body weight times body height. The switches do "
+    "not change the files.",
+    "Bands about curves are ±1 standard error. A mean over strides has a band of one standard deviation, "
+    "which holds measurement errors as well.",
+    f"Steps and phases are mean ± SD over all strides of all walks, each counting the same, also those of "
+    "which a recording shows a part; n strides. Strides that turn by more than "
+    f"{number(TURNING, 0)} deg are left out, and legs that are refused, with steps and supports beside them. "
+    "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the "
+    "one that ends with the named foot. Symmetry: 100 (right − left) / mean of both; the width is one of both "
+    "feet.",
+)
+MOST_SPANS = 6
+"""Strides whose times are told one by one."""
+Line = dict[str, str]
+"""`tone`: `good`, `look`, `poor` or `plain`; `text`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitNumbers:
+    """Of one whole-body trial; without valid torques nothing but its layout."""
+
+    trial: TrialResult
+    layout: Layout
+    numbers: tuple[MomentNumbers, ...] = ()
+    stages: tuple[ResidualMagnitudes, ...] = ()
+    """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
+    limits: ResidualLimits | None = None  # What is asked of simulations; given where `stages` are
+    expected: ExpectedResidual | None = None  # Of the last of `stages`; None where its errors are not known
+
+    def complete_strides(self, side: str) -> tuple[int, int]:
+        """How many strides of a leg have valid moments throughout, and how many there are."""
+        time, valid, cycles = self.layout.time, self.layout.valid_for(side), strides_of(self.trial.events)[side]
+        inside = [valid[(time >= c.start) & (time <= c.stop)] for c in cycles]
+        return sum(bool(frames.size and frames.all()) for frames in inside), len(cycles)
+
+
+def gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
+    """The numbers of a walk; None of an isolated trial."""
+    if trial.joint is not None:
+        return None
+    loads = trial.loads
+    drawn = layout(trial.body, loads.reactions if loads else None, trial.events)
+    if loads is None or not loads.reactions.has_torques:
+        return GaitNumbers(trial=trial, layout=drawn)
+    limits = None
+    if loads.residuals:
+        limits = residual_limits(model.parameters, trial.body.q, loads.reactions, trial.recording.plates)
+    return GaitNumbers(
+        trial=trial,
+        layout=drawn,
+        numbers=moment_numbers(model, drawn, loads.final, loads.nominal, loads.errors),
+        stages=loads.residuals,
+        limits=limits,
+        expected=loads.expected,
+    )
+
+
+def walks_of(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNumbers, ...]:
+    """The numbers of every walk."""
+    return tuple(walk for trial in trials if (walk := gait_numbers(model, trial)) is not None)
+
+
+def _worst_fit(trials: Sequence[TrialResult]) -> tuple[RmsErrors, TrialResult] | None:
+    """Of the walk, or other trial, that is met worst against what its joints, or rigid segments, could reach."""
+    whole = [t for t in trials if t.joint is None] or list(trials)
+    fits = [(fit, t) for t in whole if (fit := leg_fit(t)).calibrated is not None]
+    return max(fits, key=lambda pair: _ratio(pair[0]) or 0.0) if fits else None
+
+
+def _ratio(fit: RmsErrors) -> float | None:
+    """Over the joint floor, as three markers a segment make a low rigid floor whatever the joints."""
+    return fit.ratio if fit.joint_ratio is None else fit.joint_ratio
+
+
+def _fit_tone(ratio: float) -> str:
+    return "good" if ratio <= GOOD_RATIO else "look" if ratio <= FAIR_RATIO else "poor"
+
+
+def _largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
+    """The walk whose residual is largest against its limit."""
+    found = [walk for walk in walks if walk.stages]
+    return max(found, key=lambda w: 0.0 if w.expected is None else w.expected.share) if found else None
+
+
+def top_lines(calibration: Calibration) -> list[Line]:
+    """The three lines at the top of the page: can it be believed, does it fit, and what of the moments counts."""
+    model, trials = calibration.model, calibration.trials
+    return [_believed(calibration), *further_lines(model, trials)]
+
+
+def further_lines(model: SubjectModel, trials: Sequence[TrialResult]) -> list[Line]:
+    """How these trials agree with the model, and what of their moments counts: below the line of the verdict."""
+    walks = walks_of(model, trials)
+    return [_agreement(trials, walks), _counting(model.subject.mass, walks)]
+
+
+def _believed(calibration: Calibration) -> Line:
+    verdict = calibration.verdict
+    tone, words = TONES[verdict.judgement], f"{verdict.judgement.value.capitalize()}"
+    if verdict.reasons:
+        worst, rest = verdict.reasons[0], len(verdict.reasons) - 1
+        where = f" ({', '.join(named(trial) for trial in worst.trials)})" if worst.trials else ""
+        words += f": {explained(worst.cause)}{where}" + (f", and {counted(rest, 'other reason')}" if rest else "")
+    words += f". {verdict.sentence}"
+    if not calibration.converged:
+        tone, words = "poor", f"Not converged: do not use these numbers before that is settled. {words}"
+    return {"tone": tone, "text": visible(words)}
+
+
+def _agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> Line:
+    """How near the model is to the markers of these trials, and to the forces of these walks."""
+    tones, words = [], []
+    if (worst := _worst_fit(trials)) is not None:
+        fit, trial = worst
+        of = "Markers of pelvis and legs" if trial.joint is None else "Markers"
+        met = f"{of} are met to {number(fit.calibrated)} mm RMS ({named(trial.name)})"
+        ratio, floor, least = fit.ratio, fit.floor, "rigid segments alone"
+        if fit.joint_ratio is not None:
+            ratio, floor, least = fit.joint_ratio, fit.joint_floor, "each joint by itself"
+        tones.append("plain" if ratio is None else _fit_tone(ratio))
+        words.append(f"{met}." if ratio is None else f"{met}, {least} to {number(floor)} mm.")
+    if (walk := _largest_residual(walks)) is not None:
+        last, held = walk.stages[-1], walk.expected
+        agree = f"Forces and motion agree to {number(last.rms_force)} N and {number(last.rms_moment)} N·m RMS"
+        agree += f" ({named(walk.trial.name)})"
+        tone = "plain"
+        if held is not None:
+            tone = "good" if held.within else "look"
+            agree += ", within what their errors explain" if held.within else ": more than their errors explain"
+            agree += f" (limits {number(held.force.limit)} N, {number(held.moment.limit)} N·m)"
+        tones.append(tone)
+        words.append(f"{agree}.")
+    if not words:
+        return {"tone": "plain", "text": "Nothing was fitted: this study has no moving trial."}
+    return {"tone": max(tones, key=TONE_ORDER.index), "text": visible(" ".join(words))}
+
+
+def _counting(mass: float, walks: Sequence[GaitNumbers]) -> Line:
+    """Strides with valid moments, and the peak knee adduction moment of each leg. `mass`: kg."""
+    if not walks:
+        return {"tone": "plain", "text": "No walk: joint parameters alone."}
+    loaded = [walk for walk in walks if walk.numbers]
+    if not loaded:
+        plates = any(walk.trial.loads is not None for walk in walks)
+        why = "no foot is wholly on a force plate of its own" if plates else "there are no force plates"
+        return {"tone": "look" if plates else "plain", "text": f"Angles alone count, no moments: {why}."}
+    valid, total = {}, {}
+    for side in SIDES:
+        strides = [walk.complete_strides(side) for walk in loaded]
+        valid[side], total[side] = sum(v for v, _ in strides), sum(n for _, n in strides)
+    right, left = (f"{valid[side]} of {total[side]} {SIDE_WORDS[side]}" for side in SIDES)
+    words = f"Moments count throughout {right} and {left} strides."
+    peaks = {side: adduction_peaks([walk.trial for walk in walks], side) for side in SIDES}
+    if both := ", ".join(_peak(peak, side, mass) for side, peak in peaks.items() if peak.strides):
+        words += (
+            " Peak external knee adduction moment, N·m/kg, mean ± SD of the peaks of all straight strides that are "
+            f"valid to {number(100.0 * LEAST_VALID, 0)} %: {both}."
+        )
+    known = any(walk.trial.loads is not None and walk.trial.loads.errors is not None for walk in loaded)
+    if not known:
+        words += " No standard errors are known."
+    return {"tone": "plain" if all(valid.values()) and known else "look", "text": words}
+
+
+def adduction_peaks(walks: Sequence[TrialResult], side: str) -> StridePeaks:
+    """Largest external adduction moment (N·m) of a knee in each straight stride, as in the page's table of peaks."""
+    name = f"{KNEE_ADDUCTION}_{side}"
+    values, errors = [], []
+    for walk in walks:
+        time, straight = walk.body.time, {s.number: not turns(s.turn) for s in walk.strides if s.side == side}
+        for k, cycle in enumerate(strides_of(walk.events)[side], start=1):
+            if walk.loads is None or not straight.get(k, True):
+                continue
+            valid = usable(time, walk.loads.reactions.valid_for(name), cycle)
+            external = normalise(time, -moment_of(walk.loads.final, name), cycle)
+            values.append(np.where(valid, external, np.nan))
+            known = walk.loads.errors
+            errors.append(np.full(POINTS, np.nan) if known is None else normalise(time, moment_of(known, name), cycle))
+    shape = (len(values), POINTS)
+    return stride_peaks(np.reshape(values, shape), np.reshape(errors, shape))
+
+
+def _peak(peak: StridePeaks, side: str, mass: float) -> str:
+    """`right 0.42 ± 0.03 (4 of 5)`."""
+    share = f"{peak.count} of {counted(peak.strides, 'stride')}"
+    if not peak.count:
+        return f"{SIDE_WORDS[side]} – ({share})"
+    value = number(peak.mean / mass, 2)
+    if np.isfinite(peak.error):
+        value += f" ± {number(peak.error / mass, 2)}"
+        if peak.count == 1:
+            share += ", ± its standard error"
+    return f"{SIDE_WORDS[side]} {value} ({share})"
+
+
+def answers(calibration: Calibration) -> list[dict[str, str]]:
+    """Cards: does it fit, did it matter, do motion and forces agree, what was fitted; as far as the result can tell.
+
+    `value` is the one number, with its unit; `tone` as of a line, also written out in `verdict`.
+    """
+    walks = walks_of(calibration.model, calibration.trials)
+    possible = (
+        _fit_answer(calibration),
+        _change_answer(calibration, walks),
+        _residual_answer(calibration, walks),
+        _parameters_answer(calibration),
+    )
+    return [answer for answer in possible if answer is not None]
+
+
+def _card(question: str, value: str, text: str, tone: str, verdict: str = "", trial: str = "") -> dict[str, str]:
+    about = f"Trial {named(trial)}. {text}" if trial else text
+    return {"question": question, "value": value, "verdict": verdict, "tone": tone, "text": about}
+
+
+def _fit_answer(calibration: Calibration) -> dict[str, str] | None:
+    if (worst := _worst_fit(calibration.trials)) is None:
+        return None
+    fit, trial = worst
+    calibrated, ratio = fit.calibrated or 0.0, _ratio(fit)
+    whole, where = trial_fit(trial), "of pelvis and legs" if trial.joint is None else "of this joint's segments"
+    words = f"RMS distance between measured and model markers {where}."
+    words += "" if fit.nominal is None else f" Before calibration it was {fit.nominal:.1f} mm."
+    if fit.floor is not None and ratio is not None:
+        words += f" No model of rigid segments can come below {fit.floor:.1f} mm"
+        words += f", each joint by itself reaches {fit.joint_floor:.1f} mm" if fit.joint_floor is not None else ""
+        words += f"; this is {ratio:.2f} times that. "
+    tone, verdict, meaning = "plain", "", ""
+    if fit.nominal is not None and calibrated > 1.02 * fit.nominal:
+        tone, verdict = "poor", "worse than before"
+        meaning = "Calibration made this fit worse: look at the trials and the warnings."
+    elif ratio is not None:
+        tone = _fit_tone(ratio)
+        verdict, meaning = {
+            "good": ("good", "Together the joints explain nearly all that each could explain alone."),
+            "look": ("fair", "Some error is left that other joint positions, or better markers, could explain."),
+            "poor": ("poor", "Much error is left that the joints do not explain: look at the segments below."),
+        }[tone]
+    words += meaning
+    if whole.calibrated is not None and whole.calibrated > calibrated + 0.05:
+        words += f" With trunk and arms, whose joints are not calibrated: {whole.calibrated:.1f} mm."
+    return _card("Does the model follow the markers?", f"{calibrated:.1f} mm", words, tone, verdict, trial.name)
+
+
+def _change_answer(calibration: Calibration, walks: Sequence[GaitNumbers]) -> dict[str, str] | None:
+    found = [(walk, n) for walk in walks for n in walk.numbers]
+    if not found:
+        return None
+    walk, most = max(found, key=lambda pair: pair[1].change_bwh)
+    words = (
+        f"Largest RMS change of a joint moment: {coordinate_title(most.name).lower()}, {most.change:.3f} N·m/kg or "
+        f"{most.change_of_peak:.0f} % of its peak."
+    )
+    loads = walk.trial.loads
+    if loads is not None and loads.errors is not None:
+        error = moment_of(loads.errors, most.name)[loads.reactions.valid_for(most.name)]
+        typical = 100.0 * float(np.median(error[np.isfinite(error)])) / calibration.model.subject.bwh
+        words += f" The standard error of this moment is {typical:.2f} % of body weight × height (median)."
+    question = "Did calibration change the joint moments?"
+    return _card(question, f"{most.change_bwh:.2f} %BW·H", words, "plain", trial=walk.trial.name)
+
+
+def _residual_answer(calibration: Calibration, walks: Sequence[GaitNumbers]) -> dict[str, str] | None:
+    if (walk := _largest_residual(walks)) is None:
+        return None
+    first, last, held, body = walk.stages[0], walk.stages[-1], walk.expected, walk.trial.body
+    tone, verdict, meaning = "plain", "", "No standard errors are known to hold it against."
+    if held is not None:
+        tone, verdict = ("good", "within its errors") if held.within else ("look", "beyond its errors")
+        meaning = (
+            f"Its errors let expect {held.force.expected:.1f} N and {held.moment.expected:.1f} N·m, and more than "
+            f"{held.force.limit:.1f} N or {held.moment.limit:.1f} N·m in 1 walk of 1000."
+        )
+    if is_trunk_unmeasured(body):
+        meaning += (
+            f" Markers do not determine {unmeasured_words(body, calibration.nominal.nominal)}: how it moves is the "
+            "first cause, no inertial parameter was fitted against it, and the moments of the legs do not depend on it."
+        )
+    words = (
+        f"RMS force and moment at the pelvis that nothing explains, before calibration {first.rms_force:.1f} N "
+        f"and {first.rms_moment:.1f} N·m. {meaning}"
+    )
+    value = f"{last.rms_force:.1f} N and {last.rms_moment:.1f} N·m"
+    return _card("Do motion and ground forces agree?", value, words, tone, verdict, walk.trial.name)
+
+
+def _parameters_answer(calibration: Calibration) -> dict[str, str]:
+    blind, words = len(calibration.unidentifiable), counts_sentence(calibration)
+    if blind:
+        words += f" {counted(blind, 'joint parameter')} could not be determined; see the preset Joints."
+    value, tone = counted(sum(counts(calibration)), "parameter"), "look" if blind else "plain"
+    return _card("What was calibrated?", value, words, tone, f"{blind} not determined" if blind else "")
+
+
+def clinician_blocks(calibration: Calibration, normal: Bands | None) -> list[Block]:
+    """Of the whole result: how to read curves and steps, and from whom the bands are."""
+    if all(trial.joint is not None for trial in calibration.trials):
+        return []
+    sources = dict.fromkeys(band.source for band in (normal or {}).values() if band.source)
+    bands = f"Bands with dotted edges are healthy people, mean ± 1 SD: {'; '.join(sources)}."
+    return [
+        *([text(bands, "soft")] if sources else []),
+        fold("How to read curves and steps", [text(words) for words in HOW_TO_READ]),
+    ]
+
+
+def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
+    """Of one walk: its strides, and where its moments count."""
+    out = [heading(f"Trial {named(walk.trial.name)}"), text(_strides(walk))]
+    loads = walk.trial.loads
+    if walk.trial.refused_legs:
+        legs = listed([SIDE_WORDS[side] for side in walk.trial.refused_legs])
+        out.append(text(f"Refused: {legs}; no moment and no error bar of it counts. See the verdict.", "bad"))
+    if loads is None:
+        return [*out, text(NO_FORCES, "soft")]
+    if not loads.reactions.has_torques:
+        return [*out, text(NO_FOOT, "warning")]
+    out.append(text(_validity(walk)))
+    if loads.errors is None:
+        out.append(text(NO_ERRORS, "soft"))
+    return out
+
+
+def _strides(walk: GaitNumbers) -> str:
+    """Which strides there are, and what tells when feet met the ground."""
+    events, start = walk.trial.events, float(walk.layout.time[0])
+    of_sides = []
+    for side in SIDES:
+        cycles = strides_of(events)[side]
+        if not cycles:
+            of_sides.append(f"no complete stride of the {SIDE_WORDS[side]} foot")
+            continue
+        spans = [f"{c.start - start:.2f} to {c.stop - start:.2f} s" for c in cycles[:MOST_SPANS]]
+        more = f" and {len(cycles) - MOST_SPANS} more" if len(cycles) > MOST_SPANS else ""
+        of_sides.append(f"{counted(len(cycles), f'{SIDE_WORDS[side]} stride')} ({', '.join(spans)}{more})")
+    words = f"This recording holds {of_sides[0]}, and {of_sides[1]}."
+    sources = source_words([event.source for event in events.events])
+    return f"{words} Foot events: {sources}." if events.events else words
+
+
+def _validity(walk: GaitNumbers) -> str:
+    right, left, whole = (number(int(walk.layout.valid_for(side).sum()), 0) for side in ("r", "l", ""))
+    words = (
+        f"Of {number(len(walk.layout.time), 0)} frames, moments are valid in {right} of the right leg, {left} "
+        f"of the left leg and {whole} of pelvis, trunk and arms: those of a leg where its own foot is wholly on "
+        "plates or in the air, the others where both feet are, away from the ends of the trial."
+    )
+    complete = {side: walk.complete_strides(side) for side in SIDES}
+    if not any(total for _, total in complete.values()):
+        return words
+    right, left = (f"{valid} of {total} {SIDE_WORDS[side]}" for side, (valid, total) in complete.items())
+    return f"{words} Strides that are valid throughout: {right}, {left}."

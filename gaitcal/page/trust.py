@@ -1,0 +1,309 @@
+"""Preset Trust: what verdict and numbers rest on, and what makes the error bar of each moment.
+
+Verdict and reasons are data of the page itself. At the frame of a peak, and over all valid frames, the variances of
+independent sources add; the largest comes first, as better input of its kind would mend most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.dynamics.axis_errors import ErrorSource
+from gaitcal.dynamics.expected_residual import HeldResidual
+from gaitcal.dynamics.ground_contact import leg_of
+from gaitcal.dynamics.inverse_dynamics import FORCES
+from gaitcal.gait.moments import MomentNumbers, capitalised, coordinate_title, joint_words, moment_of
+from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words, split_side
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.page.plain_data import (
+    MISSING,
+    Block,
+    Cell,
+    beside,
+    cell,
+    curves,
+    fold,
+    heading,
+    named,
+    number,
+    picture,
+    rounded,
+    table,
+    text,
+)
+from gaitcal.page.summary import KNEE_ADDUCTION, GaitNumbers
+from gaitcal.session.parameter_words import ENOUGH_MOTION_DEG, Row, joint_groups, range_of_motion
+from gaitcal.session.result import Calibration
+
+NOT_CONVERGED = (
+    "Not converged: at least one phase of the calibration stopped before it reached its tolerance; see the table of "
+    "phases in the preset Provenance. Do not use these numbers before that is settled."
+)
+JUDGEMENTS = (
+    "Trustworthy: nothing speaks against the numbers beyond their error bars. Doubtful: they may be wrong by more than "
+    "that, for the reasons given. Refused: not to be used; no torque of what is refused counts as valid, and no error "
+    "bar is given. What is wrong with one leg concerns that leg alone, what is wrong with the static trial or an "
+    "isolated one concerns every walk."
+)
+RESIDUALS = (
+    "The measured ground forces should be all that moves the body. The force and moment that the model would still "
+    "need at its pelvis to follow the measured motion are the pelvis residuals: they collect the errors of motion, "
+    "masses and force plates. The limit of their RMS follows from these errors, from what the plates hold above the "
+    "bandwidth of the motion, and from what walks without a fault leave: 1 of 1000 such walks is beyond it, and a walk "
+    "that is, is doubtful. Hicks et al. (2015) ask of simulations, whose motion is changed until it agrees, for peaks "
+    "below 5 % of the peak net external force, and 1 % of the height of the mass centre times that force; few walks as "
+    "measured have that, and nothing is judged by it."
+)
+PARTS_OF_BARS = (
+    "One standard error at the peak of each moment. A bar is as long as the error; its parts are in proportion "
+    "to their parts of the variance. Where one is large, better input of this kind narrows the bar."
+)
+CHANGES = (
+    "RMS difference over the valid frames between the moments of the nominal and of the calibrated model. "
+    "Where it is small against the effect you study, calibration did not matter for it."
+)
+SMALL_SHARE = 0.005
+"""Of the variance: sources below it are told together."""
+EXTERNAL_PEAKS = {KNEE_ADDUCTION: "external adduction"}
+"""Moments of which the external peak is told, the opposite of the internal one -> what it is called."""
+
+
+def trust_blocks(calibration: Calibration) -> list[Block]:
+    """Of the whole result: whether it converged, and how well the trials show each joint."""
+    out = []
+    if calibration.phases:
+        out.append(text("Every phase converged.") if calibration.converged else text(NOT_CONVERGED, "bad"))
+    out += [fold("What the judgements mean", [text(JUDGEMENTS)]), heading("What these trials determine")]
+    groups = joint_groups(calibration)
+    if not groups:
+        return [*out, text("Joint parameters were not calibrated. What was assumed: preset Provenance.")]
+    rows = [_joint(calibration, rows) for group in groups for rows in (group.right, group.left) if rows]
+    head: list[Cell] = ["Joint", "Moved", "Fitted", "Not determined", "At a bound", "Largest SE, mm", "deg"]
+    caption = (
+        "Parameters of each joint, how far it moved in the trial that moves it most, and the largest standard error of "
+        f"those that were fitted. About {number(ENOUGH_MOTION_DEG, 0)} deg of motion are needed."
+    )
+    where = "Which they are, and every value with its error: preset Joints. What was assumed: preset Provenance."
+    return [*out, table(head, rows, caption=caption), text(where, "soft")]
+
+
+def _joint(calibration: Calibration, rows: Sequence[Row]) -> list[Cell]:
+    joint = rows[0].name.split(".")[0]
+    unseen, at_bound = (sum(row.status == status for row in rows) for status in ("unidentifiable", "at bound"))
+    moved = range_of_motion(calibration, joint)
+    little = moved is not None and moved < ENOUGH_MOTION_DEG
+    errors = [
+        max((row.error for row in rows if row.unit == unit and row.error is not None), default=None)
+        for unit in ("mm", "deg")
+    ]
+    return [
+        cell(capitalised(joint_words(joint)), side=rows[0].side),
+        MISSING if moved is None else cell(f"{number(moved, 0)}°", tone="look" if little else ""),
+        str(len(rows) - unseen),
+        cell(unseen, tone="look") if unseen else "0",
+        cell(at_bound, tone="look") if at_bound else "0",
+        *(number(error) for error in errors),
+    ]
+
+
+def trial_trust_blocks(model: SubjectModel, walk: GaitNumbers) -> list[Block]:
+    """Of one walk: what makes the error bars, pelvis residuals, and what calibration changed."""
+    return [*_error_bars(walk, model.subject.mass), *_residuals(walk), *_changes(walk)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeakError:
+    """The error of one moment at its peak."""
+
+    name: str  # `knee_adduction_r`
+    value: float  # N·m/kg, internal
+    time: float  # s from the begin of the trial
+    error: float  # N·m/kg, standard error
+    shares: Mapping[ErrorSource, float]  # Source -> its part (0 to 1) of the variance, largest first
+
+    @property
+    def base(self) -> str:
+        """`knee_adduction`."""
+        return split_side(self.name)[0]
+
+    def alone(self, share: float) -> float:
+        """N·m/kg, the error of one source by itself."""
+        return float(self.error * np.sqrt(share))
+
+    @property
+    def words(self) -> str:
+        """`Peak 0.412 ± 0.031 N·m/kg (external adduction)`."""
+        sense, value = f"internal, {coordinate_words(self.base).moment} positive", self.value
+        if self.base in EXTERNAL_PEAKS:
+            sense, value = EXTERNAL_PEAKS[self.base], -value
+        return f"Peak {number(value, 3)} ± {number(self.error, 3)} N·m/kg ({sense})"
+
+
+def peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
+    """Of one moment at the largest magnitude in its valid frames, of the knee's adduction at the abductor's peak.
+
+    None without valid frames or standard errors. `mass`: of the body, kg.
+    """
+    loads = walk.trial.loads
+    if loads is None or loads.errors is None:
+        return None
+    error = moment_of(loads.errors, name)
+    frames = np.flatnonzero(walk.layout.valid_for(leg_of(name)) & np.isfinite(error))
+    if not len(frames):
+        return None
+    moment = moment_of(loads.final, name)
+    frame = frames[(-moment if split_side(name)[0] in EXTERNAL_PEAKS else np.abs(moment))[frames].argmax()]
+    here = np.arange(len(moment)) == frame
+    return PeakError(
+        name=name,
+        value=float(moment[frame]) / mass,
+        time=float(walk.layout.time[frame] - walk.layout.time[0]),
+        error=float(error[frame]) / mass,
+        shares=loads.errors.shares(FORCES.index(name), here),
+    )
+
+
+def _error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
+    """Empty where it is not known what makes them."""
+    all_frames = _all_frames(walk, mass)
+    if all_frames is None:
+        return []
+    names = [f"{base}_{side}" for base in LEG_COORDINATES for side in SIDES]
+    peaks: dict[str, list[PeakError]] = {}
+    for name in names:
+        if (peak := peak_error(walk, name, mass)) and peak.shares:
+            peaks.setdefault(peak.base, []).append(peak)
+    out = []
+    if first := peaks.get(KNEE_ADDUCTION):
+        title = f"Expected error of the peak knee adduction moment, trial {named(walk.trial.name)}"
+        out += [heading(title), *beside([[_peak_table(peak)] for peak in first])]
+    others: list[Block] = []
+    for base, found in peaks.items():
+        if base != KNEE_ADDUCTION:
+            others += [heading(coordinate_title(base), 4), *beside([[_peak_table(peak)] for peak in found])]
+    bars = [_bar(peak) for found in peaks.values() for peak in found]
+    return [
+        *out,
+        heading("What makes the error bar of each peak moment", 4),
+        text(PARTS_OF_BARS, "soft"),
+        picture("bars", "N·m/kg", bars),
+        fold("Expected error of every other peak, source by source", others),
+        all_frames,
+    ]
+
+
+def _peak_table(peak: PeakError) -> Block:
+    def row(words: str, share: float, percent: str) -> list[Cell]:
+        return [cell(words), f"± {number(peak.alone(share), 3)}", percent]
+
+    rows = [row(s.words, share, number(100.0 * share, 0)) for s, share in peak.shares.items() if share >= SMALL_SHARE]
+    if (rest := sum(share for share in peak.shares.values() if share < SMALL_SHARE)) > 0.0:
+        rows.append(row("all others", rest, number(100.0 * rest, 0)))
+    rows.append(["all together", f"± {number(peak.error, 3)}", "100"])
+    side = split_side(peak.name)[1]
+    head: list[Cell] = [cell(coordinate_title(peak.name), side=side), "error alone, N·m/kg", "% of the variance"]
+    return table(head, rows, caption=f"{peak.words}, at {number(peak.time, 2)} s", total=[len(rows) - 1])
+
+
+def _bar(peak: PeakError) -> dict[str, object]:
+    parts = [
+        {"name": source.words, "value": rounded(peak.error * peak.shares[source], 6)}
+        for source in ErrorSource
+        if source in peak.shares
+    ]
+    side = split_side(peak.name)[1]
+    return {"label": coordinate_title(peak.base), "side": side, "total": rounded(peak.error, 6), "parts": parts}
+
+
+def _all_frames(walk: GaitNumbers, mass: float) -> Block | None:
+    """The parts of each error bar over all valid frames; None where they are not known."""
+    loads = walk.trial.loads
+    if loads is None or loads.errors is None:
+        return None
+    found: dict[str, tuple[float, Mapping[ErrorSource, float]]] = {}
+    for name in (f"{base}_{side}" for side in SIDES for base in LEG_COORDINATES):
+        column, valid = FORCES.index(name), loads.reactions.valid_for(name)
+        if shares := loads.errors.shares(column, valid):
+            found[name] = float(np.sqrt((loads.errors.every[valid, column] ** 2).mean())) / mass, shares
+    if not found:
+        return None
+    sources = [s for s in ErrorSource if any(s in shares for _, shares in found.values())]
+    rows = [
+        [
+            cell(coordinate_title(name), unit=f"± {number(error, 3)} N·m/kg"),
+            *(number(100.0 * shares.get(source, 0.0), 1) for source in sources),
+        ]
+        for name, (error, shares) in found.items()
+    ]
+    head: list[Cell] = ["% of the variance", *(cell(source.words) for source in sources)]
+    caption = (
+        "Parts of the variance over all valid frames; those of a moment sum to 100 %. Beside each moment stands its "
+        "RMS standard error."
+    )
+    return table(head, rows, caption=caption, fold="All parts as numbers, over all valid frames")
+
+
+def _residuals(walk: GaitNumbers) -> list[Block]:
+    limits, held = walk.limits, walk.expected
+    if limits is None:
+        return []
+    rows: list[list[Cell]] = [
+        [
+            cell(stage.name),
+            _held(stage.rms_force, held.force if held and stage is walk.stages[-1] else None),
+            number(stage.peak_force, 0),
+            _held(stage.rms_moment, held.moment if held and stage is walk.stages[-1] else None),
+            number(stage.peak_moment),
+        ]
+        for stage in walk.stages
+    ]
+    below: list[list[Cell]] = []
+    if held is not None:
+        below.append(["expected of its errors", number(held.force.expected), "", number(held.moment.expected), ""])
+        below.append(["limit", number(held.force.limit), "", number(held.moment.limit), ""])
+    below.append(["asked of simulations", "", number(limits.force, 0), "", number(limits.moment)])
+    head: list[Cell] = ["Model", "Force, N: RMS", "peak", "Moment, N·m: RMS", "peak"]
+    rests = (
+        "RMS over valid frames and the three components, peaks of the magnitude. What is asked of simulations rests on "
+        f"a peak force of {number(limits.peak_force, 0)} N and a mass centre {number(limits.centre_height, 2)} m high."
+    )
+    drawn = {"residual_force": round(limits.force, 2), "residual_moment": round(limits.moment, 3)}
+    return [
+        heading(f"Do motion and ground forces agree? Trial {named(walk.trial.name)}"),
+        text(RESIDUALS),
+        curves(list(drawn), drawn),
+        table(head, [*rows, *below], total=range(len(rows), len(rows) + len(below))),
+        text(rests, "soft"),
+    ]
+
+
+def _held(value: float, held: HeldResidual | None) -> Cell:
+    """A residual, and whether it is within its limit, in words as well."""
+    if held is None:
+        return number(value)
+    return cell(f"{'within' if held.within else 'above'}: {number(value)}", tone="good" if held.within else "look")
+
+
+def _changes(walk: GaitNumbers) -> list[Block]:
+    if not walk.numbers:
+        return []
+    rows = [
+        [cell(coordinate_title(n.name)), number(n.change_bwh, 2), number(n.change, 3), number(n.change_of_peak, 0)]
+        for n in walk.numbers
+    ]
+    return [
+        heading(f"What calibration changed, trial {named(walk.trial.name)}"),
+        text(CHANGES, "soft"),
+        picture("intervals", "%BW·H", [_change(n) for n in walk.numbers]),
+        table(["RMS change", "%BW·H", "N·m/kg", "% of peak"], rows, fold="All changes as numbers"),
+    ]
+
+
+def _change(n: MomentNumbers) -> dict[str, object]:
+    base, side = split_side(n.name)
+    label, change = coordinate_title(base), rounded(n.change_bwh)
+    return {"label": label, "side": side, "nominal": 0.0, "fitted": change, "se": None, "truth": None}

@@ -1,0 +1,237 @@
+"""What `gaitcal cohort` must show, measured on this machine with made-up people (`many_people.py`).
+
+    cohorts --parts kills [--kills 30] [--people 8]     SIGKILL of parent or worker, anywhere: the same tables
+    cohorts --parts cluster [--people 6]                two dask workers against this machine: the same tables
+    cohorts --parts memory [--people 20 60]             people a minute, largest memory of the parent
+    cohorts --parts page [--people 100 1000]            size of cohort.html, time until it can be used; these people are
+                                                        copies of three, with noise
+
+Exit code 1 where a limit is not met: the same bytes (kills, cluster), 10 % more memory (memory), a page of 6 MB that is
+ready after 3 s, written with 10 % more memory (page).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from gaitcal.cohort.page import PAGE
+from scripts.validation.harness import commas, judged, say
+from scripts.validation.many_people import copy_people, look_at, write_people
+
+TABLES = (
+    "people.csv",
+    "people.parquet",
+    "cycles.parquet",
+    "failures.csv",
+    "columns.csv",
+    "cohort.html",
+    "manifest.json",
+)
+"""What must be the same; times.csv tells what is not."""
+MOST_GROWTH = 1.10
+COPIED = 3
+"""People who are calibrated for a page of many copies."""
+LEAST_S = 0.3
+"""A command is killed this long after its start at the earliest."""
+SHARED = ("--seed",)
+PEOPLE_EACH = {"kills": [8], "cluster": [6], "memory": [20, 60], "page": [100, 1000]}
+
+
+def command(*words: object) -> list[str]:
+    return [sys.executable, "-c", "from gaitcal.cli import main; main()", *map(str, words)]
+
+
+def start(source: Path, out: Path, *words: object) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(command("cohort", source, "--out", out, "-q", *words))
+
+
+def whole(source: Path, out: Path, *words: object) -> float:
+    """Run a cohort to its end; seconds."""
+    began = time.monotonic()
+    if start(source, out, *words).wait() not in (0, 1):
+        raise SystemExit("the cohort did not end")
+    return time.monotonic() - began
+
+
+def people_with_a_fault(source: Path, people: int) -> None:
+    """Write people, the last of whom has a static trial that cannot be read."""
+    write_people(source, range(people), bodies=4)
+    (source / f"P{people - 1:04d}" / "static.c3d").write_bytes(b"no recording")
+
+
+def tables(out: Path) -> dict[str, bytes]:
+    return {name: (out / name).read_bytes() for name in TABLES}
+
+
+def same(what: str, one: Path, other: Path) -> bool:
+    """Whether the tables of two cohorts are the same, told table by table."""
+    first, second = tables(one), tables(other)
+    differ = [name for name in TABLES if first[name] != second[name]]
+    say(
+        f"{'NOT MET' if differ else 'met'}: {what}: {', '.join(differ) or 'all tables'} "
+        f"{'differ' if differ else 'are the same, bit for bit'}"
+    )
+    return not differ
+
+
+def children(parent: int) -> list[int]:
+    """Processes that work for another one."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            if int(stat.read_text().rpartition(")")[2].split()[1]) == parent:
+                found.append(int(stat.parent.name))
+        except OSError:
+            continue
+    return found
+
+
+def forget_some(out: Path, chance: random.Random) -> None:
+    """Take away what is kept of some people, as if they had not been run."""
+    kept = sorted((out / "state").rglob("*.json")) if (out / "state").is_dir() else []
+    for path in chance.sample(kept, k=(len(kept) + 1) // 2):
+        path.unlink()
+
+
+def kills(folder: Path, people: int, times: int, seed: int) -> bool:
+    """Kill parent or worker at random moments; the tables of the run that ends are those of one left alone."""
+    chance, source = random.Random(seed), folder / "people"
+    people_with_a_fault(source, people)
+    took = whole(source, folder / "alone", "--jobs", 2)
+    victim, of_parent, of_worker = folder / "killed", 0, 0
+    while of_parent + of_worker < times:
+        running = start(source, victim, "--jobs", 2)
+        time.sleep(LEAST_S + chance.random() * took / 2)
+        below = [p for p in children(running.pid) if "spawn_main" in _said(p)]
+        if running.poll() is not None:
+            forget_some(victim, chance)
+        elif below and chance.random() < 0.5:
+            os.kill(chance.choice(below), signal.SIGKILL)
+            of_worker += 1
+            if chance.random() < 0.5:
+                running.wait()
+                forget_some(victim, chance)
+            else:
+                running.kill()
+                of_parent += 1
+        else:
+            running.kill()
+            of_parent += 1
+        running.wait()
+    whole(source, victim, "--jobs", 2)
+    print(f"{of_parent} times the parent, {of_worker} times a worker was killed")
+    return same("killed", folder / "alone", victim)
+
+
+def _said(process: int) -> str:
+    try:
+        return Path(f"/proc/{process}/cmdline").read_text().replace("\0", " ")
+    except OSError:
+        return ""
+
+
+def cluster(folder: Path, people: int) -> bool:
+    """The tables of two dask workers are those of this machine alone."""
+    source, address = folder / "people", "tcp://127.0.0.1:38786"
+    people_with_a_fault(source, people)
+    words = ["dask", "scheduler", "--host", "127.0.0.1", "--port", "38786", "--no-dashboard"]
+    servers = [subprocess.Popen([sys.executable, "-m", *words], stderr=subprocess.DEVNULL)]
+    for _ in range(2):
+        worker = ["dask", "worker", address, "--nthreads", "1", "--nworkers", "1", "--no-dashboard"]
+        place = ["--local-directory", str(folder)]
+        servers.append(subprocess.Popen([sys.executable, "-m", *worker, *place], stderr=subprocess.DEVNULL))
+    try:
+        whole(source, folder / "cluster", "--cluster", address)
+        whole(source, folder / "alone", "--jobs", 1)
+    finally:
+        for server in reversed(servers):
+            server.terminate()
+            server.wait()
+    return same("two dask workers", folder / "alone", folder / "cluster")
+
+
+def memory(folder: Path, sizes: Sequence[int]) -> bool:
+    """The parent of many people is as small as that of few."""
+    peaks = []
+    for people in sizes:
+        source, out = folder / f"people{people}", folder / f"out{people}"
+        write_people(source, range(people))
+        began, running, peak = time.monotonic(), start(source, out), 0.0
+        while running.poll() is None:
+            peak = max(peak, _peak(running.pid))
+            time.sleep(0.2)
+        minutes = (time.monotonic() - began) / 60
+        print(f"{people} people: {people / minutes:.1f} a minute, parent {peak:.0f} MiB at most", flush=True)
+        peaks.append(peak)
+    return _growth("memory of the parent", peaks)
+
+
+def _peak(process: int) -> float:
+    try:
+        text = Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return 0.0
+    return next((float(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith("VmHWM")), 0.0)
+
+
+def page(folder: Path, sizes: Sequence[int]) -> bool:
+    """The page of many people is small, soon ready, and written in little memory."""
+    source, few = folder / "people", folder / "few"
+    if not (few / "manifest.json").is_file():
+        write_people(source, range(COPIED), bodies=COPIED)
+        whole(source, few, "--jobs", 1)
+    peaks, met = [], True
+    for people in sizes:
+        out = folder / f"copies{people}"
+        copy_people(few, people, out)
+        words = [sys.executable, "-m", "scripts.validation.many_people", str(out), str(people)]
+        told = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+        peaks.append(told["mebibytes"])
+        print(f"{people} people: tables and page written in {told['seconds']} s, {told['mebibytes']:.0f} MiB at most")
+        met &= look_at(out / PAGE)
+    return _growth("memory", peaks) and met
+
+
+def _growth(what: str, peaks: Sequence[float]) -> bool:
+    growth = peaks[-1] / peaks[0]
+    return judged(what, f"grows {growth:.3f} times", f"{MOST_GROWTH}", growth <= MOST_GROWTH)
+
+
+PARTS: dict[str, Callable[[Path, list[int], argparse.Namespace], bool]] = {
+    "kills": lambda folder, people, chosen: kills(folder, people[0], chosen.kills, chosen.seed),
+    "cluster": lambda folder, people, _: cluster(folder, people[0]),
+    "memory": lambda folder, people, _: memory(folder, people),
+    "page": lambda folder, people, _: page(folder, people),
+}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Parts, and how many people and kills."""
+    parser.add_argument("--parts", type=commas(PARTS), default=list(PARTS), help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--people", type=int, nargs="+")
+    parser.add_argument("--kills", type=int, default=30)
+    parser.add_argument("--folder", type=Path, help="where to work; a new one, removed afterwards, unless given")
+
+
+def run(chosen: argparse.Namespace) -> dict[str, bool]:
+    """Part -> whether its limits are met."""
+    found = {}
+    for part in chosen.parts:
+        with tempfile.TemporaryDirectory(prefix="cohort-", ignore_cleanup_errors=True) as temporary:
+            found[part] = PARTS[part](chosen.folder or Path(temporary), chosen.people or PEOPLE_EACH[part], chosen)
+    return found
+
+
+def passed(found: dict[str, bool]) -> bool:
+    """Whether all are."""
+    return all(found.values())

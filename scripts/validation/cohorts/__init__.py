@@ -1,1 +1,0 @@
-"""Cohorts of made-up people: whatever is killed, the same tables; how large they may be."""

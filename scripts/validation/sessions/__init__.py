@@ -1,1 +1,0 @@
-"""Two recordings of one person: do they differ by as much as their error bars say?"""

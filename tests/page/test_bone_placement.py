@@ -1,0 +1,263 @@
+"""Bones on a person: what must meet, what must not matter, and what is measured of the knee axes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.model.nominal import published_model
+from gaitcal.page.body_meshes import Mesh, body_meshes
+from gaitcal.page.bone_files import bones_of_folder
+from gaitcal.page.bone_landmarks import KneeEvidence, person_landmarks
+from gaitcal.page.bone_placement import (
+    MIRROR,
+    Landmarked,
+    apply,
+    fitted_bones,
+    landmarked,
+    place_of_femur,
+    place_of_shank,
+)
+from gaitcal.page.knee_axis import evidence_words, knee_axes, knee_brief, knee_words
+from gaitcal.page.scene import JointMark, Scene, joint_marks
+from gaitcal.page.scene_file import scene_json
+from gaitcal.page.view import view_html
+from tests.page import made_bones as made
+
+EXACT = 1e-9
+"""m: affine maps of numbers of about 1 m."""
+
+
+@pytest.fixture(scope="module")
+def bones(tmp_path_factory: pytest.TempPathFactory) -> Landmarked:
+    return landmarked(bones_of_folder(made.folder_of_bones(tmp_path_factory.mktemp("Geometry"))))
+
+
+@pytest.fixture(scope="module")
+def person():
+    return person_landmarks(published_model(static_only=True))
+
+
+@pytest.mark.parametrize("side", ["r", "l"])
+def test_a_femur_stands_on_hip_and_epicondyles(side: str, bones: Landmarked, person) -> None:
+    place, bone, mirror = place_of_femur(bones, person, side), bones.femur, MIRROR[side]
+    thigh = f"thigh_{side}"
+    np.testing.assert_allclose(apply(place, bone.head.centre * mirror), person.point(thigh, "hip"), atol=EXACT)
+    np.testing.assert_allclose(apply(place, bone.middle * mirror), person.point(thigh, "knee"), atol=EXACT)
+    drawn = apply(place, (bone.lateral - bone.medial) * mirror) - place[:, 3]
+    wanted = person.point(thigh, "epicondyle_lat") - person.point(thigh, "epicondyle_med")
+    along = place[:, 1] / np.linalg.norm(place[:, 1])
+    level = [v - (v @ along) * along for v in (drawn, wanted)]
+    np.testing.assert_allclose(level[0], level[1], atol=1e-3 * np.linalg.norm(wanted))
+    assert np.linalg.norm(place[:, 0]) == pytest.approx(np.linalg.norm(place[:, 1])), "round condyles stay round"
+
+
+def test_plateaus_lie_under_condyles_and_malleoli_at_the_ankle(bones: Landmarked, person) -> None:
+    for side, mirror in MIRROR.items():
+        shank = place_of_shank(bones, person, side)
+        middle = 0.5 * (bones.shank.lateral + bones.shank.medial) * mirror
+        np.testing.assert_allclose(apply(shank, middle), person.point(f"shank_{side}", "ankle"), atol=EXACT)
+        plateau = apply(shank, bones.shank.plateau * mirror)
+        assert -0.045 < plateau[1] < -0.02, "below the knee's middle by a condyle"
+
+
+def test_left_is_the_mirror_image_of_right(bones: Landmarked, person) -> None:
+    """The published person is symmetric: so must be the bones."""
+    placed = fitted_bones(bones, person, 1.7)
+    by_side = {(b.mesh, b.segment): b.place for b in placed if b.segment != "pelvis"}
+    for (mesh, segment), right in by_side.items():
+        if segment.endswith("_r"):
+            left = by_side[mesh, segment[:-1] + "l"]
+            points = bones.bones.meshes[mesh].vertices[::7]
+            np.testing.assert_allclose(apply(left, points), apply(right, points) * MIRROR["l"], atol=1e-6)
+    right, left = (b.place for b in placed if b.mesh == "pelvis")
+    np.testing.assert_allclose(apply(right, bones.hip.socket), person.point("pelvis", "hip_r"), atol=EXACT)
+    np.testing.assert_allclose(apply(left, bones.hip.socket), person.point("pelvis", "hip_l"), atol=EXACT)
+
+
+@pytest.mark.parametrize("without", ["nothing", "knee_med", "knee"])
+def test_no_fitted_knee_axis_moves_a_bone(without: str, bones: Landmarked) -> None:
+    """What makes the picture evidence: the bones would stand where they do whatever the knee's fit."""
+    model = published_model(static_only=True)
+    model = replace(model, landmarks={k: v for k, v in model.landmarks.items() if not k.startswith(without)})
+    names = ("knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.thigh.front", "knee_r.thigh.trans", "knee_r.shank.front")
+    moved = model.with_parameters(model.parameters.with_joint(names, np.array([0.03, -0.5, 0.3, -0.2, 0.2])))
+    before, after = (fitted_bones(bones, person_landmarks(m), 1.7) for m in (model, moved))
+    for a, b in zip(before, after, strict=True):
+        np.testing.assert_array_equal(a.place, b.place)
+    marks = joint_marks(model.nominal, moved.parameters, {})
+    knee = knee_axes(bones, person_landmarks(moved), marks)[0]
+    assert knee.fitted is not None and knee.fitted.medial.distance > 0.03
+    assert not knee.fitted.medial.inside and "past both condyles" in knee_words(knee)[0]
+
+
+def marks_through(
+    bones: Landmarked, person, shift: np.ndarray, error: float = np.nan, tilt: float = np.nan
+) -> tuple[JointMark, ...]:
+    """Knee marks through the condyles' centres, moved by `shift` (m)."""
+    marks = []
+    for side, mirror in MIRROR.items():
+        place = place_of_femur(bones, person, side)
+        centres = apply(place, np.array([bones.condyles.medial.centre, bones.condyles.lateral.centre]) * mirror)
+        axis = (centres[1] - centres[0]) / np.linalg.norm(centres[1] - centres[0])
+        marks.append(
+            JointMark(
+                joint=f"knee_{side}",
+                segment=f"thigh_{side}",
+                nominal_centre=centres.mean(axis=0),
+                fitted_centre=centres.mean(axis=0) + shift,
+                nominal_axis=axis,
+                fitted_axis=axis,
+                centre_spread=np.eye(3) * error,
+                axis_spread=np.eye(3) * tilt,
+                fitted=True,
+            )
+        )
+    return tuple(marks)
+
+
+def test_distances_to_an_axis_are_what_it_was_moved_by(bones: Landmarked, person) -> None:
+    shift = np.array([0.006, -0.008, 0.0])
+    for knee in knee_axes(bones, person, marks_through(bones, person, shift)):
+        assert knee.nominal.angle < 1e-7 and knee.nominal.medial.distance < EXACT and knee.nominal.lateral.inside
+        assert knee.fitted is not None
+        for end in (knee.fitted.medial, knee.fitted.lateral):
+            assert end.distance == pytest.approx(0.01, rel=1e-2)
+            assert end.forward == pytest.approx(0.006, abs=3e-4) and end.above == pytest.approx(-0.008, abs=3e-4)
+        assert "6 mm in front, 8 mm below" in knee_words(knee)[0]
+        assert "10 mm from the medial centre" in knee_brief(knee)[0]
+
+
+@pytest.mark.parametrize(
+    ("shift", "words"),
+    [
+        (np.array([0.0, -0.018, 0.0]), "through both condyles"),
+        (np.array([0.0, 0.022, 0.0]), "through the bone, outside both condyles' circles"),
+        (np.array([0.0, -0.06, 0.0]), "past both condyles"),
+    ],
+)
+def test_an_axis_outside_the_circle_is_not_through_the_condyle(
+    shift: np.ndarray, words: str, bones: Landmarked, person
+) -> None:
+    """The shaft is bone as well, above and between the condyles."""
+    (knee, _) = knee_axes(bones, person, marks_through(bones, person, shift))
+    assert knee.fitted is not None
+    ends = [
+        replace(end, inside=end.distance <= end.radius or shift[1] > 0)
+        for end in (knee.fitted.medial, knee.fitted.lateral)
+    ]
+    knee = replace(knee, fitted=replace(knee.fitted, medial=ends[0], lateral=ends[1]))
+    assert words in knee_words(knee)[0] and words in knee_brief(knee)[0]
+
+
+def test_what_an_axis_proves_is_said(bones: Landmarked, person) -> None:
+    (knee, _) = knee_axes(bones, person, marks_through(bones, person, np.zeros(3), 0.002, 0.03))
+    fitted, nominal = knee_words(replace(knee, misfit=0.020))
+    assert "± is of the fit alone; the bone's place is uncertain by about 23 mm" in fitted, "root of 20^2 + 2 * 8^2"
+    assert "by construction" in nominal and "by construction" not in fitted
+
+
+TURNS = {
+    "left": np.diag([1.0, 1.0, -1.0]),
+    "backwards": np.diag([-1.0, 1.0, -1.0]),
+    "quarter turn": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
+    "quarter turn back": np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+    "mirrored front to back": np.diag([-1.0, 1.0, 1.0]),
+}
+
+
+@pytest.mark.parametrize(
+    ("turn", "which"),
+    [
+        (turn, which)
+        for turn in TURNS
+        for which in (("femur",), ("pelvis",), ("fibula", "tibia"))
+        if not (turn == "mirrored front to back" and "tibia" in which)  # its made rods are alike from front and back
+    ],
+)
+def test_a_left_or_turned_bone_is_told(turn: str, which: tuple[str, ...], bones: Landmarked) -> None:
+    meshes = dict(bones.bones.meshes)
+    for bone in which:
+        triangles = meshes[bone].triangles[:, :: 1 if np.linalg.det(TURNS[turn]) > 0 else -1]
+        meshes[bone] = replace(meshes[bone], vertices=meshes[bone].vertices @ TURNS[turn].T, triangles=triangles)
+    with pytest.raises(InputError, match="allowed: right bones with x forward"):
+        landmarked(replace(bones.bones, meshes=meshes))
+
+
+def test_the_standard_error_is_that_of_drawn_axes(bones: Landmarked, person) -> None:
+    """Across the axis, against 20 000 drawn centres and directions, which move the axis alike at the condyle."""
+    sigma, tilt, rng = 0.0015, 0.07, np.random.default_rng(0)
+    marks = marks_through(bones, person, np.zeros(3), sigma, tilt)
+    knee = knee_axes(bones, person, marks)[0]
+    start = marks[0].fitted_centre + sigma * rng.normal(size=(20_000, 3))
+    direction = marks[0].fitted_axis + tilt * rng.normal(size=(20_000, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    away = knee.centres[0] - start
+    offset = away - np.einsum("ij,ij->i", away, direction)[:, None] * direction
+    assert knee.fitted is not None
+    drawn = np.sqrt(np.mean(np.sum(offset**2, axis=1)) / 2)
+    assert knee.fitted.medial.standard_error == pytest.approx(drawn, rel=0.02)
+    turned = np.cross(direction, marks[0].fitted_axis)
+    assert knee.fitted.angle_error == pytest.approx(np.sqrt(np.mean(np.sum(turned**2, axis=1)) / 2), rel=0.02)
+
+
+def test_what_a_knee_stands_on_is_told(bones: Landmarked) -> None:
+    model = published_model(static_only=True)
+    lateral = {k: v for k, v in model.landmarks.items() if not k.startswith("knee_med")}
+    device = lateral | {f"knee_axis_{s}": lateral[f"knee_lat_{s}"] for s in "rl"}
+    none = {k: v for k, v in lateral.items() if not k.startswith(("knee", "kjc"))}
+    cases = {
+        KneeEvidence.BOTH: (model.landmarks, "markers of both epicondyles"),
+        KneeEvidence.LATERAL: (lateral, "assumed from the pelvis"),
+        KneeEvidence.DEVICE: (device, "knee alignment device"),
+        KneeEvidence.NOMINAL: (none, "proves nothing"),
+    }
+    for evidence, (landmarks, words) in cases.items():
+        person = person_landmarks(replace(model, landmarks=dict(landmarks)))
+        assert set(person.knees.values()) == {evidence} and person.complete
+        knee = knee_axes(bones, person, joint_marks(model.nominal, model.parameters, {}))[0]
+        assert words in evidence_words(knee) and knee_words(knee)[0].startswith("Not fitted")
+
+
+def test_a_page_holds_bones_and_says_where_they_are_from(scene: Scene, bones: Landmarked) -> None:
+    html = view_html(scene, bones.bones)
+    held = json.loads(html.split('id="results">')[1].split("</script>")[0])[0]["scene"]["bones"]
+    assert held["why"] is None and held["source"].startswith("the folder Geometry")
+    assert set(held["meshes"]) == {"femur", "tibia", "fibula", "pelvis"}
+    assert [knee["joint"] for knee in held["knees"]] == ["knee_r", "knee_l"]
+
+
+def test_a_page_without_bones_says_how_to_get_them(scene: Scene) -> None:
+    assert "gaitcal[bones]" in json.loads(scene_json(scene, body_meshes()))["bones"]["why"]
+
+
+def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        bones_of_folder(tmp_path / "nowhere")
+    folder = made.folder_of_bones(tmp_path / "Geometry")
+    (folder / "r_tibia.stl").unlink()
+    with pytest.raises(InputError, match="found no tibia.*r_tibia"):
+        bones_of_folder(folder)
+    (folder / "r_tibia.stl").write_bytes(b"solid")
+    with pytest.raises(InputError, match=r"r_tibia.stl.*not a binary STL"):
+        bones_of_folder(folder)
+
+
+@pytest.mark.parametrize(
+    ("bone", "message"),
+    [
+        (replace(made.femur(), vertices=1e3 * made.femur().vertices), "allowed: 0.2 to 0.7 m"),
+        (made.fibula(), "on its surface"),
+    ],
+    ids=["in millimetres", "of another shape"],
+)
+def test_a_femur_that_is_none_is_told(bone: Mesh, message: str, tmp_path: Path) -> None:
+    folder = made.folder_of_bones(tmp_path / "Geometry")
+    (folder / "r_femur.stl").write_bytes(made.stl(bone))
+    with pytest.raises(InputError, match=message):
+        landmarked(bones_of_folder(folder))

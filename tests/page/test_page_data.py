@@ -1,0 +1,286 @@
+"""The sections of a sheet: numbers are those of the files, what is missing is left out or said, names are data."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gaitcal import cycles
+from gaitcal.faults.verdict import judge
+from gaitcal.gait.moments import parameter_words
+from gaitcal.page.page_data import calibration_page_data, result_sections
+from gaitcal.page.plain_data import LONGEST_NAME, number
+from gaitcal.page.summary import gait_numbers
+from gaitcal.page.trial_data import trial_sections
+from gaitcal.page.trust import peak_error
+from gaitcal.results.summary import summary
+from gaitcal.session.parameter_words import SHORTER_UNITS
+from gaitcal.session.result import Calibration
+from gaitcal.session.tables import parameter_table
+from tests.fake_result import HOSTILE, Names, fake_calibration, with_phase
+from tests.page.walked_blocks import KINDS, every, headings, rows_of, shown, tables, walked, words
+
+PRESETS = {"clinician", "fit", "joints", "trust", "provenance"}
+
+
+@pytest.fixture(scope="module")
+def whole() -> Calibration:
+    return fake_calibration()
+
+
+@pytest.fixture(scope="module")
+def sheet(whole: Calibration) -> dict[str, Any]:
+    return calibration_page_data(whole)
+
+
+def test_every_block_is_of_a_known_kind_with_plain_data(sheet: dict[str, Any]) -> None:
+    assert set(sheet["sections"]) == PRESETS
+    assert set(sheet["trials"][0]["sections"]) == {"clinician", "fit", "trust"}
+    for block in every(sheet):
+        assert set(block) - {"kind"} <= KINDS[block["kind"]], block
+        if block["kind"] == "table":
+            assert {len(row) for row in block["rows"]} <= {len(block["head"])}, block["head"]
+    json.dumps(sheet, allow_nan=False)
+
+
+def test_marker_errors_are_those_of_the_summary(whole: Calibration, sheet: dict[str, Any]) -> None:
+    told = summary(whole)["trials"]
+    assert isinstance(told, dict)
+    (table,) = tables(sheet["sections"]["fit"], "Trial")
+    for name, row in rows_of(table).items():
+        rms = told[name.split()[0]]["rms_mm"]
+        keys = (
+            "nominal",
+            "calibrated",
+            "rigid_floor",
+            "calibrated_to_floor",
+            "joint_floor",
+            "calibrated_to_joint_floor",
+        )
+        assert row[:6] == [number(rms.get(key), 2 if "to" in key else 1) for key in keys]
+        assert row[6] == number(told[name.split()[0]]["max_mm"]["calibrated"])
+    (segments,) = tables(sheet["trials"][0]["sections"]["fit"], "Segment, RMS in mm")
+    legs = told["walk"]["pelvis_and_legs_mm"]
+    assert rows_of(segments)["pelvis and legs"][1] == number(legs["calibrated"])
+
+
+def test_the_bar_of_a_segment_is_its_calibrated_error(sheet: dict[str, Any]) -> None:
+    bars = [b for b in every(sheet) if b["kind"] == "bars" and b["unit"] == "mm"]
+    assert bars
+    for row in (row for b in bars for row in b["rows"]):
+        assert sum(part["value"] for part in row["parts"]) == pytest.approx(row["total"], abs=2e-4)
+        assert all(part["value"] >= 0.0 for part in row["parts"])
+
+
+def test_parameters_are_those_of_the_table(whole: Calibration, sheet: dict[str, Any]) -> None:
+    table = parameter_table(whole).set_index("name")
+    drawn = {
+        (row["label"].replace(", ", " in the ", 1), row["side"]): row
+        for b in every(sheet)
+        if b["kind"] == "intervals" and b["unit"] in ("mm", "deg")
+        for row in b["rows"]
+    }
+    fitted = table[(table["status"] == "fitted") & table["kind"].str.startswith("joint")]
+    assert len(fitted) == len(drawn) > 0
+    for name, row in fitted.iterrows():
+        interval = drawn[parameter_words(name), name.split(".")[0][-1]]
+        assert interval["fitted"] == pytest.approx(row["fitted"], abs=1e-4)
+        assert interval["nominal"] == pytest.approx(row["nominal"], abs=1e-4)
+        assert interval["se"] == pytest.approx(row["standard_error"], abs=1e-4)
+        assert interval["bounds"][1] - interval["bounds"][0] in (100.0, 60.0)
+    text = words(sheet["sections"]["joints"])
+    assert "kept, not determined" in text and ", at its bound" in text
+    row = table.loc["head_trunk.moi.ant"]
+    before, after, change = (SHORTER_UNITS["kg*mm^2"][1] * row[k] for k in ("nominal", "fitted", "standard_error"))
+    segments = [rows_of(b) for b in tables(sheet["sections"]["joints"], "Parameter")]
+    told = [rows["moment of inertia about the forward axis kg·cm²"] for rows in segments]
+    assert [number(before, 0), number(after, 0), f"{number(after - before, 0, True)} ± {number(change, 0)}"] in told
+
+
+def test_residuals_and_changes_are_those_of_the_summary(whole: Calibration, sheet: dict[str, Any]) -> None:
+    told = summary(whole)["trials"]["walk"]  # type: ignore[index,call-overload]
+    blocks = sheet["trials"][0]["sections"]["trust"]
+    (table,) = tables(blocks, "Model")
+    rows = rows_of(table)
+    *before, last = list(rows.values())[:-3]
+    *earlier, final = told["pelvis_residual"].values()
+    for row, residual in zip(before, earlier, strict=True):
+        assert [row[0], row[2]] == [number(residual["force_N"]), number(residual["torque_Nm"])]
+    judged = [f"within: {number(final['force_N'])}", f"within: {number(final['torque_Nm'])}"]
+    assert [last[0], last[2]] == judged, "the last model is held against its errors"
+    limit = told["pelvis_residual_limit"]
+    assert [rows["limit"][0], rows["limit"][2]] == [number(limit["force_N"]), number(limit["torque_Nm"])]
+    (changes,) = tables(blocks, "RMS change")
+    rows = rows_of(changes)
+    assert rows["Right hip flexion"][0] == number(told["torque_change_bwh"]["hip_flexion_r"], 2)
+    (picture,) = [b for b in walked(blocks) if b["kind"] == "intervals"]
+    assert len(picture["rows"]) == len(rows)
+    (curves,) = [b for b in walked(blocks) if b["kind"] == "curves"]
+    walk = gait_numbers(whole.model, whole.trials[0])
+    assert walk is not None and walk.limits is not None
+    assert curves["limits"]["residual_force"] == pytest.approx(walk.limits.force, abs=0.01)
+
+
+def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(whole: Calibration) -> None:
+    walk, mass = gait_numbers(whole.model, whole.trials[0]), whole.model.subject.mass
+    assert walk is not None
+    loads = walk.trial.loads
+    assert loads is not None and loads.errors is not None
+    peak = peak_error(walk, "knee_adduction_l", mass)
+    assert peak is not None
+    valid = loads.reactions.valid_legs[:, 1]
+    moment = loads.final.knee_adduction[:, 1]
+    assert peak.value * mass == pytest.approx(moment[valid].min()), "the abductor's peak: external adduction"
+    frame = round(peak.time * 100.0)
+    assert moment[frame] == pytest.approx(peak.value * mass)
+    assert peak.error * mass == pytest.approx(loads.errors.knee_adduction[frame, 1])
+    assert sum(peak.alone(share) ** 2 for share in peak.shares.values()) == pytest.approx(peak.error**2)
+    shares = list(peak.shares.values())
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_peaks_are_told_with_their_sources_the_largest_first(sheet: dict[str, Any]) -> None:
+    blocks = sheet["trials"][0]["sections"]["trust"]
+    assert headings(blocks)[0].startswith("Expected error of the peak knee adduction moment")
+    (table,) = tables(blocks, "Right knee adduction")
+    numbers = [float(row[0].removeprefix("± ")) for row in rows_of(table).values()]
+    assert numbers[:-1] == sorted(numbers[:-1], reverse=True)
+    assert np.hypot.reduce(numbers[:-1]) == pytest.approx(numbers[-1], abs=0.002)
+    (bars,) = [b for b in walked(blocks) if b["kind"] == "bars"]
+    for row in bars["rows"]:
+        assert sum(part["value"] for part in row["parts"]) == pytest.approx(row["total"], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("without", "there", "missing"),
+    [
+        ({"plates": False}, "No joint moments and powers", "error alone"),
+        ({"valid": False}, "wholly on force plates", "error alone"),
+        ({"errors": False}, "No standard errors of the moments", "error alone"),
+        ({"gait": False}, "that needs a walking trial with force plates", "Of 241 frames"),
+        ({"joint": False}, "Joint parameters were not calibrated", "kept, not determined"),
+        ({"cycles": False}, "no complete stride of the", "Strides that are valid throughout"),
+    ],
+)
+def test_what_is_not_there_is_said_or_left_out(without: dict[str, bool], there: str, missing: str) -> None:
+    made = calibration_page_data(fake_calibration(**without))  # type: ignore[arg-type]
+    text = words(every(made))
+    assert there in text
+    assert missing not in text
+    json.dumps(made, allow_nan=False)
+
+
+def test_no_trial_at_all() -> None:
+    made = calibration_page_data(fake_calibration(gait=False, isolated=False))
+    assert "nothing was fitted" in words(made["sections"]["fit"])
+    assert "clinician" not in made["sections"]
+
+
+def test_a_further_trial_has_the_sections_of_its_kind(whole: Calibration, sheet: dict[str, Any]) -> None:
+    for trial, told in zip(whole.trials, sheet["trials"], strict=True):
+        assert trial_sections(whole.model, trial) == told["sections"]
+
+
+def test_a_refused_leg_is_told(whole: Calibration) -> None:
+    text = words(trial_sections(whole.model, whole.trials[0].refused(["l"]))["clinician"])
+    assert "Refused: left" in text
+    assert "valid in 221 of the right leg, 0 of the left leg and 0" in text
+
+
+def test_hostile_and_long_names_are_data_and_folders_stay_private() -> None:
+    made = calibration_page_data(fake_calibration(Names(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE)))
+    text = json.dumps([made["sections"], made["lines"], [t["sections"] for t in made["trials"]]], ensure_ascii=False)
+    assert "\u202e" not in text, "nothing turns the writing direction"
+    assert '<script>alert(\\"x\\")</script>' in text, "a name is shown as it is"
+    assert "/home/somebody" not in text
+    long = calibration_page_data(fake_calibration(Names("x" * 5000, "y" * 5000, "z" * 5000)))
+    assert all(len(text) < 60 + 4 * LONGEST_NAME for text in headings(every(long)))
+    (table,) = tables(long["sections"]["fit"], "Trial")
+    assert all(len(shown(row[0])) <= LONGEST_NAME for row in table["rows"])
+
+
+def test_what_was_recorded_assumed_and_computed(whole: Calibration) -> None:
+    noted = replace(whole, notes=("short", "long " * 80, "walk: its own"))
+    manifest = {"gaitcal": "9.9", "settings": {"a": {"b": None}, "c": [1, 2]}, "inputs_sha256": {"walk.trc": "ab" * 32}}
+    blocks = result_sections(noted, manifest=manifest)["provenance"]
+    rows = rows_of(tables(blocks, "Name")[0])
+    assert rows == {"gaitcal": ["9.9"], "settings.a.b": ["–"], "settings.c": ["1, 2"]}
+    assert rows_of(tables(blocks, "File")[0]) == {"walk.trc": ["ab" * 32]}
+    assert [b["items"] for b in blocks if b["kind"] == "list"] == [["short"]]
+    long, walk = (b for b in blocks if b["kind"] == "fold")
+    assert long["title"].endswith("…") and walk["title"] == "Trial walk: 1 note"
+    assert walk["blocks"][0]["items"] == ["its own"]
+    assert "long " * 79 in words(blocks)
+    phases = rows_of(tables(blocks, "Phase")[0])
+    assert phases["legs, from walking"][:3] == ["walk", "34", "9"]
+    recorded = rows_of(tables(blocks, "Trial")[0])
+    assert recorded["walk"][1:4] == ["walk.trc", "2.40 s", "241"]
+
+
+def test_the_same_result_gives_the_same_sections(whole: Calibration) -> None:
+    slower = replace(whole, phases=tuple(replace(p, seconds=7.0) for p in whole.phases))
+    assert result_sections(whole) == result_sections(slower), "how long it took is told elsewhere"
+
+
+def test_what_did_not_converge_is_said_first(whole: Calibration) -> None:
+    made = calibration_page_data(with_phase(whole, False))
+    assert made["lines"][0]["tone"] == "poor" and made["lines"][0]["text"].startswith("Not converged")
+    assert made["sections"]["trust"][0]["tone"] == "bad"
+
+
+def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
+    believed, agrees, counts = sheet["lines"]
+    assert believed["tone"] == "look" and believed["text"].startswith("Doubtful: knee_r.thigh.front (right knee axis")
+    rms = summary(whole)["trials"]["walk"]["pelvis_and_legs_mm"]["calibrated"]  # type: ignore[index,call-overload]
+    assert f"to {number(rms)} mm RMS (walk)" in agrees["text"] and "within what their errors explain" in agrees["text"]
+    assert "Moments count throughout 1 of 2 right and 0 of 1 left strides" in counts["text"]
+    sound = replace(whole, verdict=judge((), ["walk"]))
+    assert calibration_page_data(sound)["lines"][0]["tone"] == "good"
+    without = calibration_page_data(fake_calibration(plates=False))["lines"][2]
+    assert without == {"tone": "plain", "text": "Angles alone count, no moments: there are no force plates."}
+
+
+def test_the_line_on_top_has_the_peaks_of_the_strides_that_are_valid(whole: Calibration, sheet: dict[str, Any]) -> None:
+    """Mean and deviation over straight strides of which 90 % is valid, in `cycles.csv`; others are counted, no more."""
+    table = cycles(whole)
+    mass = whole.model.subject.mass
+    text = sheet["lines"][2]["text"]
+    assert "mean ± SD of the peaks of all straight strides that are valid to 90 %: " in text
+    for side, word in (("r", "right"), ("l", "left")):
+        rows = table[(table["variable"] == "knee_adduction_moment") & (table["side"] == side)]
+        rows = rows[~(rows["turn"].abs() > 15.0)]
+        peaks, n = [], 0
+        for _, stride in rows.groupby(["trial", "stride"]):
+            n += 1
+            if stride["valid"].mean() >= 0.9:
+                counts = stride[stride["valid"] == 1]
+                peaks.append(counts.loc[counts["value"].idxmin()])
+        words = (
+            f"{word} – (0 of {n} stride" if not peaks else f"{word} {-np.mean([p['value'] for p in peaks]) / mass:.2f}"
+        )
+        if len(peaks) == 1:
+            words += f" ± {peaks[0]['se'] / mass:.2f} (1 of {n} strides, ± its standard error)"
+        assert words in text
+
+
+def test_percents_of_strides_are_valid_as_in_the_table(whole: Calibration, sheet: dict[str, Any]) -> None:
+    """Whether a percent beside a gap counts is told to the page, not found by it again from rounded times."""
+    table = cycles(whole)
+    strides = table.groupby(["trial", "side", "stride", "variable"])
+    checked, gaps = 0, 0
+    for trial in sheet["trials"]:
+        for stride, curve in itertools.product(trial["strides"], trial["curves"]):
+            variable = f"{curve['base']}{'_moment' * (curve['kind'] == 'moment')}"
+            key = (trial["name"], stride["side"], stride["number"], variable)
+            if key not in strides.groups or curve["side"] not in ("", stride["side"]) or stride["turns"]:
+                continue
+            valid = strides.get_group(key).sort_values("percent")["valid"].tolist()
+            assert list(base64.b64decode(stride["valid"][curve["valid"]])) == valid, key
+            checked, gaps = checked + 1, gaps + (0 in valid)
+    assert checked and gaps

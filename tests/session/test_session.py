@@ -1,0 +1,47 @@
+"""A session: its trials are cleaned once, and each stage hands on a new state."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from gaitcal.faults.study import check_study
+from gaitcal.runtime import silent
+from gaitcal.session.calibrate import calibrate, fit_inertia, track
+from gaitcal.session.joint_parameters import fit_joints
+from gaitcal.session.result import Stage
+from gaitcal.session.session import session_of
+from gaitcal.study import study_trial
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import Study, nominal_of
+from tests.faults.spoilt import sound_study
+
+
+@pytest.fixture
+def study() -> Study:
+    """Standing and a walk over plates, with nominal joint parameters."""
+    sound = sound_study()
+    kept = tuple(t for t in sound.trials if t.name in ("static", "walk"))
+    return replace(sound, trials=kept, settings=CalibrationSettings(jp=False, nodes_per_second=10.0))
+
+
+def test_every_trial_is_cleaned_once(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the checks, the nominal model and the calibration together."""
+    clean, seen = study_trial.without_outliers, []
+    monkeypatch.setattr(study_trial, "without_outliers", lambda r, s: seen.append(r) or clean(r, s))  # type: ignore[func-returns-value]
+    calibrate(study, checked=check_study(study))
+    assert len(seen) == len(study.trials)
+
+
+def test_a_stage_changes_nothing_of_the_one_before(study: Study) -> None:
+    prepared = session_of(study, nominal_of(study))
+    (walk,) = prepared.trials
+    assert walk.stages == {} and walk.reactions is None and walk.strays == ()
+    moved = track(fit_joints(prepared), silent)
+    (tracked,) = moved.trials
+    assert list(tracked.stages) == [Stage.NOMINAL] and tracked.reactions is not None and tracked.scores is not None
+    loaded = fit_inertia(moved, silent)
+    assert list(loaded.trials[0].stages) == [Stage.NOMINAL, Stage.JP_IP]
+    assert loaded.parameters is loaded.trials[0].parameters and loaded.uncertainty.inertial is not None
+    assert walk.stages == {} and list(tracked.stages) == [Stage.NOMINAL] and moved.inertial is None
