@@ -12,7 +12,8 @@ from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.result_folder import file_in_place
 from gaitcal.page.bone_files import bones_of_folder
-from gaitcal.page.view import Shown, page_html, sentences, serve
+from gaitcal.page.server import serve
+from gaitcal.page.view import Shown, page_html, sentences
 from gaitcal.results.gait_report import read_comments, report_content
 from gaitcal.results.page_files import result_page
 

@@ -55,12 +55,10 @@ CORNERS = 4
 @naming_file
 def read_markers_csv(path: Path) -> Recording:
     """Markers of a wide table, every number as written."""
-    lines = read_lines(path)
-    names, start = _header(lines)
+    names, table, comments = _table(path)
     if is_force_header(names):
         raise FileFault("this is a table of forces; give it as the forces of a trial")
-    table = parse_rows(lines, start, 1 + len(names), ",")
-    facts, events = facts_in_comments(lines[:start])
+    facts, events = facts_in_comments(comments)
     places: dict[tuple[str, int], dict[int, int]] = {}
     for column, name in enumerate(names):
         match = MARKER_COLUMN.fullmatch(name)
@@ -81,7 +79,6 @@ def read_markers_csv(path: Path) -> Recording:
     labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
     markers, gap_notes = zeros_to_missing(_points(table, places.values()))
     modelled = tuple(clean(name.removeprefix(COMPUTED)) or "?" for name in of_models)
-    require_increasing(table.values[:, 0], table.lines)
     recording = Recording(
         source=str(path),
         time=np.ascontiguousarray(table.values[:, 0]),
@@ -105,9 +102,7 @@ def _points(table: NumberTable, columns: Collection[dict[int, int]]) -> Array:
 @naming_file
 def read_forces_csv(path: Path) -> Forces:
     """Plates of a wide table, every number as written."""
-    lines = read_lines(path)
-    names, start = _header(lines)
-    table = parse_rows(lines, start, 1 + len(names), ",")
+    names, table, _ = _table(path)
     columns_of: dict[str, PlateColumns] = {}
     for column, name in enumerate(names):
         match = FORCE_COLUMN.fullmatch(name)
@@ -121,7 +116,6 @@ def read_forces_csv(path: Path) -> Forces:
         columns.names.append(name)
     if not columns_of:
         raise FileFault("found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed")
-    require_increasing(table.values[:, 0], table.lines)
     time = np.ascontiguousarray(table.values[:, 0])
     built = [build_plate(name, time, table.values[:, 1:], columns) for name, columns in columns_of.items()]
     return standing(path, [plate for plate, _ in built], tuple(note for _, notes in built for note in notes))
@@ -165,6 +159,15 @@ def _write(path: Path, names: list[str], time: Array, values: Array, comments: S
         file.writelines(f"{line}\n" for line in comments)
         csv.writer(file, lineterminator="\n").writerow(["time", *names])
         file.write(number_lines(np.column_stack([time, values]), ","))
+
+
+def _table(path: Path) -> tuple[list[str], NumberTable, list[str]]:
+    """Column names after time, the numbers with increasing times, and the lines before them."""
+    lines = read_lines(path)
+    names, start = _header(lines)
+    table = parse_rows(lines, start, 1 + len(names), ",")
+    require_increasing(table.values[:, 0], table.lines)
+    return names, table, lines[:start]
 
 
 def _header(lines: list[str]) -> tuple[list[str], int]:
@@ -274,29 +277,23 @@ def facts_in_comments(lines: Iterable[str]) -> tuple[Facts, tuple[FootEvent, ...
                 time, side, moment = value
                 events.append(FootEvent(FootMoment(moment), {"r": "r", "l": "l"}[side], _number(time)))
             else:
-                facts[name] = _checked(name, value)
+                facts[name] = _fact(name, value)
         except (ValueError, TypeError, KeyError, RecursionError):
             allowed = ", ".join((*_NAMES, EVENT))
             raise FileFault(f"found '{line[:60]}'; allowed after '#:': {allowed}") from None
     return Facts(**facts), tuple(sorted(events, key=lambda e: e.time))
 
 
-def _checked(name: str, value: Any) -> Any:
+def _fact(name: str, value: Any) -> Any:
     """A fact of the right kind; ValueError or KeyError else."""
-    if name not in _NAMES:
+    if name not in _NAMES or (isinstance(value, dict) and not set(value) <= {"r", "l"}):
         raise KeyError(name)
-    if name == "marker_set":
-        return str(value)
-    if name == "is_static":
-        return bool(value)
-    if isinstance(value, dict):
-        if not set(value) <= {"r", "l"}:
-            raise ValueError(name)
-        return {side: _number(number) for side, number in value.items()}
-    return _number(value)
+    if name in ("marker_set", "is_static"):
+        return str(value) if name == "marker_set" else bool(value)
+    return {side: _number(part) for side, part in value.items()} if isinstance(value, dict) else _number(value)
 
 
 def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(value)
     return float(value)

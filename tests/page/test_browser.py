@@ -14,7 +14,8 @@ from gaitcal.cli import view as view_command
 from gaitcal.cli.console import Console
 from gaitcal.page import view as view_page
 from gaitcal.page.scene import Scene
-from gaitcal.page.view import ViewServer, view_html, write_view
+from gaitcal.page.server import ViewServer
+from gaitcal.page.view import view_html, write_view
 from gaitcal.results.page_files import write_page
 from tests.page.browser import Page
 from tests.page.made_page import plain_data

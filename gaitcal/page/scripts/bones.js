@@ -14,7 +14,7 @@ Gaitcal.beside = (name, near) => {
 };
 
 // The bones inside the body, which hide what lies behind them. Their outlines stand on landmarks that somebody palpated,
-// not on the fitted axes; see gaitcal/page/bones/bone_landmarks.py.
+// not on the fitted axes; see gaitcal/page/bone_landmarks.py.
 Gaitcal.Bones = class {
   constructor(scene, body) {
     this.segments = scene.segments;

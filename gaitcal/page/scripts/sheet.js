@@ -1,4 +1,4 @@
-// The curves of a result, unpacked when they are first asked for. See gaitcal/page/sheet/ for what a sheet holds.
+// The curves of a result, unpacked when they are first asked for. See gaitcal/page/page_data.py for what it holds.
 
 // 0, 1, ..., 100 %.
 Gaitcal.PERCENTS = Float64Array.from({ length: 101 }, (_, i) => i);
