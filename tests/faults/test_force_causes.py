@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.dynamics.expected_residual import TAU
 from gaitcal.cohort.page import USUAL
+from gaitcal.dynamics.expected_residual import TAU
 from gaitcal.faults.force_causes import Kind, causes_of
 from gaitcal.faults.force_choice import choose, fits, named, told_size
 from gaitcal.faults.force_evidence import BROKEN_S, ForceEvidence, ForceResidual
