@@ -13,7 +13,7 @@ from gaitcal.model.coordinates import split_side
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, published_subject
 from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.spline import spline_basis
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 Array = NDArray[np.float64]
 PUBLISHED_JOINTS = ("hip", "knee", "talocrural", "subtalar", "back", "shoulder", "elbow")
@@ -63,7 +63,7 @@ def random_trial(
     per_segment: int = 4,
     root: str = "pelvis",
     segments: tuple[str, ...] | None = None,
-) -> tuple[TrialProblem, Array]:
+) -> tuple[MotionProblem, Array]:
     """A trial whose markers are exactly those of a random smooth motion, and the nodes of that motion."""
     chain = Chain(root, free=free) if segments is None else Chain(root, segments, free)
     massive = [i for i, s in enumerate(chain.segments) if not s.startswith("talus")]
@@ -75,10 +75,10 @@ def random_trial(
     x = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), placed, basis.evaluate(true))
     data = MarkerData(placed, x, np.ones((len(segment), frames)))
     labels = tuple(f"m{i}" for i in range(len(segment)))
-    return TrialProblem(name="random", chain=chain, basis=basis, data=data, labels=labels), true
+    return MotionProblem(name="random", chain=chain, basis=basis, data=data, labels=labels), true
 
 
-def seeded_trial(seed: int, **shape: Any) -> tuple[np.random.Generator, Parameters, TrialProblem, Array]:
+def seeded_trial(seed: int, **shape: Any) -> tuple[np.random.Generator, Parameters, MotionProblem, Array]:
     """A generator of that seed, the person and the trial that it draws (`random_trial`), and the trial's true nodes."""
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng)

@@ -27,10 +27,10 @@ from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
-from gaitcal.session.result import Calibration, LoadedTrial, Stage, TrialResult, Uncertainty
+from gaitcal.session.result import Calibration, Loads, Stage, TrialResult, Uncertainty
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, Trial
 
 FRAMES, RATE = 241, 100.0
 ANGLE_ERROR = 0.02
@@ -209,8 +209,8 @@ def _recording(names: Names) -> Recording:
     )
 
 
-def _study_trial(name: str, role: Role, joint: str | None, names: Names) -> StudyTrial:
-    return StudyTrial(name=name, role=role, joint=joint, recording=_recording(names))
+def _study_trial(name: str, role: Role, joint: str | None, names: Names) -> Trial:
+    return Trial(name=name, role=role, joint=joint, recording=_recording(names))
 
 
 def _errors(names: Names, level: float, segments: tuple[str, ...]) -> MarkerErrors:
@@ -289,7 +289,7 @@ def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, err
     )
 
 
-def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) -> LoadedTrial:
+def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) -> Loads:
     time = np.arange(FRAMES) / RATE
     loaded = np.stack([down(time, 0.2), down(time, 0.7)], axis=1)
     if not cycles:
@@ -323,7 +323,7 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
     stages = {Stage.NOMINAL: moments(1.0), Stage.JP: moments(0.9), Stage.JP_IP: moments(0.7)}
     sizes = np.append(np.full(len(COORDINATES), 2.0), [1.0, 1.0]) * np.ones((FRAMES, 1))
     spread = TorqueErrors.of({source: share * sizes**2 for source, share in ERROR_SHARES.items()}) if errors else None
-    return LoadedTrial(reactions, stages, spread)
+    return Loads(reactions, stages, spread)
 
 
 def held(trial: TrialResult) -> TrialResult:

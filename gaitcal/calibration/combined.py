@@ -25,18 +25,18 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.motion.banded import ArrowEquations, NormalEquations, SharedPrior
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
 from gaitcal.motion.spline import ORDER, SplineBasis
-from gaitcal.motion.track import SharedTrials
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.track import SharedMotions
+from gaitcal.motion.trial_problem import MotionProblem
 
 DESCENT = DescentSettings(first_damping=1e-4, lowered_by=10.0, keep_within=0.0, most_steps=60)
 """A little damped at first: markers and loads pull apart where phases 1 and 2 ended."""
 
 
 @dataclass(frozen=True)
-class CombinedTrial:
+class CombinedProblem:
     """A trial of the combined fit."""
 
-    problem: TrialProblem
+    problem: MotionProblem
     nodes: Array
     """(nn, nq) where phases 1 and 2 ended."""
     wrench: Array | None = None
@@ -76,7 +76,7 @@ class CombinedFit:
 
 
 def combined_fit(
-    trials: Sequence[CombinedTrial],
+    trials: Sequence[CombinedProblem],
     parameters: Parameters,
     free: tuple[str, ...],
     which: InertialSet,
@@ -102,12 +102,12 @@ def combined_fit(
     )
 
 
-class _MarkersAndLoads(SharedTrials):
+class _MarkersAndLoads(SharedMotions):
     """The cost by theta = (joint parameters, inertial variables) and the nodes of each trial."""
 
     def __init__(
         self,
-        trials: Sequence[CombinedTrial],
+        trials: Sequence[CombinedProblem],
         parameters: Parameters,
         free: tuple[str, ...],
         which: InertialSet,

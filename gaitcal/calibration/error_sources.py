@@ -35,7 +35,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters
 from gaitcal.motion.banded import eliminate
 from gaitcal.motion.spline import ORDER, SplineBasis
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.joint_prior import JointPrior
 
 LEVERAGE_CAP = 0.9
@@ -143,7 +143,7 @@ class _NodeMoves:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialScores(_NodeMoves):
+class MarkerScores(_NodeMoves):
     """What one trial's marker coordinates make of its motion."""
 
     clusters: tuple[str, ...]
@@ -211,8 +211,8 @@ def source_of(name: str) -> ErrorSource:
 
 
 def whole_body_scores(
-    problem: TrialProblem, nodes: Array, parameters: Parameters, joint: ErrorSources | None
-) -> TrialScores:
+    problem: MotionProblem, nodes: Array, parameters: Parameters, joint: ErrorSources | None
+) -> MarkerScores:
     """Scores of one trial's markers, for the joint parameters of `joint`; None: no parameter is free."""
     problem = problem.with_free(joint.free if joint else ())
     constants = problem.constants(parameters)
@@ -227,10 +227,10 @@ def whole_body_scores(
             columns.append(prior.scores(problem.basis, problem.chain.coordinates))
             clusters += [f"posture/{problem.name}/{k}" for k in range(columns[-1].shape[1])]
     moves = -eliminated.factor.solve(np.hstack(columns))
-    return TrialScores(nodes=moves, sensitivity=eliminated.sensitivity, clusters=tuple(clusters))
+    return MarkerScores(nodes=moves, sensitivity=eliminated.sensitivity, clusters=tuple(clusters))
 
 
-def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: Array) -> Array:
+def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, nodes: Array) -> Array:
     """(nn * nq, nc) half gradients of each marker coordinate's own cost by the nodes, residuals inflated."""
     chain, data, basis = problem.chain, problem.data, problem.basis
     nq = len(chain.coordinates)
@@ -257,7 +257,7 @@ def _cluster_gradients(problem: TrialProblem, constants: ChainConstants, nodes: 
     return by_node.reshape(basis.nodes * nq, -1)
 
 
-def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) -> Array:
+def _frame_inverses(problem: MotionProblem, constants: ChainConstants, q: Array) -> Array:
     """(nf, nq, nq) pseudo-inverses of the frames' own Gauss-Newton matrices."""
     hessian = problem.frame_hessians(q, constants)
     # m^2 and rad^2 on one diagonal: scaled to ones, so that the cut of the pseudo-inverse means the same for all
@@ -268,11 +268,11 @@ def _frame_inverses(problem: TrialProblem, constants: ChainConstants, q: Array) 
 
 
 def marker_moves(
-    problem: TrialProblem,
+    problem: MotionProblem,
     nodes: Array,
     parameters: Parameters,
     joint: ErrorSources | None,
-    scores: TrialScores | None = None,
+    scores: MarkerScores | None = None,
 ) -> MotionSensitivity:
     """Moves of one whole-body trial.
 
@@ -298,7 +298,7 @@ def marker_moves(
     )
 
 
-def coordinate_variances(problem: TrialProblem, moves: MotionSensitivity) -> dict[ErrorSource, Array]:
+def coordinate_variances(problem: MotionProblem, moves: MotionSensitivity) -> dict[ErrorSource, Array]:
     """ErrorSource -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial."""
     basis = problem.basis
     parts = [moves.variances(moves.moved(basis, part, 0)) for part in stretches(len(basis.time), BLOCK)]
@@ -306,7 +306,7 @@ def coordinate_variances(problem: TrialProblem, moves: MotionSensitivity) -> dic
 
 
 def coordinate_standard_errors(
-    problem: TrialProblem,
+    problem: MotionProblem,
     moves: MotionSensitivity,
     turned: Array | None = None,
     variances: Mapping[ErrorSource, Array] | None = None,

@@ -26,7 +26,7 @@ from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
 from gaitcal.model.linkage import LEG_JOINTS, SIDE_WORDS, SIDES, moved_joints
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 LARGEST_POSITION = 0.020
 """m, standard error above which a joint position counts as not determined."""
@@ -96,14 +96,14 @@ def unmoved_parameters(free: Sequence[str], joint: str, turned: Mapping[str, flo
     return tuple(name for name in free if name.split(".")[0] in still)
 
 
-def _turns(problem: TrialProblem, nodes: Array, joint: str) -> dict[str, float]:
+def _turns(problem: MotionProblem, nodes: Array, joint: str) -> dict[str, float]:
     """Coordinate of an isolated joint, without its side -> its range (rad) over a trial."""
     ranges = dict(zip(problem.chain.coordinates, np.ptp(problem.basis.evaluate(nodes), axis=0).tolist(), strict=True))
     return {name: ranges[f"{name}_{joint[-1]}"] for names in _axes(joint).values() for name in names}
 
 
 def turns_of(
-    problems: Sequence[TrialProblem], nodes: Sequence[Array], joints: Sequence[str | None]
+    problems: Sequence[MotionProblem], nodes: Sequence[Array], joints: Sequence[str | None]
 ) -> dict[str, dict[str, float]]:
     """How far isolated trials move their joints; `joints` names that of each problem, None for gait."""
     out: dict[str, dict[str, float]] = {}
@@ -115,7 +115,7 @@ def turns_of(
     return out
 
 
-def small_turns(problem: TrialProblem, nodes: Array, joint: str) -> tuple[Finding, ...]:
+def small_turns(problem: MotionProblem, nodes: Array, joint: str) -> tuple[Finding, ...]:
     """Movements of an isolated trial that are too small to show their axis."""
     return tuple(
         Finding(
@@ -205,7 +205,7 @@ def beyond_bounds(names: Sequence[str]) -> tuple[Finding, ...]:
 
 
 def arm_ambiguity(
-    problems: Sequence[TrialProblem], nodes: Sequence[Array], parameters: Parameters
+    problems: Sequence[MotionProblem], nodes: Sequence[Array], parameters: Parameters
 ) -> Mapping[str, float]:
     """Side -> rad by which its arm is turned from where rigid fits with `parameters` begin, where that is too far."""
     out: dict[str, float] = {}

@@ -41,7 +41,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import ErrorSources, TrialScores, whole_body_scores
+from gaitcal.calibration.error_sources import ErrorSources, MarkerScores, whole_body_scores
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
     InertialFit,
@@ -58,7 +58,7 @@ from gaitcal.dynamics.plate_errors import DEFAULT, OF_A_PLATE, PlateErrors, wren
 from gaitcal.model.parameters import InertialSet, Parameters, dynamic_jacobian, dynamic_parameters, full_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, frame_rate, spline_basis
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 BLOCK = 500
 """Frames whose changes are held at once."""
@@ -85,12 +85,12 @@ class PlateNoise:
 class LoadedProblem:
     """A gait trial with its motion and the ground reactions on it."""
 
-    problem: TrialProblem
+    problem: MotionProblem
     """Of the whole body, with the skin that moves."""
     nodes: Array
     """(nn, 27)."""
     reactions: GroundReactions
-    scores: TrialScores | None = None
+    scores: MarkerScores | None = None
     """Of its markers, where known already (`whole_body_scores`)."""
 
 

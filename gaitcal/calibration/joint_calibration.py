@@ -18,7 +18,7 @@ from gaitcal.calibration.reduced_problem import ReducedProblem, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
@@ -77,7 +77,7 @@ class JointSearch:
 
     def __init__(
         self,
-        problems: Sequence[TrialProblem],
+        problems: Sequence[MotionProblem],
         parameters: Parameters,
         free: tuple[str, ...],
         starts: Sequence[Array],
@@ -168,7 +168,7 @@ class JointSearch:
         )
 
 
-def passed(problems: Sequence[TrialProblem], names: Sequence[str]) -> tuple[str, ...]:
+def passed(problems: Sequence[MotionProblem], names: Sequence[str]) -> tuple[str, ...]:
     """The joint parameters of `names` that the linkage of some trial passes."""
     found = {name for problem in problems for name in problem.with_free(tuple(names)).chain.free}
     return tuple(name for name in names if name in found)

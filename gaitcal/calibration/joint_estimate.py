@@ -52,7 +52,7 @@ from gaitcal.motion.coordinate_prior import joints_left_open
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.spline import frame_rate
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.joint_prior import JointPrior
 
 BY_EVIDENCE = JointSettings(tolerance=1e-7)
@@ -70,7 +70,7 @@ nothing is expected: further than anatomy has them."""
 DETERMINED = 4.0
 """Information of trials over that of the prior from which they determine a direction."""
 
-Tasks = Mapping[str, Sequence[TrialProblem]]
+Tasks = Mapping[str, Sequence[MotionProblem]]
 """Kind of task, `gait` or the joint that isolated trials move -> trials, with the soft tissue that may move their
 markers, if any."""
 
@@ -100,7 +100,7 @@ class JointEstimate(JointFit):
         return self.covariance + self.by_tissue @ self.by_tissue.T
 
 
-def free_of(problems: Sequence[TrialProblem], wanted: Sequence[str]) -> tuple[str, ...]:
+def free_of(problems: Sequence[MotionProblem], wanted: Sequence[str]) -> tuple[str, ...]:
     """The joint parameters of `wanted` that some trial can move: their joint lies between segments that it shows, and
     its markers determine the joint's angles.
     """
@@ -206,7 +206,7 @@ def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[
     return weighed
 
 
-def noise_of(problems: Sequence[TrialProblem], nominal: Parameters, free: tuple[str, ...]) -> list[float]:
+def noise_of(problems: Sequence[MotionProblem], nominal: Parameters, free: tuple[str, ...]) -> list[float]:
     """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their places: what no joint
     explains, wherever it may lie.
     """
@@ -301,7 +301,7 @@ def _scores(
 
 
 def _coupling(
-    problems: Sequence[TrialProblem],
+    problems: Sequence[MotionProblem],
     fit: JointFit,
     unknowns: tuple[str, ...],
     considered: tuple[str, ...],

@@ -24,7 +24,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
 from gaitcal.motion.spline import SplineBasis, frame_rate
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 UNCORRELATED = 0.05
 """Autocorrelation below which the sum ends."""
@@ -66,7 +66,7 @@ def least_noise(basis: SplineBasis) -> float:
     return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * frame_rate(basis), 1.0)))
 
 
-def forbidden_noise(problem: TrialProblem, parameters: Parameters, nodes: Array) -> ForbiddenNoise:
+def forbidden_noise(problem: MotionProblem, parameters: Parameters, nodes: Array) -> ForbiddenNoise:
     """The noise at a motion, nodes (nn, nq).
 
     Segments of fewer than three markers have no rigid fit, and leave their joints out. Where no joint is left, d is
@@ -90,7 +90,7 @@ def forbidden_noise(problem: TrialProblem, parameters: Parameters, nodes: Array)
     return ForbiddenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
 
 
-def _rigid_gap(problem: TrialProblem, parameters: Parameters, nodes: Array) -> tuple[Array, list[int], BoolArray]:
+def _rigid_gap(problem: MotionProblem, parameters: Parameters, nodes: Array) -> tuple[Array, list[int], BoolArray]:
     """(nm, 3, nf) m, weighted, from the linkage to the rigid fits; the segments that have one; and the frames (nf,) in
     which all of them do.
     """

@@ -56,7 +56,7 @@ from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGME
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.soft_tissue import SoftTissue
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.joint_prior import JointPrior
 
 LEARNT = 0.9
@@ -67,12 +67,12 @@ UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
 
 
 @dataclass(frozen=True)
-class JointTrial:
+class JointProblem:
     """A trial that takes part."""
 
-    body: TrialProblem
+    body: MotionProblem
     """The whole body."""
-    fitted: TrialProblem
+    fitted: MotionProblem
     """The segments that a phase fits: of an isolated trial its joint alone, or pelvis and legs; of gait the whole body,
     or pelvis and legs."""
     joint: str | None
@@ -164,7 +164,7 @@ class JointPhase:
         return replace(plan, tissue=tissue_prior(plan.problems, soft.scales))
 
     @property
-    def problems(self) -> list[TrialProblem]:
+    def problems(self) -> list[MotionProblem]:
         """Of all tasks."""
         return [problem for problems in self.tasks.values() for problem in problems]
 
@@ -262,7 +262,7 @@ def fit_phase(
     )
 
 
-def sequential_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
+def sequential_phases(trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
     """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials.
 
     `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate (so below).
@@ -277,7 +277,7 @@ def sequential_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str
     return [phase for phase in phases if phase.free]
 
 
-def simultaneous_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
+def simultaneous_phases(trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]) -> list[JointPhase]:
     """All trials at once: every parameter that an isolated trial determines, and those of `gait` if there is gait."""
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
     of_gait = {name for names in gait.values() for name in names}
@@ -287,7 +287,7 @@ def simultaneous_phases(trials: Sequence[JointTrial], gait: Mapping[str, tuple[s
     return [phase] if phase.free else []
 
 
-def _phase(name: str, trials: Sequence[JointTrial], wanted: tuple[str, ...]) -> JointPhase:
+def _phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
     kinds = dict.fromkeys(t.kind for t in trials)
     tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
     recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
@@ -316,7 +316,7 @@ def calibrate_in_phases(phases: Sequence[JointPhase], nominal: Parameters, how: 
 
 
 def calibrate_by_evidence(
-    trials: Sequence[JointTrial],
+    trials: Sequence[JointProblem],
     nominal: Parameters,
     bounds: JointSettings,
     sides: Sequence[str],
@@ -373,13 +373,13 @@ def _tissue_notes(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate
     return tuple(out)
 
 
-def segments_of(body: TrialProblem, segments: tuple[str, ...], nominal: Parameters) -> TrialProblem:
+def segments_of(body: MotionProblem, segments: tuple[str, ...], nominal: Parameters) -> MotionProblem:
     """Some segments of a whole body, the first free in the laboratory, with the same bandwidth."""
     part = body.part(segments[0], segments)
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
 
-def _trunk_and_arms(trials: Sequence[JointTrial], nominal: Parameters, how: PhaseSettings) -> list[FittedPhase]:
+def _trunk_and_arms(trials: Sequence[JointProblem], nominal: Parameters, how: PhaseSettings) -> list[FittedPhase]:
     """Gait by itself above the pelvis; empty where nothing is free."""
     walks = [t for t in trials if t.joint is None]
     parts = [segments_of(t.fitted, UPPER_BODY, nominal) for t in walks]

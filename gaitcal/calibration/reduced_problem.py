@@ -32,7 +32,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
 from gaitcal.motion.descent import DescentSettings, Evaluation, descend
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 KEPT_WITHIN = 0.005
 """m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""
@@ -68,7 +68,7 @@ class Matrices:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialState:
+class MotionState:
     """One trial at the joint parameters last visited."""
 
     nodes: Array
@@ -100,7 +100,7 @@ class OpenMotion:
     nothing_left = 0.0
     has_curvature = False
 
-    def __init__(self, problem: TrialProblem, constants: ChainConstants, values: Array) -> None:
+    def __init__(self, problem: MotionProblem, constants: ChainConstants, values: Array) -> None:
         self.problem, self.constants, self.values = problem, constants, values
 
     def nodes(self, x: Array) -> Array:
@@ -117,7 +117,7 @@ class OpenMotion:
         nodes = self.nodes(x)
         return OpenMatrix(self.values, nodes, self.problem.equations(nodes, self.constants, curved=curved))
 
-    def corrected(self, nodes: Array, kept: Matrices | None) -> TrialState | None:
+    def corrected(self, nodes: Array, kept: Matrices | None) -> MotionState | None:
         """The trial where plain steps from `nodes` (nn, nq) converge; None where they do not."""
         end = descend(self, nodes.ravel(), CORRECTOR, kept)
         if not end.converged:
@@ -125,7 +125,7 @@ class OpenMotion:
         matrices = end.factor or self.linearise(end.x, curved=False).factor(0.0)
         return self._state(end.x, end.evaluation, matrices, end.predicted_reduction, converged=True)
 
-    def stepped(self, nodes: Array, *, converged: bool) -> tuple[TrialState, float]:
+    def stepped(self, nodes: Array, *, converged: bool) -> tuple[MotionState, float]:
         """The trial one plain step from `nodes` (nn, nq), and the share of the cost that this promises to gain."""
         matrix = self.linearise(nodes.ravel(), curved=False)
         here, matrices = matrix.evaluation, matrix.factor(0.0)
@@ -136,9 +136,9 @@ class OpenMotion:
 
     def _state(
         self, x: Array, before: OpenEvaluation, matrices: Matrices, promise: float, *, converged: bool
-    ) -> TrialState:
+    ) -> MotionState:
         """At nodes x, reached from `before` by a last step that promised to gain `promise`."""
-        return TrialState(
+        return MotionState(
             nodes=self.nodes(x),
             matrices=matrices,
             cost=max(before.cost - promise, 0.0),
@@ -167,7 +167,7 @@ class ReducedState:
     """All trials at one p."""
 
     p: Array
-    trials: tuple[TrialState, ...]
+    trials: tuple[MotionState, ...]
     cost: float
     """m^2 (as shares have no unit), markers only."""
     hessian: Array
@@ -183,7 +183,7 @@ class ReducedProblem:
 
     def __init__(
         self,
-        problems: Sequence[TrialProblem],
+        problems: Sequence[MotionProblem],
         parameters: Parameters,
         free: tuple[str, ...],
         starts: Sequence[Array],
@@ -231,7 +231,7 @@ class ReducedProblem:
         """All joint parameters at p."""
         return self.parameters.with_joint(self.free, p[: len(self.free)])
 
-    def moved(self, p: Array) -> list[TrialProblem]:
+    def moved(self, p: Array) -> list[MotionProblem]:
         """Per trial, the motion alone, with soft tissue and secondary motions where p has them."""
         return [self._placed(k, p)[0] for k in range(len(self.open))]
 
@@ -242,7 +242,7 @@ class ReducedProblem:
         if best is not None:
             self._keep(best.p, best.trials)
 
-    def _keep(self, p: Array, trials: tuple[TrialState, ...]) -> ReducedState:
+    def _keep(self, p: Array, trials: tuple[MotionState, ...]) -> ReducedState:
         """Sum the trials up, and remember the point if it is the best."""
         hessian, gradient, cost = np.zeros((len(p), len(p))), np.zeros(len(p)), 0.0
         for trial, columns, share in zip(trials, self.columns, self.shares, strict=True):
@@ -259,7 +259,7 @@ class ReducedProblem:
         """m^2, priors included."""
         return state.cost + float(np.sum((self.prior @ (state.p - self.centre)) ** 2))
 
-    def _placed(self, k: int, p: Array) -> tuple[TrialProblem, TrialProblem]:
+    def _placed(self, k: int, p: Array) -> tuple[MotionProblem, MotionProblem]:
         """A trial with its soft tissue and secondary motions where p has them: for the motion alone, and with all of p
         open.
         """
@@ -269,11 +269,11 @@ class ReducedProblem:
         moved = opened.displaced(values[opened.joint_parameters :])
         return self.fixed[k].with_data(moved.data), moved
 
-    def _motion(self, k: int, p: Array, parameters: Parameters) -> tuple[TrialProblem, OpenMotion]:
+    def _motion(self, k: int, p: Array, parameters: Parameters) -> tuple[MotionProblem, OpenMotion]:
         fixed, problem = self._placed(k, p)
         return fixed, OpenMotion(problem, problem.constants(parameters), p[self.columns[k]])
 
-    def _solve(self, k: int, p: Array, parameters: Parameters) -> TrialState:
+    def _solve(self, k: int, p: Array, parameters: Parameters) -> MotionState:
         """The motion of one trial at p, predicted and then corrected by a few plain steps, or else tracked."""
         fixed, motion = self._motion(k, p, parameters)
         near = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
@@ -291,14 +291,14 @@ class ReducedProblem:
             return self._tracked(k, predicted, fixed, motion, self.settings)
         return motion.corrected(predicted, kept) or self._tracked(k, predicted, fixed, motion, near)
 
-    def _settled(self, k: int, trial: TrialState, p: Array, parameters: Parameters) -> TrialState:
+    def _settled(self, k: int, trial: MotionState, p: Array, parameters: Parameters) -> MotionState:
         fixed, motion = self._motion(k, p, parameters)
         stepped, share = motion.stepped(trial.nodes, converged=trial.converged)
         return stepped if share <= self.settings.gain else self._tracked(k, trial.nodes, fixed, motion, self.settings)
 
     def _tracked(
-        self, k: int, nodes: Array, fixed: TrialProblem, motion: OpenMotion, settings: DescentSettings
-    ) -> TrialState:
+        self, k: int, nodes: Array, fixed: MotionProblem, motion: OpenMotion, settings: DescentSettings
+    ) -> MotionState:
         """The motion found by tracking, and one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=self._curved(k))
         tracked = track_nodes(fixed, motion.constants.without_parameters(), nodes, settings)

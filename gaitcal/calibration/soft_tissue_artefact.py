@@ -59,7 +59,7 @@ from gaitcal.motion.soft_tissue import (
     secondary_columns,
     together,
 )
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def task_regressors(angles: Sequence[Mapping[str, Array]], *, squares: bool = Fa
 
 
 def tissue_of(
-    problem: TrialProblem,
+    problem: MotionProblem,
     kind: str,
     regressors: Mapping[str, Array],
     known: Collection[str] | None = None,
@@ -198,7 +198,7 @@ class SoftTissueScale:
         return self.squares if regressor.endswith(SQUARES) else self.linear
 
 
-def soft_tissue_scale(trials: Sequence[TrialProblem]) -> SoftTissueScale:
+def soft_tissue_scale(trials: Sequence[MotionProblem]) -> SoftTissueScale:
     """The scale of a person in one kind of task from trials whose soft tissue holds every column that may be."""
     seen: dict[tuple[str, tuple[str, ...]], list[tuple[Sequence[str], Array, Array]]] = {}
     """Segment and its markers -> in every trial, regressors, Q and b by columns of unit variance."""
@@ -257,7 +257,7 @@ def _mean_square(parts: Sequence[tuple[Array, Array]], *, possibly_none: bool = 
     return float(weight @ SCALES**2) / (float(weight.sum()) + none)
 
 
-def _deformation(problem: TrialProblem, group: SegmentTissue) -> tuple[Array, Array]:
+def _deformation(problem: MotionProblem, group: SegmentTissue) -> tuple[Array, Array]:
     """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker by marker, x, y, z;
     from the markers that have weight in it. Zero where fewer than three show how they deform.
     """
@@ -316,7 +316,7 @@ class TissuePrior:
 NO_TISSUE = TissuePrior((), np.zeros((0, 0)))
 
 
-def tissue_prior(trials: Sequence[TrialProblem], scales: Mapping[str, SoftTissueScale]) -> TissuePrior:
+def tissue_prior(trials: Sequence[MotionProblem], scales: Mapping[str, SoftTissueScale]) -> TissuePrior:
     """The prior of the columns that trials have; `scales` by kind of task."""
     blocks = dict[tuple[str, str], Array]()
     """(name of a regressor, segment) -> (6, 6)."""
@@ -331,7 +331,7 @@ def tissue_prior(trials: Sequence[TrialProblem], scales: Mapping[str, SoftTissue
     return TissuePrior((*secondary.keys, *keys), block_diag(secondary.covariance, *blocks.values()))
 
 
-def secondary_prior(trials: Sequence[TrialProblem]) -> TissuePrior:
+def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
     """The prior of the secondary motions that trials have."""
     keys = tuple(dict.fromkeys(key for problem in trials if problem.secondary for key in problem.secondary.keys))
     square = f"/{BENDS[0]}/"
@@ -352,17 +352,17 @@ class TaskTissue:
     secondary: Mapping[str, SecondaryColumns]
     """Trial of gait -> what knees do besides flexing."""
 
-    def of(self, name: str, problem: TrialProblem, known: Collection[str] | None = None) -> SoftTissue | None:
+    def of(self, name: str, problem: MotionProblem, known: Collection[str] | None = None) -> SoftTissue | None:
         """The columns of a trial on the markers of some part of the body, or those `known` of them."""
         return tissue_of(problem, self.kinds[name], self.regressors[name], known, secondary=self.secondary.get(name))
 
-    def of_bodies(self, bodies: Mapping[str, TrialProblem], known: Collection[str]) -> dict[str, SoftTissue]:
+    def of_bodies(self, bodies: Mapping[str, MotionProblem], known: Collection[str]) -> dict[str, SoftTissue]:
         """Trial -> the columns `known` on the markers of the whole body; without those that have none."""
         found = {name: self.of(name, body, known) for name, body in bodies.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
 
 
-def task_tissue(kinds: Mapping[str, str], parts: Mapping[str, TrialProblem], nominal: Parameters) -> TaskTissue:
+def task_tissue(kinds: Mapping[str, str], parts: Mapping[str, MotionProblem], nominal: Parameters) -> TaskTissue:
     """The soft tissue of trials, name -> kind of task, each by the part of the body that is fitted to it."""
     angles = {name: _angles(nominal, parts[name]) for name in kinds}
     regressors, scales = dict[str, Mapping[str, Array]](), dict[str, SoftTissueScale]()
@@ -381,13 +381,13 @@ def task_tissue(kinds: Mapping[str, str], parts: Mapping[str, TrialProblem], nom
     return TaskTissue(kinds, regressors, scales, secondary)
 
 
-def _angles(nominal: Parameters, part: TrialProblem) -> dict[str, Array]:
+def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
     q = tracked_motion(part, nominal).q
     return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
 
 
-def tissue_of_walk(walk: TrialProblem, nominal: Parameters, known: Collection[str]) -> SoftTissue | None:
+def tissue_of_walk(walk: MotionProblem, nominal: Parameters, known: Collection[str]) -> SoftTissue | None:
     """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
     (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one.
     """

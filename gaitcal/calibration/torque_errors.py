@@ -27,7 +27,7 @@ from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import HELD, kinetic_errors, kinetic_slopes
 from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
 from gaitcal.model.parameters import Parameters, dynamic_jacobian
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 BLOCK = 64
 """Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
@@ -40,7 +40,7 @@ class ErringForces:
 
     def __init__(
         self,
-        problem: TrialProblem,
+        problem: MotionProblem,
         nodes: Array,
         parameters: Parameters,
         wrenches: Array,

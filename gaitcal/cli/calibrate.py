@@ -41,8 +41,8 @@ from gaitcal.session.trial_result import analyse
 from gaitcal.study.joint_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
-from gaitcal.study.study_file import Side, Trial, load_study_file
-from gaitcal.study.study_trial import StudyTrial, cleaned_trial, read_trial
+from gaitcal.study.study_file import Side, TrialTable, load_study_file
+from gaitcal.study.study_trial import Trial, cleaned_trial, read_trial
 from gaitcal.synthetic.subject import synthesize
 from gaitcal.synthetic.truth import CURVES, PARAMETERS
 
@@ -222,9 +222,9 @@ def _not_tracked(name: str) -> Finding:
     )
 
 
-def _read(path: Path, options: FurtherOptions, saved: SavedResult) -> StudyTrial:
+def _read(path: Path, options: FurtherOptions, saved: SavedResult) -> Trial:
     """A recording as a study would have it: labels renamed, time cut out, plates given to feet."""
-    trial = Trial(name="trial", role="gait", file=path, forces=options.forces).model_copy(
+    trial = TrialTable(name="trial", role="gait", file=path, forces=options.forces).model_copy(
         update={
             "name": path.stem,
             "plates": _plates_of(options.plates),
@@ -235,7 +235,7 @@ def _read(path: Path, options: FurtherOptions, saved: SavedResult) -> StudyTrial
     return cleaned_trial(read_trial(trial, saved.rename, saved.marker_set), saved.marker_set.segment_of)
 
 
-def _check(trial: StudyTrial, saved: SavedResult) -> tuple[Finding, ...]:
+def _check(trial: Trial, saved: SavedResult) -> tuple[Finding, ...]:
     labels = saved.model.markers.labels
     if not set(labels) & set(trial.recording.labels):
         raise InputError(

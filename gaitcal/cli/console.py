@@ -18,7 +18,7 @@ from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.runtime import Progress, silent
 
 if TYPE_CHECKING:
-    from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
+    from gaitcal.session.result import Calibration, Loads, TrialResult
 
 LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}
 """How a reason begins."""
@@ -134,13 +134,13 @@ def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
     return [str(int(trial.calibrated.errors.kept(*segments).sum())), *shown, ratio]
 
 
-def _valid(name: str, loads: LoadedTrial) -> str:
+def _valid(name: str, loads: Loads) -> str:
     reactions = loads.reactions
     right, left, both = (int(v.sum()) for v in (reactions.valid_r, reactions.valid_l, reactions.valid))
     return f"{name}: torques are valid in {right} frames of the right leg, {left} of the left, {both} of the whole body"
 
 
-def _residuals(name: str, loads: LoadedTrial) -> str:
+def _residuals(name: str, loads: Loads) -> str:
     parts = []
     for stage, moments in loads.moments.items():
         force, torque = moments.residual_rms(loads.reactions.valid)

@@ -17,5 +17,5 @@
 | what a finished fit says | `after_fit` |
 | what follows from what, and the verdict | `verdict` |
 
-`study` runs the checks of trials, each a function of `evidence.TrialEvidence` that yields findings.
+`study` runs the checks of trials, each a function of `evidence.MarkerEvidence` that yields findings.
 """

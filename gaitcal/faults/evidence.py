@@ -22,17 +22,17 @@ from gaitcal.model.rebuilt_markers import Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import Role, StudyTrial, cleaned_trial
+from gaitcal.study.study_trial import Role, Trial, cleaned_trial
 
 NEGLIGIBLE_WEIGHT = 0.1
 """Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialEvidence:
+class MarkerEvidence:
     """One trial, and what it is measured against."""
 
-    trial: StudyTrial
+    trial: Trial
     marker_set: MarkerSet
     subject: Subject
     settings: CalibrationSettings
@@ -48,23 +48,23 @@ class TrialEvidence:
     @classmethod
     def of(
         cls,
-        trial: StudyTrial,
+        trial: Trial,
         marker_set: MarkerSet,
         subject: Subject,
         settings: CalibrationSettings,
         model: SubjectModel | None,
         stance: Stance | None = None,
-    ) -> TrialEvidence:
+    ) -> MarkerEvidence:
         """The evidence of a trial without markers that are metres away from the body, as it will be fitted."""
         trial = cleaned_trial(trial, marker_set.segment_of)
         found = cls(trial=trial, marker_set=marker_set, subject=subject, settings=settings, model=model)
         return replace(found, stance=stance, strays=trial.strays or ())
 
-    def with_recording(self, recording: Recording) -> TrialEvidence:
+    def with_recording(self, recording: Recording) -> MarkerEvidence:
         """The same trial as another recording has it."""
         return replace(self, trial=replace(self.trial, recording=recording))
 
-    def with_markers(self, markers: Array) -> TrialEvidence:
+    def with_markers(self, markers: Array) -> MarkerEvidence:
         """The same trial with other positions (nf, nm, 3) m."""
         return self.with_recording(replace(self.recording, markers=markers))
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
+from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.faults.sampling import jump_limit
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.intervals import duration, runs, spans
@@ -66,7 +66,7 @@ class Exchange:
     """False where the other marker was not seen meanwhile."""
 
 
-def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
+def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
     """Labels exchanged for a part of the trial, or for all of it."""
     for found in exchanges(trial):
         count = int(found.frames.sum())
@@ -86,7 +86,7 @@ def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.finding(severity, "exchanged", words, cure, weight=weight, code=Code.EXCHANGED_LABELS)
 
 
-def _harmful(trial: TrialEvidence, found: Exchange) -> bool:
+def _harmful(trial: MarkerEvidence, found: Exchange) -> bool:
     """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers, for some time."""
     if trial.settings.robust != "none" or min(map(trial.weight, (found.label, found.other))) <= NEGLIGIBLE_WEIGHT:
         return False
@@ -95,7 +95,7 @@ def _harmful(trial: TrialEvidence, found: Exchange) -> bool:
     return {found.label, found.other} <= of_legs and longest >= LONG_S
 
 
-def exchanges(trial: TrialEvidence) -> Iterator[Exchange]:
+def exchanges(trial: MarkerEvidence) -> Iterator[Exchange]:
     """Pairs of labels that are exchanged somewhere, each once."""
     found: dict[frozenset[str], Exchange] = {}
     for exchange in by_lengths(trial):
@@ -110,7 +110,7 @@ def exchanges(trial: TrialEvidence) -> Iterator[Exchange]:
     yield from found.values()
 
 
-def undone(trial: TrialEvidence) -> TrialEvidence:
+def undone(trial: MarkerEvidence) -> MarkerEvidence:
     """The trial with all exchanges undone, so that only what else is wrong with it is seen; itself where there are
     none.
     """
@@ -124,7 +124,7 @@ def undone(trial: TrialEvidence) -> TrialEvidence:
     return trial.with_markers(markers) if found else trial
 
 
-def exchanged_back(trial: TrialEvidence) -> tuple[Recording, list[Finding]]:
+def exchanged_back(trial: MarkerEvidence) -> tuple[Recording, list[Finding]]:
     """The recording with labels that jumped onto each other exchanged back, and what was done.
 
     A robust loss alone cannot do it: three markers of a segment of which two are exchanged are a mirror image, and
@@ -144,7 +144,7 @@ def exchanged_back(trial: TrialEvidence) -> tuple[Recording, list[Finding]]:
 class _Lengths:
     """E of trajectories in the segments of some templates."""
 
-    def __init__(self, trial: TrialEvidence, without: tuple[str, ...] = ()) -> None:
+    def __init__(self, trial: MarkerEvidence, without: tuple[str, ...] = ()) -> None:
         self._trial = trial
         self.segment_of = {
             label: segment
@@ -179,7 +179,7 @@ class _Lengths:
         return self.cost(a, b, (b,)) + self.cost(b, a, (a,))
 
 
-def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:
+def by_lengths(trial: MarkerEvidence) -> Iterator[Exchange]:
     """Exchanges that the lengths within segments show."""
     lengths = _Lengths(trial, ARMS)
     strange = {m: np.nan_to_num(lengths.cost(m, m, ())) > STRANGE_M for m in lengths.segment_of}
@@ -211,7 +211,7 @@ def _long_enough(marked: BoolArray) -> BoolArray:
     return out
 
 
-def by_jumps(trial: TrialEvidence) -> Iterator[Exchange]:
+def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
     """Exchanges that happen from one frame to the next, or within a short gap; lengths tell which side is right.
 
     Where lengths do not tell (the two are alike in their distances to the others), the shorter side is the wrong one.
@@ -233,7 +233,7 @@ def by_jumps(trial: TrialEvidence) -> Iterator[Exchange]:
             yield Exchange(first, second, frames, True)
 
 
-def _crossings(trial: TrialEvidence) -> dict[tuple[int, int], list[int]]:
+def _crossings(trial: MarkerEvidence) -> dict[tuple[int, int], list[int]]:
     """Pairs of columns -> frames at which one comes to where the other was, and the other way round."""
     x = trial.recording.markers
     out: dict[tuple[int, int], list[int]] = {}
@@ -258,7 +258,7 @@ def _last_seen(x: Array, most: int) -> Array:
     return np.where(((last >= 0) & (frame - last <= most))[:, :, None], filled, np.nan)
 
 
-def sides(trial: TrialEvidence) -> Iterator[Finding]:
+def sides(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether right markers lie to the right of their left ones, seen along the pelvis."""
     if trial.pelvis is None:
         return
@@ -287,7 +287,7 @@ def sides(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def _namesakes(trial: TrialEvidence) -> Iterator[tuple[str, str]]:
+def _namesakes(trial: MarkerEvidence) -> Iterator[tuple[str, str]]:
     """Markers of the right side of pelvis and legs that have a namesake on the left, in this trial."""
     tracking = trial.marker_set.tracking
     pairs = [*permutations(tracking.get("pelvis", ()), 2)]

@@ -30,7 +30,7 @@ from gaitcal.dynamics.foot_contact import (
 )
 from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
 from gaitcal.dynamics.plate_errors import foot_tip, outline_known
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import DISORDERS_PRESSURE
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, resample_wrench
@@ -59,7 +59,7 @@ IN_AIR = 0.5
 class Feet:
     """Heels and toes of a trial, right and left, from the markers alone."""
 
-    def __init__(self, trial: TrialEvidence) -> None:
+    def __init__(self, trial: MarkerEvidence) -> None:
         self.time = trial.recording.time
         shape = (len(self.time), len(SIDES))
         self.seen = np.zeros(shape, dtype=bool)
@@ -112,7 +112,7 @@ class Step(Loading):
 
 
 @remembered
-def feet_of(trial: TrialEvidence) -> Feet | None:
+def feet_of(trial: MarkerEvidence) -> Feet | None:
     """The feet of a gait trial; None in another, or where no foot is seen."""
     if not trial.is_gait or len(trial.recording.time) < 3:
         return None
@@ -121,7 +121,7 @@ def feet_of(trial: TrialEvidence) -> Feet | None:
 
 
 @remembered
-def steps_of(trial: TrialEvidence) -> tuple[Step, ...]:
+def steps_of(trial: MarkerEvidence) -> tuple[Step, ...]:
     """All loadings of all plates that are longer than a knock; none where no foot is seen."""
     feet, found = feet_of(trial), []
     if feet is None:
@@ -142,7 +142,7 @@ def steps_of(trial: TrialEvidence) -> tuple[Step, ...]:
     return tuple(found)
 
 
-def contacts(trial: TrialEvidence) -> Iterator[Finding]:
+def contacts(trial: MarkerEvidence) -> Iterator[Finding]:
     """Everything about feet on plates in a gait trial."""
     feet = feet_of(trial)
     if feet is None or not trial.recording.plates:
@@ -166,11 +166,11 @@ def contacts(trial: TrialEvidence) -> Iterator[Finding]:
     yield from _clocks(trial, feet, on_feet)
 
 
-def _words(trial: TrialEvidence, step: Step) -> str:
+def _words(trial: MarkerEvidence, step: Step) -> str:
     return f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}"
 
 
-def _which_foot(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
+def _which_foot(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
     """Whether the foot that the study names stands on the plate; if it names none, whether any does, and which."""
     name, side = _words(trial, step), trial.trial.plates.get(step.plate.name)
     mm, foot = 1e3 * step.distance, FEET[step.foot]
@@ -201,7 +201,7 @@ def _which_foot(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
         yield trial.info(TOPIC, found, code=Code.FOOT_OF_PLATE)
 
 
-def _height(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
+def _height(trial: MarkerEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
     """Whether the centre of pressure lies at the height of the resting foot's soles."""
     down = feet.resting[step.frames, step.foot]
     if not down.any():
@@ -218,7 +218,7 @@ def _height(trial: TrialEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
         )
 
 
-def overhang(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
+def overhang(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
     """A step whose foot rests partly beside its plate, and beside every other: plates that touch are one surface."""
     feet = feet_of(trial)
     if feet is None or step.plate.corners is None:
@@ -241,7 +241,7 @@ def overhang(trial: TrialEvidence, step: Step) -> Iterator[Finding]:
         )
 
 
-def _clocks(trial: TrialEvidence, feet: Feet, steps: Sequence[Step]) -> Iterator[Finding]:
+def _clocks(trial: MarkerEvidence, feet: Feet, steps: Sequence[Step]) -> Iterator[Finding]:
     """Touch-down and lift-off by force against those by motion."""
     late: list[float] = []
     for step in steps:
@@ -284,7 +284,7 @@ class _Outside:
     """Share of the loadings' impulse."""
 
 
-def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Finding]:
+def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[Finding]:
     """Loaded frames of all plates whose centre of pressure is outside of the soles that may press on the plate.
 
     `others`: what the other checks found in this trial.
@@ -351,7 +351,7 @@ def _outside(feet: Feet, parts: Sequence[tuple[Loading, Place, BoolArray]]) -> _
     )
 
 
-def _told(trial: TrialEvidence, found: Sequence[_Outside]) -> Iterator[Finding]:
+def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]:
     """One finding where feet are in the air meanwhile, one where all plates are off in one direction of the room, else
     one a plate and foot.
     """
@@ -391,7 +391,9 @@ def _told(trial: TrialEvidence, found: Sequence[_Outside]) -> Iterator[Finding]:
             )
 
 
-def _divided(trial: TrialEvidence, loadings: Sequence[Loading], places: Sequence[Place], divided: BoolArray) -> Finding:
+def _divided(
+    trial: MarkerEvidence, loadings: Sequence[Loading], places: Sequence[Place], divided: BoolArray
+) -> Finding:
     """Two plates with one centre of pressure, (loadings, nf) frames."""
     shared = [(one, p, own) for one, p, own in zip(loadings, places, divided, strict=True) if own.any()]
     away = 1e3 * np.concatenate([p.away[own[one.frames] & p.outside] for one, p, own in shared])
@@ -404,7 +406,7 @@ def _divided(trial: TrialEvidence, loadings: Sequence[Loading], places: Sequence
     return trial.warning(TOPIC, found, cure, cause=cause, weight=3.0, code=Code.DIVIDED_FORCE)
 
 
-def _explained(trial: TrialEvidence, off: _Outside, others: Sequence[Finding]) -> bool:
+def _explained(trial: MarkerEvidence, off: _Outside, others: Sequence[Finding]) -> bool:
     """Whether another warning or error of the trial says why the centre of pressure is not under the foot."""
     blaming = [f for f in others if f.severity is not Severity.INFO]
     if any(f.topic in DISORDERS_PRESSURE or f.cause == PLATES_ELSEWHERE for f in blaming):

@@ -47,7 +47,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_jacobian, table
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion
-from gaitcal.study.study_trial import StudyTrial
+from gaitcal.study.study_trial import Trial
 
 TOGETHER = 0.5
 """Of the time that a plate's load and a foot's contact last together: the common part by which they belong together."""
@@ -202,7 +202,7 @@ class ForceEvidence:
 
 
 def force_evidence(
-    trial: StudyTrial,
+    trial: Trial,
     recording: Recording,
     model: SubjectModel,
     parameters: Parameters,

@@ -27,7 +27,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import COVARIANCE
 from gaitcal.codes import Code
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import PLACES
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.moments import joint_words
@@ -256,7 +256,7 @@ def _cure(kind: str, isolated: bool) -> str:
     return f"look at {_MARKERS[kind]} in the static trial; {skin}; {trial}; {keep}"
 
 
-def given_hips(trial: TrialEvidence) -> Iterator[Finding]:
+def given_hips(trial: MarkerEvidence) -> Iterator[Finding]:
     """Given hip centres far from where the pelvis's markers tell, or of which one lies otherwise than the other."""
     if not trial.makes_model or trial.model is None or trial.settings.hip_rule != HipCentre.GIVEN.value:
         return

@@ -23,7 +23,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.faults.body_plan import body_axes
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.joint_link import flexion_of, nearest_rotation
 from gaitcal.faults.static_landmarks import label_words, landmarks
 from gaitcal.findings import STUDY, Finding, Severity
@@ -74,7 +74,7 @@ class OddLine:
     """deg, x of each."""
 
 
-def knee_lines(trials: Sequence[TrialEvidence], said: Sequence[Finding]) -> Iterator[Finding]:
+def knee_lines(trials: Sequence[MarkerEvidence], said: Sequence[Finding]) -> Iterator[Finding]:
     """Knees whose epicondyles lie off their line, where nothing that was `said` already doubts these landmarks."""
     static = next((trial for trial in trials if trial.is_static), None)
     if static is None or any(_doubts_landmarks(found, static.name) for found in said):
@@ -163,7 +163,7 @@ def _odd(sides: tuple[str, ...], found: Mapping[str, float], sd: Mapping[str, fl
     return OddLine(sides=sides, turn=turn, baseline=baseline, side_evidence=found) if agree else None
 
 
-def bending(trials: Sequence[TrialEvidence]) -> dict[str, float]:
+def bending(trials: Sequence[MarkerEvidence]) -> dict[str, float]:
     """Side -> deg from the axis of the knee to its epicondyles, median of the walks; where they tell one."""
     out: dict[str, float] = {}
     for side in SIDES:
@@ -174,7 +174,7 @@ def bending(trials: Sequence[TrialEvidence]) -> dict[str, float]:
     return out
 
 
-def axis_turn(trial: TrialEvidence, knee: str) -> float | None:
+def axis_turn(trial: MarkerEvidence, knee: str) -> float | None:
     """Rad, transverse angle from the axis that a knee's turns vary about to its epicondyles; None where it cannot be
     told.
     """
@@ -193,7 +193,7 @@ def axis_turn(trial: TrialEvidence, knee: str) -> float | None:
     return float(np.arctan2(ex, ez) - np.arctan2(ax, az))
 
 
-def knee_axes(trials: Sequence[TrialEvidence], said: Collection[str]) -> Iterator[Finding]:
+def knee_axes(trials: Sequence[MarkerEvidence], said: Collection[str]) -> Iterator[Finding]:
     """Knees that bend about another line than through their epicondyles, on legs of which nothing else was `said`."""
     for side in {"r", "l"} - set(said):
         turns = {t.name: np.rad2deg(turn) for t in trials if (turn := axis_turn(t, f"knee_{side}")) is not None}

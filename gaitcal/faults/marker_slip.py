@@ -18,7 +18,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
-from gaitcal.faults.evidence import TrialEvidence, side_of
+from gaitcal.faults.evidence import MarkerEvidence, side_of
 from gaitcal.faults.exchanged import undone
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.intervals import runs, spans
@@ -91,7 +91,7 @@ class Stretch:
     """Whether it went there from one frame to the next, and stayed."""
 
 
-def marker_slip(trial: TrialEvidence) -> Iterator[Finding]:
+def marker_slip(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers that leave their place for a while, one finding a marker."""
     found = stretches(trial)
     if found and (mended := undone(trial)) is not trial:  # exchanges are told by a check of their own
@@ -127,7 +127,7 @@ def _harmful(stretch: Stretch, time: Array) -> bool:
 
 
 @remembered
-def stretches(trial: TrialEvidence) -> dict[str, list[Stretch]]:
+def stretches(trial: MarkerEvidence) -> dict[str, list[Stretch]]:
     """Marker -> where it is elsewhere."""
     found: dict[str, list[Stretch]] = {}
     for cluster in trial.clusters.values():
@@ -138,7 +138,7 @@ def stretches(trial: TrialEvidence) -> dict[str, list[Stretch]]:
     return found
 
 
-def strayed(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
+def strayed(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
     """Stretches in which a marker is far from its mean place, and more so than it usually is."""
     distance = np.nan_to_num(cluster.strayed[:, : cluster.own])
     baseline = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
@@ -149,7 +149,7 @@ def strayed(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
         yield Stretch(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
 
 
-def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
+def slipped(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
     """Stretches that begin where a marker slips, until it slips again or the trial ends."""
     away = cluster.away[:, : cluster.own]
     frames = np.flatnonzero(np.isfinite(away).all(axis=(1, 2)))
@@ -209,7 +209,7 @@ def _farthest(cluster: Cluster, k: int, frames: slice) -> float:
     return _alone(cluster, k, shape, shape + after)
 
 
-def _jumps(trial: TrialEvidence, cluster: Cluster, edge: int) -> Array:
+def _jumps(trial: MarkerEvidence, cluster: Cluster, edge: int) -> Array:
     """(own,) m, how far each marker jumps out of line in the laboratory between the frames edge - 1 and edge."""
     columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
     x = trial.recording.markers[:, columns]
@@ -219,7 +219,7 @@ def _jumps(trial: TrialEvidence, cluster: Cluster, edge: int) -> Array:
     return out
 
 
-def _culprit(trial: TrialEvidence, cluster: Cluster, run: slice) -> int:
+def _culprit(trial: MarkerEvidence, cluster: Cluster, run: slice) -> int:
     """Which marker of a cluster left: without it the others are in their places; of three, the one that jumps."""
     columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
     middle = trial.recording.markers[(run.start + run.stop) // 2, columns]
@@ -235,7 +235,7 @@ def _culprit(trial: TrialEvidence, cluster: Cluster, run: slice) -> int:
     return int(np.argmax(inside + sum((_jumps(trial, cluster, edge) for edge in edges), np.zeros(cluster.own))))
 
 
-def made_up(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
+def made_up(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
     """Stretches in which a marker stands still or goes straight while the others of its segment do not."""
     columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
     x = trial.recording.markers[:, columns]
@@ -259,7 +259,7 @@ def bend(path: Array) -> float:
     return float(np.nan_to_num(np.linalg.norm(path - line, axis=1)).max())
 
 
-def frozen(trial: TrialEvidence) -> Iterator[Finding]:
+def frozen(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers that repeat their position bit for bit while the others move."""
     x = trial.recording.markers
     if len(x) < 5:
@@ -287,7 +287,7 @@ def _others_move(x: Array, run: slice) -> bool:
     return bool(np.median(moved[np.isfinite(moved)]) > MOVED_M) if np.isfinite(moved).any() else False
 
 
-def flat(trial: TrialEvidence) -> Iterator[Finding]:
+def flat(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers with a coordinate that never changes."""
     labels = []
     for label in trial.present:

@@ -23,7 +23,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, alike
-from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
+from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.intervals import duration, marker_gaps, runs, spans
 from gaitcal.io.labels import is_unlabelled
@@ -68,7 +68,7 @@ TOGETHER = 20
 """Frames in which two markers must be seen together for that."""
 
 
-def strays(trial: TrialEvidence) -> Iterator[Finding]:
+def strays(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers metres away from the body, which take no part there."""
     if not trial.strays:
         return
@@ -84,7 +84,7 @@ def strays(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def missing(trial: TrialEvidence) -> Iterator[Finding]:
+def missing(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers of the set that the trial lacks, with the label that may be meant."""
     absent = [label for label in trial.expected if label not in trial.place]
     if not absent:
@@ -100,7 +100,7 @@ def missing(trial: TrialEvidence) -> Iterator[Finding]:
     yield trial.finding(severity, "labels", found, cure, code=Code.MISSING_MARKERS)
 
 
-def too_few(trial: TrialEvidence) -> Iterator[Finding]:
+def too_few(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the first segment of the part that is fitted has three markers: the pelvis, or what carries it."""
     if trial.is_static or trial.model is None:
         return
@@ -124,7 +124,7 @@ def too_few(trial: TrialEvidence) -> Iterator[Finding]:
             yield trial.info("labels", found, code=Code.PELVIS_CARRIED)
 
 
-def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
+def never_seen(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers whose label is in the file without a single position: as if it had no such label.
 
     An error where pelvis or leg lose all that they have, in an isolated trial the segments of its joint: then somebody
@@ -155,7 +155,7 @@ def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def one_sacral(trial: TrialEvidence) -> Iterator[Finding]:
+def one_sacral(trial: MarkerEvidence) -> Iterator[Finding]:
     """A static trial in which one posterior spine of two is marked: the model's pelvis stands on its mirror image."""
     if not trial.is_static or trial.model is None:
         return
@@ -166,7 +166,7 @@ def one_sacral(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("landmarks", found, cure, cause=cause, code=Code.ONE_POSTERIOR_SPINE)
 
 
-def unknown(trial: TrialEvidence) -> Iterator[Finding]:
+def unknown(trial: MarkerEvidence) -> Iterator[Finding]:
     """Labels that the marker set does not know: they are not used."""
     strangers = unknown_labels(trial)
     if strangers:
@@ -174,13 +174,13 @@ def unknown(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.info("labels", found, "nothing, if they are meant to be left out", code=Code.UNKNOWN_LABELS)
 
 
-def unknown_labels(trial: TrialEvidence) -> list[str]:
+def unknown_labels(trial: MarkerEvidence) -> list[str]:
     """Labels of the file that the marker set does not know."""
     known = {*trial.marker_set.labels, *trial.marker_set.devices}
     return [label for label in trial.recording.labels if label not in known]
 
 
-def doubled(trial: TrialEvidence) -> Iterator[Finding]:
+def doubled(trial: MarkerEvidence) -> Iterator[Finding]:
     """Labels that occur twice, and trajectories that have two names: markers that always lie on each other."""
     names = [label.rpartition("#")[0] for label in trial.recording.labels if "#" in label]
     if twice := [name for name in names if name in trial.place]:
@@ -201,7 +201,7 @@ def doubled(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.error("labels", f"one trajectory under two labels: {listed(same)}", cure, code=Code.ONE_TRAJECTORY)
 
 
-def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
+def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
     """Segments of the legs, and others that the model tracks, that show no marker with weight in a gait trial."""
     if not trial.is_gait or trial.model is None:
         return
@@ -224,7 +224,7 @@ def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def gaps(trial: TrialEvidence) -> Iterator[Finding]:
+def gaps(trial: MarkerEvidence) -> Iterator[Finding]:
     """Long gaps, and markers that are missing most of the time."""
     used = {m for m in trial.present if trial.ever_seen(m)}
     markers = [gap for gap in marker_gaps(trial.recording) if gap.label in used]
@@ -240,7 +240,7 @@ def gaps(trial: TrialEvidence) -> Iterator[Finding]:
     yield from _pelvis_lost(trial)
 
 
-def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
+def _pelvis_lost(trial: MarkerEvidence) -> Iterator[Finding]:
     """Where the pelvis has no pose: the splines carry it over moments, however many, but not over a part of a step."""
     pelvis, time = trial.pelvis, trial.recording.time
     if pelvis is None or pelvis.determined.all():
@@ -262,7 +262,7 @@ def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
     yield trial.warning("gaps", words, f"label or fill the markers of the pelvis there{part}", code=Code.PELVIS_LOST)
 
 
-def rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
+def rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers that stand in the model where other trials say that they were."""
     if trial.rebuilding is None or trial.model is None:
         return
@@ -284,7 +284,7 @@ def rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.info("lost markers", listed(rest), code=Code.REBUILT_MARKER)
 
 
-def not_rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
+def not_rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers that moving trials show and the static one does not, and that nothing places."""
     if trial.rebuilding is None or trial.model is None or not trial.rebuilding.left:
         return
@@ -294,7 +294,7 @@ def not_rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
     yield trial.warning("lost markers", found, cure, code=Code.MARKER_LEFT_OUT)
 
 
-def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
+def on_segments(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers of a static trial that lie elsewhere than at their segment."""
     lines, height = _lines(trial), trial.subject.height
     wrong = []
@@ -315,7 +315,7 @@ def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.error("marker places", found, cure, cause=cause, weight=5.0, code=Code.MARKER_ELSEWHERE)
 
 
-def _lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]]:
+def _lines(trial: MarkerEvidence) -> dict[str, tuple[Array, Array]]:
     """Segment -> its two ends, (3,) m."""
     p, parts = trial.posture or {}, (("thigh", "asis", "knee_lat"), ("shank", "knee_lat", "ankle_lat"))
     ends = {
@@ -336,7 +336,7 @@ def _distance(point: Array, a: Array, b: Array) -> float:
     return float(np.linalg.norm(point - a - share * along))
 
 
-def followed(trial: TrialEvidence) -> Iterator[Finding]:
+def followed(trial: MarkerEvidence) -> Iterator[Finding]:
     """Segments of the legs that show fewer than two markers: in most frames, or for a while."""
     if trial.is_static or trial.model is None:
         return
@@ -371,7 +371,7 @@ def followed(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.finding(severity, ONE_MARKER, found, cure, cause=cause, leg=side, weight=weight, code=code)
 
 
-def _counts(trial: TrialEvidence) -> dict[str, Array]:
+def _counts(trial: MarkerEvidence) -> dict[str, Array]:
     """Segment -> (nf,) markers with weight that are seen, of the segments of the legs whose turns the trial is to show;
     what carries an isolated joint needs three markers.
     """
@@ -380,7 +380,7 @@ def _counts(trial: TrialEvidence) -> dict[str, Array]:
     return {s: trial.seen[:, [trial.place[m] for m in trial.weighed(s)]].sum(axis=1) for s in judged}
 
 
-def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float] | None:
+def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float] | None:
     """Angle of a leg -> rad, how uncertain it is in the worst tenth of the frames; None where tracking fails."""
     nominal = model.nominal
     try:
@@ -399,7 +399,7 @@ def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float]
     return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l")}
 
 
-def moving_along(trial: TrialEvidence, segment: str) -> list[str]:
+def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:
     """Labels unknown to the set whose distance from the markers of a leg's segment stays the same.
 
     A shank or a foot must keep its distance from the lateral marker of the joint above, too: near that joint's axis a
@@ -416,7 +416,7 @@ def moving_along(trial: TrialEvidence, segment: str) -> list[str]:
     ]
 
 
-def _keeps(trial: TrialEvidence, label: str, segment: str) -> bool:
+def _keeps(trial: MarkerEvidence, label: str, segment: str) -> bool:
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
     own = {m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place}
@@ -427,7 +427,7 @@ def _keeps(trial: TrialEvidence, label: str, segment: str) -> bool:
     return bool(spread) and all(s is not None and s < most for s, most in spread) and moved > MOVES_M
 
 
-def _spread(trial: TrialEvidence, one: str, other: str) -> float | None:
+def _spread(trial: MarkerEvidence, one: str, other: str) -> float | None:
     """m, standard deviation of the distance of two markers; None where they are hardly seen together."""
     away = np.linalg.norm(trial.path(one) - trial.path(other), axis=1)
     away = away[np.isfinite(away)]

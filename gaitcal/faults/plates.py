@@ -31,7 +31,7 @@ from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import near
 from gaitcal.dynamics.plate_errors import OUTSIDE_SHARE, share_outside
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of
 from gaitcal.findings import Finding
 from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N, resample_wrench
@@ -88,7 +88,7 @@ VELOCITY_S = 0.1
 _ALARMING = re.compile(r"left out|never empty|outside its corners|no numbers")
 
 
-def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
+def told_on_reading(trial: MarkerEvidence) -> Iterator[Finding]:
     """What the reader noted on plates: type, sign, corners, offset, samples without numbers."""
     for note in trial.recording.notes:
         if not re.match(r"Plate |\d+ force plate", note) or "holds the columns" in note:
@@ -104,7 +104,7 @@ def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_DESCRIPTION)
 
 
-def signals(trial: TrialEvidence) -> Iterator[Finding]:
+def signals(trial: MarkerEvidence) -> Iterator[Finding]:
     """Sign, offset, saturation and direction of every plate's force."""
     for plate in trial.recording.plates:
         force = plate.force[np.isfinite(plate.force).all(axis=1)]
@@ -132,7 +132,7 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
                 yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_AXES)
 
 
-def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Finding]:
+def _dead(trial: MarkerEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Finding]:
     """Horizontal components that never change while somebody walks on the plate, `loaded` (n, 3) N."""
     if not trial.is_gait or len(loaded) < DEAD_SAMPLES:
         return
@@ -146,7 +146,7 @@ def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Fi
         yield trial.warning("plates", found, cure, cause=cause, code=Code.DEAD_CHANNEL)
 
 
-def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
+def _clipped(trial: MarkerEvidence, plate: ForcePlate) -> Iterator[Finding]:
     """Components of the force that stay at their largest value."""
     for axis, name in enumerate("xyz"):
         size = np.abs(np.nan_to_num(plate.force[:, axis]))
@@ -164,7 +164,7 @@ def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
             )
 
 
-def corners(trial: TrialEvidence) -> Iterator[Finding]:
+def corners(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether centres of pressure lie on their plate."""
     for plate in trial.recording.plates:
         share, farthest = (0.0, 0.0) if plate.corners is None else share_outside(plate, plate.corners, BODY_N)
@@ -176,7 +176,7 @@ def corners(trial: TrialEvidence) -> Iterator[Finding]:
             yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_CORNERS)
 
 
-def covered(trial: TrialEvidence) -> Iterator[Finding]:
+def covered(trial: MarkerEvidence) -> Iterator[Finding]:
     """How the clocks of markers and forces overlap."""
     time = trial.recording.time
     for plate in trial.recording.plates if trial.is_gait else ():
@@ -187,7 +187,7 @@ def covered(trial: TrialEvidence) -> Iterator[Finding]:
             return
 
 
-def _long_steps(trial: TrialEvidence) -> tuple[Step, ...]:
+def _long_steps(trial: MarkerEvidence) -> tuple[Step, ...]:
     """Steps of a walk that are long enough and under a foot."""
     if trial.pelvis is None:
         return ()
@@ -195,14 +195,14 @@ def _long_steps(trial: TrialEvidence) -> tuple[Step, ...]:
     return tuple(s for s in steps_of(trial) if s.under_foot and duration(time, s.frames) >= STANCE_S)
 
 
-def _directions(trial: TrialEvidence) -> tuple[Array, Array]:
+def _directions(trial: MarkerEvidence) -> tuple[Array, Array]:
     """(2,) unit vectors in x and z, forward and right: along the way of the body, or where the pelvis faces."""
     way = trial.facing if trial.on_the_spot and trial.facing is not None else trial.way
     forward = way / max(float(np.linalg.norm(way)), 1e-12)
     return forward, np.array([-forward[1], forward[0]])
 
 
-def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
+def horizontal(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether legs brake before they drive, and push inwards."""
     steps, time = _long_steps(trial), trial.recording.time
     if not steps:
@@ -232,7 +232,7 @@ def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("forces", found, cure, cause=cause, code=Code.FORCE_SIGN)
 
 
-def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
+def beside_feet(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the centres of pressure of both feet lie off their feet to the same side of the room."""
     feet = feet_of(trial)
     if feet is None:
@@ -262,7 +262,7 @@ def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def free_moment(trial: TrialEvidence) -> Iterator[Finding]:
+def free_moment(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether free moments hold the feet against turning, or turn them on."""
     # on a treadmill, or where the body goes where the pelvis faces
     if trial.facing is None or not (trial.on_the_spot or trial.way @ trial.facing > 0):
@@ -290,7 +290,7 @@ def free_moment(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def _held(trial: TrialEvidence, step: Step) -> float:
+def _held(trial: MarkerEvidence, step: Step) -> float:
     """The d of one step."""
     wrench = np.nan_to_num(resample_wrench(step.plate, trial.recording.time))[step.frames]
     moment = (wrench[:, 3:] - cross(step.point, wrench[:, :3]))[:, 1]
@@ -300,7 +300,7 @@ def _held(trial: TrialEvidence, step: Step) -> float:
     return float(side * (late - early) / (trial.subject.weight * trial.subject.height))
 
 
-def standing_mass(trial: TrialEvidence) -> Iterator[Finding]:
+def standing_mass(trial: MarkerEvidence) -> Iterator[Finding]:
     """Body mass against the force under the standing person."""
     if not trial.is_static or trial.model is None or not trial.recording.plates:
         return
@@ -318,13 +318,13 @@ def standing_mass(trial: TrialEvidence) -> Iterator[Finding]:
         yield _weighed(trial, words, cure, abs(carried / mass - 1) > MASS_DIFFERENCE)
 
 
-def _weighed(trial: TrialEvidence, words: str, cure: str, wrong: bool) -> Finding:
+def _weighed(trial: MarkerEvidence, words: str, cure: str, wrong: bool) -> Finding:
     if not wrong:
         return trial.info("body mass", words, code=Code.BODY_MASS)
     return trial.warning("body mass", words, cure, cause="mass_kg is not what the plates weigh", code=Code.BODY_MASS)
 
 
-def step_loads(trial: TrialEvidence) -> Iterator[Finding]:
+def step_loads(trial: MarkerEvidence) -> Iterator[Finding]:
     """Body weight against the mean and the largest force of whole steps."""
     if not trial.is_gait:
         return
@@ -346,7 +346,7 @@ def step_loads(trial: TrialEvidence) -> Iterator[Finding]:
                 yield trial.warning("body mass", found, cure, cause=cause, code=Code.STEP_LOAD)
 
 
-def _parts(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:
+def _parts(trial: MarkerEvidence) -> list[tuple[ForcePlate, float, float]]:
     """Loadings, plate and s from when to when, of feet on two plates at once, or partly beside theirs."""
     found, time = steps_of(trial), trial.recording.time
     parts = [step for step in found if step.under_foot and any(overhang(trial, step))]
@@ -357,7 +357,7 @@ def _parts(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:
     return [(s.plate, float(time[s.frames.start]), float(time[s.frames.stop - 1])) for s in parts]
 
 
-def carried_mass(trial: TrialEvidence) -> Iterator[Finding]:
+def carried_mass(trial: MarkerEvidence) -> Iterator[Finding]:
     """The mass that the plates of a gait trial carry, against the subject's."""
     feet = feet_of(trial)
     if feet is None or trial.pelvis is None:
@@ -377,7 +377,7 @@ def carried_mass(trial: TrialEvidence) -> Iterator[Finding]:
     yield _weighed(trial, words, cure, abs(mean / mass - 1.0) > most)
 
 
-def _all_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
+def _all_on_plates(trial: MarkerEvidence, feet: Feet) -> BoolArray:
     """(nf,) where some foot is loaded and no foot stands beside a plate or partly so."""
     loaded = np.zeros((len(feet.time), 2), dtype=bool)
     doubtful = np.zeros(len(feet.time), dtype=bool)
@@ -394,7 +394,7 @@ def _all_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
     return out
 
 
-def _mass(trial: TrialEvidence, run: slice) -> float | None:
+def _mass(trial: MarkerEvidence, run: slice) -> float | None:
     """Mass (kg) that the plates carry in the frames `run`; None where the pelvis is not seen at both ends."""
     time, pelvis, velocity = trial.recording.time, trial.pelvis, []
     for moment in (float(time[run.start]), float(time[run.stop - 1])):

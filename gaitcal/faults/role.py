@@ -24,7 +24,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.faults.body_plan import body_axes
-from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
+from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.still import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
@@ -81,7 +81,7 @@ def nominal_model_of(study: Study) -> tuple[SubjectModel | None, tuple[Finding, 
         return None, (Finding.of_fault(fault, study.static.name, study.static.recording.source, "static trial"),)
 
 
-def upright(trial: TrialEvidence) -> Iterator[Finding]:
+def upright(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the body is the right way up in the y-up axes that were made of the file's, in every kind of trial.
 
     A pelvis whose right and left are exchanged, by labels or by a mirrored axis, looks the same as itself turned about
@@ -105,7 +105,7 @@ def upright(trial: TrialEvidence) -> Iterator[Finding]:
     yield trial.error("axes", found, cure, cause=cause, weight=10.0, code=Code.NOT_UPRIGHT)
 
 
-def _feet_above(trial: TrialEvidence) -> float | None:
+def _feet_above(trial: MarkerEvidence) -> float | None:
     """m, median height of knees, ankles or heels, or else of all markers of the legs, over the ASIS."""
     hips = [path[:, 1] for side in SIDES if (path := trial.landmark(f"asis_{side}")) is not None]
     ends = [f"{name}_{side}" for name in ("ankle_lat", "heel", "knee_lat") for side in SIDES]
@@ -118,7 +118,7 @@ def _feet_above(trial: TrialEvidence) -> float | None:
     return float(np.nanmedian(np.array(feet)) - np.nanmedian(np.array(hips)))
 
 
-def length(trial: TrialEvidence) -> Iterator[Finding]:
+def length(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the static trial is long enough to tell that anybody stands still; one that is not is taken as it is."""
     time = trial.recording.time
     if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
@@ -133,7 +133,7 @@ def length(trial: TrialEvidence) -> Iterator[Finding]:
     )
 
 
-def stillness(trial: TrialEvidence) -> Iterator[Finding]:
+def stillness(trial: MarkerEvidence) -> Iterator[Finding]:
     """How still the person stood."""
     if not trial.is_static or trial.model is None or any(length(trial)):
         return
@@ -151,7 +151,7 @@ def stillness(trial: TrialEvidence) -> Iterator[Finding]:
     yield trial.warning("still window", found, cure, weight=window.speed / STILL_M_S, code=Code.STILLNESS)
 
 
-def heading(trial: TrialEvidence) -> Iterator[Finding]:
+def heading(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the person goes where the pelvis faces, and is not carried along sideways."""
     if trial.facing is None or not trial.is_gait:
         return
@@ -171,7 +171,7 @@ def heading(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def one_joint_alone(trial: TrialEvidence) -> Iterator[Finding]:
+def one_joint_alone(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the body stays where it is, and the other leg still, while one joint moves."""
     declared = trial.trial.joint
     if not trial.is_isolated or declared is None:
@@ -194,7 +194,7 @@ def one_joint_alone(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("role", found, cure, cause=cause, weight=5.0, code=Code.LOOKS_LIKE_WALK)
 
 
-def declared_joint(trial: TrialEvidence) -> Iterator[Finding]:
+def declared_joint(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the joint that moves is the one for which the trial is declared."""
     declared = trial.trial.joint
     turns = {joint: link.rms for joint, link in trial.links.items()} if trial.is_isolated else {}
@@ -261,7 +261,7 @@ def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
     return StandingLegs(knees=(knees[0], knees[1]), thighs=(thighs[0], thighs[1]), heels=heels)
 
 
-def standing_flat(trial: TrialEvidence) -> Iterator[Finding]:
+def standing_flat(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the feet of a static trial stand as the zero of the ankle angles was taken from them."""
     p, rule = trial.posture, AnkleZero(trial.settings.ankle_rule)
     if p is None or not trial.makes_model or rule is not AnkleZero.AUTO or any(name not in p for name in REQUIRED):
@@ -282,7 +282,7 @@ def standing_flat(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
+def standing_straight(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the person of a static trial stands on both straight legs."""
     if trial.posture is None:
         return
@@ -320,7 +320,7 @@ def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
         )
 
 
-def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def statics_agree(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     """Whether further static trials show the body of the first."""
     standing = [trial for trial in trials if trial.is_static]
     if not standing:
@@ -358,7 +358,7 @@ def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         )
 
 
-def _segments(trial: TrialEvidence) -> dict[str, list[str]]:
+def _segments(trial: MarkerEvidence) -> dict[str, list[str]]:
     """Segment -> its markers that decide anything, those of the static trial alone and landmarks included."""
     marker_set = trial.marker_set
     out: dict[str, list[str]] = {}

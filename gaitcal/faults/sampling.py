@@ -27,7 +27,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.force_plate import filterable
 from gaitcal.io.intervals import runs
@@ -63,7 +63,7 @@ FAR_FRAMES = 20.0
 """Above that the velocity says nothing of where the body would be."""
 
 
-def rate(trial: TrialEvidence) -> Iterator[Finding]:
+def rate(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the frame rate is one of motion capture."""
     time = trial.recording.time
     if not trial.is_static and len(time) < FEWEST_FRAMES:
@@ -92,7 +92,7 @@ def rate(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("time", found, cure, cause="time steps are not even", code=Code.UNEVEN_TIME)
 
 
-def speed(trial: TrialEvidence) -> Iterator[Finding]:
+def speed(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the body goes at a speed of walking, which a wrong clock spoils."""
     time = trial.recording.time
     if not trial.is_gait or len(time) < 2:
@@ -104,7 +104,7 @@ def speed(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("time", found, cure, cause=cause, code=Code.TOO_FAST)
 
 
-def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
+def header_rate(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the time column of a TRC goes at the camera's rate that its header names."""
     named = _header_rates(Path(trial.source))
     hz = trial.recording.rate
@@ -139,7 +139,7 @@ def _header_rates(path: Path) -> dict[str, float]:
     return {}
 
 
-def splines(trial: TrialEvidence) -> Iterator[Finding]:
+def splines(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the splines of the motion suit the frames, and the filter the plates."""
     time = trial.recording.time
     if trial.is_static or len(time) < FEWEST_FRAMES:
@@ -184,7 +184,7 @@ def _passed(settings: CalibrationSettings, time: Array) -> tuple[float | None, s
     return HALF_POWER * float(settings.bandwidth_hz), f"bandwidth_hz = {settings.bandwidth_hz:g}: splines"
 
 
-def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def rates_differ(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     """Trials whose frame rate is not that of the others."""
     rates = {t.name: t.recording.rate for t in trials if len(t.recording.time) > 1}
     common = float(np.median(list(rates.values()))) if rates else 0.0
@@ -202,7 +202,7 @@ def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         )
 
 
-def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def same_recording(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     """Trials whose markers are the same in every frame, whatever their files are called: one would count twice.
 
     Parts of one long file, chosen by `time`, are trials of their own.
@@ -217,12 +217,12 @@ def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
             yield other.error("trials", found, cure, code=Code.SAME_RECORDING)
 
 
-def jump_limit(trial: TrialEvidence) -> float:
+def jump_limit(trial: MarkerEvidence) -> float:
     """m, how far a marker may be out of line with the frames before and after."""
     return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / trial.recording.rate**2)
 
 
-def spikes(trial: TrialEvidence) -> Iterator[Finding]:
+def spikes(trial: MarkerEvidence) -> Iterator[Finding]:
     """Single positions that lie out of line with the frames before and after."""
     x = trial.recording.markers
     if len(x) < 3:
@@ -265,7 +265,7 @@ class Seam:
         return count if abs(self.lost) < FAR_FRAMES else "far from the path before"
 
 
-def seam(trial: TrialEvidence) -> Iterator[Finding]:
+def seam(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether frames are missing and their times, too, one stands twice, or parts of recordings were joined."""
     found = seams(trial.recording.markers)
     if not found or trial.is_static:

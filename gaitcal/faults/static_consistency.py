@@ -16,7 +16,7 @@ import numpy as np
 from gaitcal.codes import Code
 from gaitcal.faults.cluster import FEWEST, alignment
 from gaitcal.faults.contradiction import OFFSET_M, Contradiction, Fault, contradictions
-from gaitcal.faults.evidence import TrialEvidence, side_of
+from gaitcal.faults.evidence import MarkerEvidence, side_of
 from gaitcal.faults.exchanged import sides_exchanged, undone
 from gaitcal.faults.knee_line import knee_axes
 from gaitcal.faults.marker_slip import stretches
@@ -68,11 +68,11 @@ SHORTEST_M = 0.03
 UNITS = {"millimetres": 1e3, "centimetres": 1e2, "inches": 39.4}
 
 
-def static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     """Everything in which moving trials contradict the static one or each other, one finding a cause."""
     yield from body_scale(trials)
     sized = [rescaled(t) for t in trials if not t.is_static]
-    found: dict[tuple[Fault, str, tuple[str, ...]], list[tuple[TrialEvidence, Contradiction]]] = {}
+    found: dict[tuple[Fault, str, tuple[str, ...]], list[tuple[MarkerEvidence, Contradiction]]] = {}
     spoilt: set[str] = set()
     for trial in sized:
         causes = contradictions_in(trial)
@@ -93,12 +93,12 @@ def static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
 
 
 @remembered
-def contradictions_in(trial: TrialEvidence) -> tuple[Contradiction, ...]:
+def contradictions_in(trial: MarkerEvidence) -> tuple[Contradiction, ...]:
     """Everything in which a moving trial contradicts the static one."""
     return contradictions(trial.clusters, trial.links)
 
 
-def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: int) -> Finding:
+def _of_cause(group: list[tuple[MarkerEvidence, Contradiction]], moving: int) -> Finding:
     """One cause, and the trials that show it, of so many moving ones."""
     trial, worst = max(group, key=lambda pair: pair[1].excess)
     names = list(dict.fromkeys(t.name for t, _ in group))
@@ -189,12 +189,12 @@ def _part(name: str) -> str:
     return f"{SIDE_WORDS[name[-1]]}{name[:-2]}" if side_of(name) else name
 
 
-def _whole_time(trial: TrialEvidence) -> str:
+def _whole_time(trial: MarkerEvidence) -> str:
     time = trial.recording.time
     return f"the whole trial, {time[0]:.2f}-{time[-1]:.2f} s"
 
 
-def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Finding | None:
+def _whole_trial(trial: MarkerEvidence, causes: Sequence[Contradiction]) -> Finding | None:
     """The exchange of all right and left labels, or a mirrored axis, where it explains everything."""
     if len(causes) < 2 and causes[0].fault is not Fault.UNKNOWN:
         return None
@@ -225,7 +225,7 @@ def axis_mirrored(recording: Recording) -> Recording:
     return replace(recording, markers=recording.markers * [1.0, 1.0, -1.0])
 
 
-def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[Finding]:
+def _between_walks(walks: Sequence[MarkerEvidence], told: set[str]) -> Iterator[Finding]:
     """The walk of a session in which a cluster has another shape than in the rest; not of segments `told`."""
     for trial in walks:
         for segment, cluster in trial.clusters.items():
@@ -250,13 +250,13 @@ def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[F
             )
 
 
-def scale_of(trial: TrialEvidence) -> float | None:
+def scale_of(trial: MarkerEvidence) -> float | None:
     """Median size of the trial's clusters; None with too few."""
     ratios = [cluster.size_ratio for cluster in trial.clusters.values()]
     return float(np.median(ratios)) if len(ratios) >= FEWEST_CLUSTERS else None
 
 
-def odd_scale(trial: TrialEvidence) -> float | None:
+def odd_scale(trial: MarkerEvidence) -> float | None:
     """The scale of a trial where it is not that of the static trial.
 
     It is uncertain by 2 (1.25 (1.48 median |r - median r|) / sqrt(n)), twice the standard error of a median of n sizes
@@ -272,13 +272,13 @@ def odd_scale(trial: TrialEvidence) -> float | None:
     return scale if not SCALE[0] - margin <= scale <= SCALE[1] + margin + swollen else None
 
 
-def rescaled(trial: TrialEvidence) -> TrialEvidence:
+def rescaled(trial: MarkerEvidence) -> MarkerEvidence:
     """The trial in the size of the static one, where it has another: what else is wrong can be seen then."""
     scale = odd_scale(trial)
     return trial if scale is None else trial.with_markers(trial.recording.markers / scale)
 
 
-def body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
+def body_scale(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     """Whether all trials show a body of one size."""
     scales = {t.name: (t, scale) for t in trials if not t.is_static and (scale := scale_of(t)) is not None}
     odd = [(t, scale) for t, scale in scales.values() if odd_scale(t) is not None]
@@ -302,7 +302,7 @@ def body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
         yield t.finding(severity, "body size", found, cure, cause=cause, weight=weight, code=Code.BODY_SIZE)
 
 
-def size(trial: TrialEvidence) -> Iterator[Finding]:
+def size(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the cloud of markers has the size of a body."""
     height, found = trial.subject.height, cloud_size(trial)
     if found is None or SIZE[0] * height < found < SIZE[1] * height:
@@ -317,7 +317,7 @@ def size(trial: TrialEvidence) -> Iterator[Finding]:
     yield trial.error("units", f"the markers span {found:.4g} m; allowed: {allowed}", cure, code=Code.UNIT_OF_LENGTH)
 
 
-def cloud_size(trial: TrialEvidence) -> float | None:
+def cloud_size(trial: MarkerEvidence) -> float | None:
     """m, diagonal of the box around the markers of the set, median over frames; None where too few are seen."""
     columns = [trial.place[m] for m in trial.marker_set.labels if m in trial.place]
     frames = np.flatnonzero(trial.seen[:, columns].sum(axis=1) >= 3)
@@ -329,7 +329,7 @@ def cloud_size(trial: TrialEvidence) -> float | None:
     return float(np.median(np.linalg.norm(box, axis=1)))
 
 
-def scale(trial: TrialEvidence) -> Iterator[Finding]:
+def scale(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether lengths within segments are those of the static trial."""
     ratios = [] if trial.is_static else list(_length_ratios(trial))
     if not ratios:
@@ -346,7 +346,7 @@ def scale(trial: TrialEvidence) -> Iterator[Finding]:
         yield trial.warning("units", words, cure, code=Code.OTHER_SCALE)
 
 
-def _length_ratios(trial: TrialEvidence) -> Iterator[float]:
+def _length_ratios(trial: MarkerEvidence) -> Iterator[float]:
     """Median distance of every pair of markers with weight in a segment, over that in the static posture."""
     for labels, local in trial.templates.values():
         for i, a in enumerate(labels):

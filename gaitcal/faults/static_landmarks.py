@@ -21,7 +21,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.faults.body_plan import Landmarks, Measure, body_axes, cost, cost_of_build, measures
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.role import standing_legs
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.linkage import SIDES
@@ -197,7 +197,7 @@ def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, 
     return name, float(r @ r), d if axes is None else d @ axes
 
 
-def proportions(trial: TrialEvidence) -> Iterator[Finding]:
+def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
     """Landmarks that carry each other's labels, or lie off their bones, in a static trial; a height that is wrong."""
     p = landmarks(trial)
     if not p:
@@ -236,7 +236,7 @@ def proportions(trial: TrialEvidence) -> Iterator[Finding]:
         yield from _impossible(trial, measures(sound, factor * given))
 
 
-def hip_height(trial: TrialEvidence) -> float | None:
+def hip_height(trial: MarkerEvidence) -> float | None:
     """m, median height of the ASIS above the lateral malleoli."""
     paths = [trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in SIDES]
     if any(path is None for path in paths):
@@ -247,13 +247,13 @@ def hip_height(trial: TrialEvidence) -> float | None:
     return float(np.median(difference)) if len(difference) else None
 
 
-def landmarks(trial: TrialEvidence) -> dict[str, Array]:
+def landmarks(trial: MarkerEvidence) -> dict[str, Array]:
     """Landmark -> (3,) m, of pelvis and legs, mean of the still window of a static trial; empty where there is none."""
     used = {"sacrum", *(f"{name}_{side}" for name in ("asis", *LEG) for side in SIDES)}
     return {name: point for name, point in (trial.posture or {}).items() if name in used}
 
 
-def _exchanged(trial: TrialEvidence, fault: Exchange) -> Finding:
+def _exchanged(trial: MarkerEvidence, fault: Exchange) -> Finding:
     pairs = label_pairs(trial, fault.pairs)
     words = listed([f"'{a}' and '{b}'" for a, b in pairs], 4)
     if {"asis_r", "heel_r", "knee_lat_r"} <= {name for pair in fault.pairs for name in pair}:
@@ -271,7 +271,7 @@ def _exchanged(trial: TrialEvidence, fault: Exchange) -> Finding:
     )
 
 
-def _displaced(trial: TrialEvidence, fault: Displaced) -> Finding:
+def _displaced(trial: MarkerEvidence, fault: Displaced) -> Finding:
     way = int(np.argmax(np.abs(fault.away)))
     where = _WAYS[way][int(fault.away[way] > 0)]
     name = label_words(trial, fault.landmark)
@@ -288,7 +288,7 @@ def _displaced(trial: TrialEvidence, fault: Displaced) -> Finding:
     )
 
 
-def _height(trial: TrialEvidence, p: Landmarks, factor: float, legs: float | None) -> Finding:
+def _height(trial: MarkerEvidence, p: Landmarks, factor: float, legs: float | None) -> Finding:
     given = trial.subject.height
     lengths = [m for m in measures(p, given) if m.absolute and abs(m.z) > 1.0]
     found = ""
@@ -307,7 +307,7 @@ def _height(trial: TrialEvidence, p: Landmarks, factor: float, legs: float | Non
     )
 
 
-def _impossible(trial: TrialEvidence, found: Sequence[Measure]) -> Iterator[Finding]:
+def _impossible(trial: MarkerEvidence, found: Sequence[Measure]) -> Iterator[Finding]:
     """Lengths that no body has, where no single fault explains them."""
     worst = [m for m in found if m.absolute and abs(m.z) > IMPOSSIBLE_Z]
     if worst:
@@ -322,13 +322,13 @@ def _evidence(found: Sequence[Measure]) -> str:
     return ", ".join(m.words for m in worst[:EVIDENCE])
 
 
-def label_words(trial: TrialEvidence, landmark: str) -> str:
+def label_words(trial: MarkerEvidence, landmark: str) -> str:
     """The markers of a landmark, in words."""
     labels = trial.marker_set.landmarks.get(landmark, (landmark,))
     return " and ".join(f"'{label}'" for label in labels)
 
 
-def label_pairs(trial: TrialEvidence, pairs: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
+def label_pairs(trial: MarkerEvidence, pairs: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
     """The markers of exchanged landmarks, pair by pair."""
     of = trial.marker_set.landmarks
     return [labels for a, b in pairs for labels in zip(of.get(a, (a,)), of.get(b, (b,)), strict=False)]

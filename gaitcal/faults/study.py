@@ -24,7 +24,7 @@ from gaitcal.faults import (
     static_landmarks,
 )
 from gaitcal.faults.cluster import Stance
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
@@ -33,10 +33,10 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, cleaned, completed_static
-from gaitcal.study.study_file import StudyFile, Trial, load_study_file
-from gaitcal.study.study_trial import StudyTrial, read_trial
+from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
+from gaitcal.study.study_trial import Trial, read_trial
 
-TrialCheck: TypeAlias = Callable[[TrialEvidence], Iterator[Finding]]
+TrialCheck: TypeAlias = Callable[[MarkerEvidence], Iterator[Finding]]
 
 UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consistency.scale)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
@@ -106,10 +106,10 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     return check_study(study)
 
 
-def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[StudyTrial, ...], tuple[Finding, ...]]:
+def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[Trial, ...], tuple[Finding, ...]]:
     """The trials that can be read, and why the others cannot."""
 
-    def read(trial: Trial) -> StudyTrial | Finding:
+    def read(trial: TrialTable) -> Trial | Finding:
         try:
             return read_trial(trial, file.markers.rename, marker_set)
         except InputError as fault:
@@ -117,7 +117,7 @@ def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[StudyTrial, ...
 
     found = [read(trial) for trial in file.trials]
     unreadable = tuple(trial for trial in found if isinstance(trial, Finding))
-    return tuple(trial for trial in found if isinstance(trial, StudyTrial)), unreadable
+    return tuple(trial for trial in found if isinstance(trial, Trial)), unreadable
 
 
 @np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message
@@ -130,7 +130,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
         model, faults = role.nominal_model_of(study)
     trials = evidence_of(study, model)
     findings: list[Finding] = []
-    measured: list[TrialEvidence] = []
+    measured: list[MarkerEvidence] = []
     for trial in trials:
         found = _check_trial(trial)
         findings += _worst_first(without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
@@ -149,15 +149,15 @@ def check_study(study: Study) -> tuple[Finding, ...]:
 
 @np.errstate(all="ignore")
 def check_further(
-    trial: StudyTrial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
+    trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
 ) -> tuple[Finding, ...]:
     """All findings on one further trial against a saved model and its marker set, the worst first."""
-    evidence = TrialEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
+    evidence = MarkerEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
     found = without_consequences(_check_trial(evidence))
     return tuple(_worst_first([*found, *static_consistency.static_consistency((evidence,))]))
 
 
-def evidence_of(study: Study, model: SubjectModel | None) -> tuple[TrialEvidence, ...]:
+def evidence_of(study: Study, model: SubjectModel | None) -> tuple[MarkerEvidence, ...]:
     """What the checks look at, trial by trial, with the nominal model if there is one."""
     stance, completed = None, completed_static(study)
     if model is not None:
@@ -168,12 +168,12 @@ def evidence_of(study: Study, model: SubjectModel | None) -> tuple[TrialEvidence
     return tuple(replace(t, rebuilding=completed) if t.name == study.static.name else t for t in trials)
 
 
-def _evidence(study: Study, trial: StudyTrial, model: SubjectModel | None) -> TrialEvidence:
+def _evidence(study: Study, trial: Trial, model: SubjectModel | None) -> MarkerEvidence:
     marker_set = study.marker_set.with_weights(study.weights)
-    return TrialEvidence.of(trial, marker_set, study.subject, study.settings, model)
+    return MarkerEvidence.of(trial, marker_set, study.subject, study.settings, model)
 
 
-def _check_trial(trial: TrialEvidence) -> list[Finding]:
+def _check_trial(trial: MarkerEvidence) -> list[Finding]:
     units = [finding for check in UNIT_CHECKS for finding in check(trial)]
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]

@@ -126,7 +126,7 @@ class Reason:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialVerdict:
+class WalkVerdict:
     """One walk, and its legs."""
 
     judgement: Judgement
@@ -141,7 +141,7 @@ class Verdict:
     judgement: Judgement
     reasons: tuple[Reason, ...]
     """The worst first."""
-    trials: Mapping[str, TrialVerdict]
+    trials: Mapping[str, WalkVerdict]
     """Every walk."""
     forced: bool = False
     """Whether the user went on past errors."""
@@ -189,7 +189,7 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
     shared = [f for f in findings if f.where not in walks]
     of_all = _of_legs(shared)
     spoilt = {f.where for f in findings if f.where in walks and f.severity is Severity.ERROR and touches_model(f.topic)}
-    trials: dict[str, TrialVerdict] = {}
+    trials: dict[str, WalkVerdict] = {}
     for walk in walks:
         own = _of_legs([f for f in findings if f.where == walk])
         legs = {side: Judgement.worst((own[side], of_all[side])) for side in SIDES}
@@ -197,7 +197,7 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
         legs = {side: Judgement.worst((leg, whole)) for side, leg in legs.items()}
         if spoilt - {walk}:
             legs = {side: Judgement.worst((leg, Judgement.DOUBTFUL)) for side, leg in legs.items()}
-        trials[walk] = TrialVerdict(judgement=Judgement.worst((whole, _of_both(legs))), legs=legs)
+        trials[walk] = WalkVerdict(judgement=Judgement.worst((whole, _of_both(legs))), legs=legs)
     return Verdict(judgement=_overall(of_all, trials), reasons=reasons(findings), trials=trials, forced=forced)
 
 
@@ -231,7 +231,7 @@ def _of_both(legs: Mapping[str, Judgement]) -> Judgement:
     return worst
 
 
-def _overall(shared: Mapping[str, Judgement], trials: Mapping[str, TrialVerdict]) -> Judgement:
+def _overall(shared: Mapping[str, Judgement], trials: Mapping[str, WalkVerdict]) -> Judgement:
     """Refused where all is: a walk that is refused beside others that are not leaves doubt alone."""
     walks = [trial.judgement for trial in trials.values()]
     everything = [*shared.values(), *walks]

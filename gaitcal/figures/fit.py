@@ -55,7 +55,7 @@ WIDTH = 3.6
 
 
 @dataclass(frozen=True)
-class TrialFit:
+class FitSummary:
     """Marker errors of one trial."""
 
     overall: RmsErrors
@@ -67,7 +67,7 @@ class TrialFit:
     """Those of trunk and arms: on a scale of their own, which would squeeze the errors of legs to nothing."""
 
 
-def fit_chart(trials: Sequence[TrialFit]) -> Chart | None:
+def fit_chart(trials: Sequence[FitSummary]) -> Chart | None:
     """All trials, then the segments of each whole-body trial; None without any trial."""
     if not trials:
         return None

@@ -20,17 +20,17 @@ from gaitcal.arrays import Array
 from gaitcal.figures.chart import Chart, chart_figure
 from gaitcal.figures.curves import Curves, Trace, angle_chart, moment_chart, power_chart
 from gaitcal.figures.fit import (
+    FitSummary,
     Forces,
     Residuals,
     Stage,
-    TrialFit,
     fit_chart,
     forces_chart,
     moment_change_chart,
     parameters_chart,
     residuals_chart,
 )
-from gaitcal.figures.sheet import SheetCurve, SheetTrial
+from gaitcal.figures.sheet import SheetCurve, SheetRecording
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import parameter_direction, parameter_place, parameter_words, segment_words
 from gaitcal.model.linkage import LOWER_BODY, SIDES
@@ -78,7 +78,7 @@ def stem(number: int, name: str) -> str:
 
 def report_charts(told: Told) -> list[Chart]:
     """All of them, in order; nothing is drawn yet."""
-    trials = [SheetTrial(content) for content in told.sheet["trials"]]
+    trials = [SheetRecording(content) for content in told.sheet["trials"]]
     charts = [fit_chart(_fits(told, trials)), parameters_chart(_groups(told.parameters), told.truth)]
     for number, trial in enumerate(trials, start=1):
         if not trial.isolated:
@@ -86,7 +86,7 @@ def report_charts(told: Told) -> list[Chart]:
     return [chart for chart in charts if chart is not None]
 
 
-def _of_walk(told: Told, trial: SheetTrial, name: str) -> Iterator[Chart | None]:
+def _of_walk(told: Told, trial: SheetRecording, name: str) -> Iterator[Chart | None]:
     mass = told.mass
     yield angle_chart(_curves(told, trial, trial.of("angle"), Kind.ANGLE, 1.0), name)
     if moments := trial.of("moment"):
@@ -99,7 +99,7 @@ def _of_walk(told: Told, trial: SheetTrial, name: str) -> Iterator[Chart | None]
         yield moment_change_chart({c.name: float(changes[c.name]) for c in moments if c.name in changes}, name)
 
 
-def _curves(told: Told, trial: SheetTrial, curves: list[SheetCurve], kind: Kind, factor: float) -> Curves:
+def _curves(told: Told, trial: SheetRecording, curves: list[SheetCurve], kind: Kind, factor: float) -> Curves:
     """Gaps where a value does not count; the whole body is drawn over the right stride, as healthy people are."""
 
     def scaled(values: Array | None) -> Array | None:
@@ -123,7 +123,7 @@ def _curves(told: Told, trial: SheetTrial, curves: list[SheetCurve], kind: Kind,
     return Curves(layout=trial.layout, traces=traces, normal=normal)
 
 
-def _forces(told: Told, trial: SheetTrial, name: str) -> Chart | None:
+def _forces(told: Told, trial: SheetRecording, name: str) -> Chart | None:
     found = {curve.name: curve for curve in trial.of("force")}
     if not found:
         return None
@@ -136,7 +136,7 @@ def _forces(told: Told, trial: SheetTrial, name: str) -> Chart | None:
     return forces_chart(Forces(time=trial.time, force=percent * force, valid_legs=legs), name)
 
 
-def _residuals(trial: SheetTrial, name: str) -> Chart | None:
+def _residuals(trial: SheetRecording, name: str) -> Chart | None:
     found = {curve.kind: curve for curve in trial.of("residual_force", "residual_moment")}
     if len(found) < 2 or not found["residual_force"].valid.any():
         return None
@@ -148,7 +148,7 @@ def _residuals(trial: SheetTrial, name: str) -> Chart | None:
     return residuals_chart(shown, name)
 
 
-def _fits(told: Told, trials: list[SheetTrial]) -> list[TrialFit]:
+def _fits(told: Told, trials: list[SheetRecording]) -> list[FitSummary]:
     """Marker errors as `summary.json` has them."""
     out = []
     for trial in trials:
@@ -160,7 +160,7 @@ def _fits(told: Told, trials: list[SheetTrial]) -> list[TrialFit]:
         }
         legs = tuple(errors for name, errors in segments.items() if name in LOWER_BODY)
         rest = tuple(errors for name, errors in segments.items() if name not in LOWER_BODY)
-        out.append(TrialFit(_errors(trial.name, about), trial.isolated, legs, rest))
+        out.append(FitSummary(_errors(trial.name, about), trial.isolated, legs, rest))
     return out
 
 

@@ -57,7 +57,7 @@ class SheetCurve:
 
 
 @dataclass(frozen=True)
-class SheetTrial:
+class SheetRecording:
     """One trial of a sheet."""
 
     content: Mapping[str, Any]

@@ -53,7 +53,7 @@ LEAST_TRAVEL: Final = 0.1  # m that the slower end of the foot travels in a swin
 
 
 @dataclass(frozen=True)
-class TrialEvents:
+class GaitEvents:
     """The events of one trial, and what speaks against those of its file."""
 
     events: tuple[GaitEvent, ...] = ()  # in order of time
@@ -68,7 +68,7 @@ class TrialEvents:
 
 def trial_events(
     model: SubjectModel, motion: Motion, reactions: GroundReactions | None, recording: Recording
-) -> TrialEvents:
+) -> GaitEvents:
     """Foot strikes and offs of a whole-body motion, each with its source.
 
     Parameters
@@ -87,7 +87,7 @@ def trial_events(
 
 def joined_events(
     time: Array, file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
-) -> TrialEvents:
+) -> GaitEvents:
     """The events of three sources as one list; `time` (nf,) s of the trial's frames."""
 
     def is_of_foot(event: FootEvent) -> bool:
@@ -107,7 +107,7 @@ def joined_events(
             shift = _median_difference([e.time for e in known], alone)
             alone = [t + shift for t in alone if time[0] <= t + shift <= time[-1]]
             events += known + _further(known, alone, EventSource.MOTION, moment, side)
-    joined = TrialEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
+    joined = GaitEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
     return replace(joined, findings=(*findings, *order_findings({side: joined.of(side) for side in SIDES})))
 
 

@@ -47,7 +47,7 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.gait.cycles import CYCLE_RANGE, EventSource, FootEvents, between, is_stride, resample
 from gaitcal.gait.ensemble import spread
 from gaitcal.gait.event_clock import double_support
-from gaitcal.gait.events import SIDES, TrialEvents
+from gaitcal.gait.events import SIDES, GaitEvents
 from gaitcal.gait.moments import listed
 from gaitcal.gait.strides import turn_between, turns
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS
@@ -98,7 +98,7 @@ class Stride:
 
 
 def strides_measured(
-    events: TrialEvents,
+    events: GaitEvents,
     time: Array,
     feet: FootPoints | None,
     unseen: Mapping[str, BoolArray] | None = None,

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
-from gaitcal.gait.events import SIDES, TrialEvents
+from gaitcal.gait.events import SIDES, GaitEvents
 from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.motion.motion import Motion
 
@@ -119,7 +119,7 @@ def thinned(time: Array, values: Array) -> tuple[Array, Array]:
     return shown, resample(time, values, shown)
 
 
-def layout(motion: Motion, reactions: GroundReactions | None, events: TrialEvents) -> Layout:
+def layout(motion: Motion, reactions: GroundReactions | None, events: GaitEvents) -> Layout:
     """Over the gait cycle where both feet of a whole-body motion have a complete one, else against time."""
     time = motion.time
     valid = reactions.valid if reactions else np.ones(len(time), dtype=bool)
@@ -130,7 +130,7 @@ def layout(motion: Motion, reactions: GroundReactions | None, events: TrialEvent
     return Layout(time, valid, legs, down, cycles if all(cycles.values()) else {})
 
 
-def strides_of(events: TrialEvents) -> dict[str, tuple[GaitCycle, ...]]:
+def strides_of(events: GaitEvents) -> dict[str, tuple[GaitCycle, ...]]:
     """Side -> all complete cycles of that foot, whether the other foot has any or not."""
     right, left = (events.of(side) for side in SIDES)
     return {"r": gait_cycles(right, left), "l": gait_cycles(left, right)}

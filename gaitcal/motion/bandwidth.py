@@ -48,7 +48,7 @@ from gaitcal.motion.spline import (
 )
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 SPANS_TIMES_CUTOFF = 4.0  # knot spans a second in units of f: nodes pass 1.9 f, so that the penalty limits the motion
 FEWEST_SPANS, DENSE_SPANS, MOST_SPANS = 20.0, 50.0, 100.0
@@ -68,7 +68,7 @@ TINY = 1e-300
 LOOSE = DescentSettings(gain=1e-4)  # while f is sought: what is left to gain is far below what tells one f from another
 
 
-def with_bandwidth(problem: TrialProblem, parameters: Parameters, cutoff_hz: float) -> TrialProblem:
+def with_bandwidth(problem: MotionProblem, parameters: Parameters, cutoff_hz: float) -> MotionProblem:
     """The trial with nodes and penalty for a cut-off."""
     basis = problem.basis
     spans = min(max(SPANS_TIMES_CUTOFF * cutoff_hz, FEWEST_SPANS), max(dense_spans(basis), FEWEST_SPANS))
@@ -93,7 +93,7 @@ def _basis(basis: SplineBasis, spans_per_second: float) -> SplineBasis:
     return spline_basis(basis.time, spans + MINIMUM_NODES - 1)
 
 
-def frame_information(problem: TrialProblem, constants: ChainConstants) -> Array:
+def frame_information(problem: MotionProblem, constants: ChainConstants) -> Array:
     """(nq, nq) W, in the poses that the segments' rigid fits give; zero for coordinates that move no marker."""
     data, frames = problem.data, spaced(len(problem.basis.time), POSES)
     some = data.frames(frames)
@@ -136,7 +136,7 @@ class Smoother:
 class DenseMotion:
     """One trial tracked with the highest cut-off; what lower ones would make of it follows without tracking."""
 
-    def __init__(self, problem: TrialProblem, parameters: Parameters, activity: Array | None = None) -> None:
+    def __init__(self, problem: MotionProblem, parameters: Parameters, activity: Array | None = None) -> None:
         """`activity` (nf,): what tells where most happens; the markers' speed unless given."""
         problem = replace(problem, smoothing=None)
         frames = busiest(problem, activity)
@@ -197,7 +197,7 @@ class Smoothed:
     rms: float  # m, of the markers' distances, weighted
 
 
-def busiest(problem: TrialProblem, activity: Array | None = None) -> IntArray:
+def busiest(problem: MotionProblem, activity: Array | None = None) -> IntArray:
     """Frames of the stretch of at most `LONGEST_S` in which the sum of `activity` (nf,) is largest."""
     nf = len(problem.basis.time)
     length = min(nf, round(LONGEST_S * frame_rate(problem.basis)) + 1)

@@ -41,7 +41,7 @@ from gaitcal.motion.marker_residual import (
 from gaitcal.motion.motion import MarkerErrors, rigid_floor
 from gaitcal.motion.spline import spaced
 from gaitcal.motion.start import ROOT_COORDINATES
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 MOST_FRAMES = 300  # looked at, evenly spaced: the floor of a longer trial is that of these
 SETTINGS = DescentSettings(gain=1e-3, most_steps=30, first_damping=1e-3, lowered_by=2.0)
@@ -63,7 +63,7 @@ class JointFloor:
         return self.errors.rms(*segments) if not segments or set(segments) & set(self.segments) else None
 
 
-def joint_floor(problem: TrialProblem, parameters: Parameters, q: Array) -> JointFloor | None:
+def joint_floor(problem: MotionProblem, parameters: Parameters, q: Array) -> JointFloor | None:
     """Errors when each joint follows the markers of its segments alone; None where no joint has markers on both.
 
     Parameters

@@ -16,7 +16,7 @@ from gaitcal.motion.rigid import rigid_distances
 from gaitcal.motion.spline import HALF_POWER, NodeRule, SplineBasis, cutoff
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.runtime import with_one_blas_thread
 
 
@@ -98,7 +98,7 @@ class Motion:
         return self.basis.evaluate(self.nodes, 2)
 
 
-def motion_of(problem: TrialProblem, parameters: Parameters, nodes: Array, *, converged: bool = True) -> Motion:
+def motion_of(problem: MotionProblem, parameters: Parameters, nodes: Array, *, converged: bool = True) -> Motion:
     """The motion that `nodes` describe, with the errors of every marker."""
     positions = problem.positions(nodes, problem.constants(parameters))
     distance = np.linalg.norm(positions - problem.data.measured, axis=1).T
@@ -114,7 +114,7 @@ def motion_of(problem: TrialProblem, parameters: Parameters, nodes: Array, *, co
     )
 
 
-def tracked_motion(problem: TrialProblem, parameters: Parameters, settings: DescentSettings | None = None) -> Motion:
+def tracked_motion(problem: MotionProblem, parameters: Parameters, settings: DescentSettings | None = None) -> Motion:
     """The motion that meets the markers of a trial best, sought from rigid fits."""
     constants = problem.constants(parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
@@ -125,7 +125,7 @@ def tracked_motion(problem: TrialProblem, parameters: Parameters, settings: Desc
     return motion_of(problem, parameters, tracked.nodes, converged=tracked.converged)
 
 
-def rigid_floor(problem: TrialProblem) -> MarkerErrors:
+def rigid_floor(problem: MotionProblem) -> MarkerErrors:
     """Errors when each segment follows its own markers, with no joints: no linkage of these segments can do better."""
     data = problem.data
     distance = np.full((data.weight.shape[1], len(problem.labels)), np.nan)
@@ -135,7 +135,7 @@ def rigid_floor(problem: TrialProblem) -> MarkerErrors:
     return _errors(problem, distance)
 
 
-def _errors(problem: TrialProblem, distance: Array) -> MarkerErrors:
+def _errors(problem: MotionProblem, distance: Array) -> MarkerErrors:
     data = problem.data
     unseen = ~data.measured.any(axis=1).T
     segments = tuple(problem.chain.segments[s] for s in data.segment)

@@ -22,7 +22,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import Tracked, track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 HUBER = 1.7
 CAUCHY = 2.8
@@ -52,7 +52,7 @@ class Loss(Enum):
 class RobustTracking:
     """Where the iteration ended."""
 
-    problem: TrialProblem  # with the weights w f(u)
+    problem: MotionProblem  # with the weights w f(u)
     factor: Array  # (nm, nf) f(u); 1 where a marker was not seen or has no weight
     scale: float  # m, s
     tracked: Tracked
@@ -73,7 +73,7 @@ def residual_scale(standardised: Array) -> float:
 
 
 def robust_tracking(
-    problem: TrialProblem, parameters: Parameters, loss: Loss, factor: Array | None = None
+    problem: MotionProblem, parameters: Parameters, loss: Loss, factor: Array | None = None
 ) -> RobustTracking:
     """Track one trial from rigid fits under a robust loss; its own weights are those that the marker set gives.
 

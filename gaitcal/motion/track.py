@@ -18,7 +18,7 @@ from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import ArrowEquations, BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 
 LARGE_BYTES = 2**27  # of a normal matrix above which only one is held at a time: a trial of some 20 000 frames
 NOTHING_LEFT_M = 1e-14  # m, RMS residual below which there is nothing left to fit
@@ -41,7 +41,7 @@ class Tracked:
 
 
 def track_nodes(
-    problem: TrialProblem,
+    problem: MotionProblem,
     constants: ChainConstants,
     start: Array,
     settings: DescentSettings | None = None,
@@ -59,7 +59,7 @@ def track_nodes(
 class _Tracking:
     """The marker cost of a trial by its nodes, one after the other; all joint parameters are fixed."""
 
-    def __init__(self, problem: TrialProblem, constants: ChainConstants) -> None:
+    def __init__(self, problem: MotionProblem, constants: ChainConstants) -> None:
         self.problem, self.constants = problem, constants
         self.nothing_left = NOTHING_LEFT_M**2 * float(problem.data.weight.sum())
         self.has_curvature = not problem.chain.free
@@ -96,12 +96,12 @@ class _TrackingMatrix:
             return BandFactor(self._form().band, damping)  # with a copy: a larger floor may do
 
 
-class SharedTrials:
+class SharedMotions:
     """Markers of several trials by x = (joint parameters, nodes of each trial), as a problem for `descend`."""
 
     has_curvature = False
 
-    def __init__(self, problems: Sequence[TrialProblem], parameters: Parameters, free: tuple[str, ...]) -> None:
+    def __init__(self, problems: Sequence[MotionProblem], parameters: Parameters, free: tuple[str, ...]) -> None:
         self.parameters, self.free, self.size = parameters, free, len(free)
         self.open = [problem.with_free(free) for problem in problems]
         self.columns = [problem.places_in(free) for problem in self.open]

@@ -1,6 +1,6 @@
 """One trial as a least-squares problem in its nodes and the joint parameters: what all solvers work on.
 
-A `TrialProblem` sums, over the frames of a trial, the weighted squares of its marker residuals (`marker_residual.py`),
+A `MotionProblem` sums, over the frames of a trial, the weighted squares of its marker residuals (`marker_residual.py`),
 the penalty that limits its bandwidth (`spline.py`), and what is known of coordinates besides (`coordinate_prior.py`).
 `trial_problem` makes one of a recording and a person's model: there a marker becomes a residual.
 """
@@ -49,7 +49,7 @@ from gaitcal.runtime import keep_freed_memory
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialProblem:
+class MotionProblem:
     """Markers of one trial, the part of the linkage that carries them, and the spline basis."""
 
     name: str
@@ -117,7 +117,7 @@ class TrialProblem:
         """How many of `unknowns` are joint parameters, which come first."""
         return sum(name in JP_INDEX for name in self.chain.free)
 
-    def displaced(self, z: Array) -> TrialProblem:
+    def displaced(self, z: Array) -> MotionProblem:
         """The same trial with its secondary motions and soft tissue at z (nz,): `unknowns` but joint parameters."""
         data, count = self.data, 0
         if self.secondary is not None:
@@ -127,21 +127,21 @@ class TrialProblem:
             data = replace(data, shift=self.tissue.shift(z[count:], len(self.labels)))
         return self.with_data(data)
 
-    def shifted(self, shift: Array) -> TrialProblem:
+    def shifted(self, shift: Array) -> MotionProblem:
         """The same trial with its markers (nm, 3, nf) m from their places."""
         return self.with_data(replace(self.data, shift=shift))
 
-    def with_data(self, data: MarkerData) -> TrialProblem:
+    def with_data(self, data: MarkerData) -> MotionProblem:
         """The same trial with the same markers moved or measured elsewhere."""
         return self._alike(data=data)
 
-    def _alike(self, **changed: Any) -> TrialProblem:
+    def _alike(self, **changed: Any) -> MotionProblem:
         """The same trial with what changes no pattern of the equations, which is not worked out again."""
         other = replace(self, **changed)
         other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
         return other
 
-    def part(self, root: str, segments: tuple[str, ...]) -> TrialProblem:
+    def part(self, root: str, segments: tuple[str, ...]) -> MotionProblem:
         """The same trial of some segments alone, `root` free in the laboratory; without soft tissue."""
         chain = chain_of(root, segments)
         names = [self.chain.segments[s] for s in self.data.segment]
@@ -150,7 +150,7 @@ class TrialProblem:
         order = np.flatnonzero(kept)[np.argsort(index, kind="stable")]
         placed = PlacedMarkers(np.sort(index, kind="stable"), self.data.local[order])
         data = MarkerData(placed, self.data.measured[order], self.data.weight[order])
-        return TrialProblem(
+        return MotionProblem(
             name=self.name,
             chain=chain,
             basis=self.basis,
@@ -160,7 +160,7 @@ class TrialProblem:
             posture=self.posture,
         )
 
-    def followed(self, nodes: Array) -> TrialProblem:
+    def followed(self, nodes: Array) -> MotionProblem:
         """The same trial with a trunk that no marker determines upright over the pelvis of a motion, nodes (nn, nq)."""
         if not set(LUMBAR) & set(self.guessed):
             return self
@@ -185,7 +185,7 @@ class TrialProblem:
         """(np,) values of the free joint parameters, m and rad."""
         return parameters.joint[[JP_INDEX[name] for name in self.chain.free]]
 
-    def with_free(self, free: tuple[str, ...]) -> TrialProblem:
+    def with_free(self, free: tuple[str, ...]) -> MotionProblem:
         """The same trial with other joint parameters free, and if there are any, its secondary motions too."""
         data, secondary = self.data, self.secondary
         if free and secondary:
@@ -198,18 +198,18 @@ class TrialProblem:
         """(np,) places of this trial's free joint parameters in `free`, the ones that several trials share."""
         return np.array([free.index(name) for name in self.unknowns], dtype=np.intp)
 
-    def with_weight(self, weight: Array) -> TrialProblem:
+    def with_weight(self, weight: Array) -> MotionProblem:
         """The same trial with other marker weights (nm, nf)."""
         return replace(self, data=replace(self.data, weight=weight))
 
-    def scaled(self, share: float) -> TrialProblem:
+    def scaled(self, share: float) -> MotionProblem:
         """The same trial with `share` times its cost."""
         smoothing = self.smoothing and self.smoothing.scaled(share)
         priors = tuple(prior.scaled(share) for prior in self.priors)
         data = replace(self.data, weight=share * self.data.weight)
         return replace(self, data=data, smoothing=smoothing, priors=priors)
 
-    def with_measured(self, measured: Array) -> TrialProblem:
+    def with_measured(self, measured: Array) -> MotionProblem:
         """The same trial with other measured markers (nm, 3, nf), m."""
         return self.with_data(replace(self.data, measured=measured))
 
@@ -310,7 +310,7 @@ def trial_problem(
     segments: tuple[str, ...] = SEGMENTS,
     carrier: str = "",
     isolated: str | None = None,
-) -> TrialProblem:
+) -> MotionProblem:
     """The markers of `segments` in a recording as a least-squares problem in the coordinates of that part.
 
     Markers that the recording lacks are left out; NaN positions get weight zero in their frames. Joints do not turn
@@ -352,7 +352,7 @@ def trial_problem(
     placed = PlacedMarkers(index, model.markers.local[chosen])
     data = MarkerData(placed, np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight)
     moved = coordinates_before(joint.child for joint in moved_joints(isolated)) if isolated else ()
-    problem = TrialProblem(
+    problem = MotionProblem(
         name=name,
         chain=chain,
         basis=basis,
@@ -365,7 +365,7 @@ def trial_problem(
     return problem if held else _with_posture(problem, model)
 
 
-def _with_posture(problem: TrialProblem, model: SubjectModel) -> TrialProblem:
+def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
     """A trial with what is known of coordinates that its markers do not determine."""
     chain, data = problem.chain, problem.data
     of_marker = [chain.segments[s] for s in data.segment]

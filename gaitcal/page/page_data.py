@@ -22,7 +22,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.explanations.explanation import explanation_of
 from gaitcal.explanations.markdown import Bullets, Paragraph, parts_of
-from gaitcal.faults.verdict import Judgement, TrialVerdict, Verdict
+from gaitcal.faults.verdict import Judgement, Verdict, WalkVerdict
 from gaitcal.gait.cycles import coordinate_of, kind_of
 from gaitcal.gait.moments import explained
 from gaitcal.gait.normal_bands import Bands
@@ -318,7 +318,7 @@ def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[st
     for trial in (*one["trials"], *other["trials"]):
         if (verdict := trial["verdict"]) is not None:
             legs = {side: Judgement(verdict[side]) for side in SIDES if side in verdict}
-            trials[trial["name"]] = TrialVerdict(judgement=Judgement(verdict["judgement"]), legs=legs)
+            trials[trial["name"]] = WalkVerdict(judgement=Judgement(verdict["judgement"]), legs=legs)
     judged = Verdict(
         judgement=_common(part["judgement"] for part in parts),
         reasons=(),

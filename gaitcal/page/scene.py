@@ -121,7 +121,7 @@ def _root(pulls: Array) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialScene:
+class MotionScene:
     """One trial: poses of the fitted model, markers, and ground reactions."""
 
     name: str
@@ -174,12 +174,12 @@ class Scene:
     """(nm, 3) m, in the segment frame."""
     joints: tuple[JointMark, ...]
     body: tuple[FittedMesh, ...]
-    trials: tuple[TrialScene, ...]
+    trials: tuple[MotionScene, ...]
     landmarks: PersonLandmarks
     """Where bones must lie."""
     segments: tuple[str, ...] = SEGMENTS
 
-    def model_markers(self, trial: TrialScene) -> Array:
+    def model_markers(self, trial: MotionScene) -> Array:
         """(nf, nm, 3) m: where the fitted model has the markers."""
         carrying = [self.segments.index(s) for s in self.marker_segments]
         turned = [
@@ -202,7 +202,7 @@ def scene_of(calibration: Calibration, trial: str | None = None) -> Scene:
     return person_scene(calibration.model, trials, calibration.standard_errors)
 
 
-def person_scene(model: SubjectModel, trials: tuple[TrialScene, ...], errors: Mapping[str, float]) -> Scene:
+def person_scene(model: SubjectModel, trials: tuple[MotionScene, ...], errors: Mapping[str, float]) -> Scene:
     """A person's model with trials that are already made into scenes.
 
     Parameters
@@ -225,7 +225,7 @@ def person_scene(model: SubjectModel, trials: tuple[TrialScene, ...], errors: Ma
 
 def trial_scene(
     model: SubjectModel, name: str, role: str, motion: Motion, recording: Recording, reactions: GroundReactions | None
-) -> TrialScene:
+) -> MotionScene:
     """One trial of a person.
 
     Parameters
@@ -249,7 +249,7 @@ def trial_scene(
         level = float(np.median(plates[:, :, 1])) if len(plates) else 0.0
         forces, centres = _arrows(reactions.wrench[kept], level)
         valid, legs = reactions.valid[kept], reactions.valid_legs[kept]
-    return TrialScene(
+    return MotionScene(
         name=name,
         role=role,
         recorded=recorded,

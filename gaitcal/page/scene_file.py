@@ -34,7 +34,7 @@ from gaitcal.page.bone_landmarks import KneeEvidence, PersonLandmarks
 from gaitcal.page.bone_placement import Landmarked, fitted_bones
 from gaitcal.page.knee_axis import evidence_words, knee_axes, knee_brief, knee_words
 from gaitcal.page.plain_data import LARGEST, base64_of, floats, lengths, script_json
-from gaitcal.page.scene import JointMark, Scene, TrialScene
+from gaitcal.page.scene import JointMark, MotionScene, Scene
 
 VERSION = 1
 MOST_BYTES = 9_000_000
@@ -58,7 +58,7 @@ _JOINT_ARRAYS = (
 
 
 def _trial_shapes(frames: int, segments: int, markers: int) -> dict[str, tuple[int | None, ...]]:
-    """Array of a `TrialScene` -> its shape; None: any."""
+    """Array of a `MotionScene` -> its shape; None: any."""
     return {
         "time": (frames,),
         "origins": (frames, segments, 3),
@@ -134,7 +134,7 @@ def _scene(arrays: Any) -> Scene:
     if text["version"] != VERSION:
         raise ValueError(text["version"])
     trials = tuple(
-        TrialScene(
+        MotionScene(
             name=str(name),
             role=str(role),
             recorded=int(recorded),
@@ -239,7 +239,7 @@ def _thinning(scene: Scene, most_bytes: int) -> int:
     return max(1, -(-total // most_bytes))
 
 
-def _trial(scene: Scene, trial: TrialScene, thin: int) -> dict[str, Any]:
+def _trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
     kept = slice(None, None, thin)
     time = trial.time[kept] - trial.time[0]
     pelvis = trial.origins[kept, :1]
@@ -265,7 +265,7 @@ def _trial(scene: Scene, trial: TrialScene, thin: int) -> dict[str, Any]:
     }
 
 
-def _about(scene: Scene, trial: TrialScene, time: Array, stride: int) -> str:
+def _about(scene: Scene, trial: MotionScene, time: Array, stride: int) -> str:
     """A few lines on a trial; `time`: s, of the frames in the page, one in `stride` of those recorded."""
     frames = f"{trial.recorded:,}".replace(",", "\u202f") + (" frame" if trial.recorded == 1 else " frames")
     rate = f" at {(len(time) - 1) / time[-1] * stride:.0f} Hz" if time[-1] > 0 else ""

@@ -15,7 +15,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
-from gaitcal.faults.verdict import TrialVerdict
+from gaitcal.faults.verdict import WalkVerdict
 from gaitcal.gait.cycles import normalise, source_words, usable
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of, role_words
 from gaitcal.gait.strides import along_line, pelvis_angles, strides_of, turns
@@ -28,9 +28,9 @@ from gaitcal.page.plain_data import Sections, base64_of, floats, lengths
 from gaitcal.page.scene import MOST_FRAMES
 from gaitcal.page.summary import gait_numbers, trial_clinician_blocks
 from gaitcal.page.trust import trial_trust_blocks
-from gaitcal.session.result import LoadedTrial, TrialResult, angle_counts
+from gaitcal.session.result import Loads, TrialResult, angle_counts
 from gaitcal.session.tables import pelvis_in_stride, taken_off, told_powers
-from gaitcal.session.truth_errors import CurveTruth, TrialTruth
+from gaitcal.session.truth_errors import CurveTruth, CurveTruths
 
 GROUND: Final = {"ground_reaction_vertical": 1, "ground_reaction_forward": 0, "ground_reaction_sideways": 2}
 """Force of the ground on a foot -> its laboratory axis: y up, x forward, z to the right."""
@@ -53,7 +53,7 @@ class Curve:
 
 
 def curves_of(
-    model: SubjectModel, trial: TrialResult, relative_to: Mapping[str, float] | None, truth: TrialTruth | None
+    model: SubjectModel, trial: TrialResult, relative_to: Mapping[str, float] | None, truth: CurveTruths | None
 ) -> tuple[Curve, ...]:
     """All curves of a trial.
 
@@ -110,7 +110,7 @@ def masks_of(curves: tuple[Curve, ...]) -> list[BoolArray]:
 
 
 def _angles(
-    model: SubjectModel, trial: TrialResult, relative_to: Mapping[str, float] | None, truth: TrialTruth | None
+    model: SubjectModel, trial: TrialResult, relative_to: Mapping[str, float] | None, truth: CurveTruths | None
 ) -> Iterator[Curve]:
     """Joint angles; those of the pelvis against the trial's line of progression."""
     body, unseen, static, whole = trial.body, unseen_frames(trial.body), taken_off(relative_to), _whole(trial)
@@ -143,7 +143,7 @@ def line_of(trial: TrialResult) -> float:
     return float(np.angle(np.mean(np.exp(1j * np.array(lines))))) if lines else 0.0
 
 
-def pelvis_parts(trial: TrialResult, truth: TrialTruth | None) -> dict[str, Array]:
+def pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[str, Array]:
     """`value`, and `nominal` and `truth` where they are known -> (nf, 3) rad, `PELVIS_ANGLES` against the room."""
     whole, known = _whole(trial), {} if truth is None else truth.coordinates
     out = {"value": pelvis_angles(trial.body)}
@@ -158,7 +158,7 @@ def _whole(trial: TrialResult) -> Motion | None:
     return trial.nominal if trial.nominal.coordinates == trial.body.coordinates else None
 
 
-def _moments(model: SubjectModel, loads: LoadedTrial, truth: TrialTruth | None) -> Iterator[Curve]:
+def _moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None) -> Iterator[Curve]:
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.forces
     for name in moment_names(model):
         yield Curve(
@@ -174,7 +174,7 @@ def _moments(model: SubjectModel, loads: LoadedTrial, truth: TrialTruth | None) 
         )
 
 
-def _powers(model: SubjectModel, loads: LoadedTrial) -> Iterator[Curve]:
+def _powers(model: SubjectModel, loads: Loads) -> Iterator[Curve]:
     if loads.kinetics is None:
         return
     errors = None if loads.errors is None else loads.errors.kinetics
@@ -192,7 +192,7 @@ def _powers(model: SubjectModel, loads: LoadedTrial) -> Iterator[Curve]:
         )
 
 
-def _forces(loads: LoadedTrial) -> Iterator[Curve]:
+def _forces(loads: Loads) -> Iterator[Curve]:
     for leg, side in enumerate(SIDES):
         valid = np.asarray(loads.reactions.valid_legs[:, leg])
         for base, axis in GROUND.items():
@@ -200,7 +200,7 @@ def _forces(loads: LoadedTrial) -> Iterator[Curve]:
             yield Curve(base, side, "force", "N", value, valid)
 
 
-def _residuals(loads: LoadedTrial) -> Iterator[Curve]:
+def _residuals(loads: Loads) -> Iterator[Curve]:
     """What the pelvis would have to be held with, of the last model and of the first."""
     if not (stages := loads.residuals):
         return
@@ -231,9 +231,9 @@ def trial_page_data(
     model: SubjectModel,
     trial: TrialResult,
     *,
-    verdict: TrialVerdict | None,
+    verdict: WalkVerdict | None,
     relative_to: Mapping[str, float] | None = None,
-    truth: TrialTruth | None = None,
+    truth: CurveTruths | None = None,
 ) -> dict[str, Any]:
     """What the page tells of a trial; numbers packed as in `plain_data.py`.
 

@@ -28,7 +28,7 @@ from gaitcal.page.bone_files import BoneMeshes, installed_bones
 from gaitcal.page.bone_placement import landmarked
 from gaitcal.page.page_data import MOST_LETTERS, curves_left_out, thinned
 from gaitcal.page.plain_data import script_json
-from gaitcal.page.scene import Scene, TrialScene, scene_of
+from gaitcal.page.scene import MotionScene, Scene, scene_of
 from gaitcal.page.scene_file import MOST_BYTES, left_out, scene_json
 
 if TYPE_CHECKING:
@@ -244,7 +244,7 @@ def after_trials(scene: Scene, earlier: Scene) -> Scene | None:
     return None if joined is None else replace(joined, trials=(*joined.trials, *scene.trials))
 
 
-def _with_markers(trial: TrialScene, labels: tuple[str, ...], wanted: tuple[str, ...]) -> TrialScene:
+def _with_markers(trial: MotionScene, labels: tuple[str, ...], wanted: tuple[str, ...]) -> MotionScene:
     """The trial with the measured markers in the order of another model; NaN for one that it did not have."""
     if labels == wanted:
         return trial

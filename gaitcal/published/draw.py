@@ -42,7 +42,7 @@ from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending
 from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, RefitSettings, Varied
 from gaitcal.runtime import with_one_blas_thread
@@ -212,7 +212,7 @@ class MonteCarloContext:
         """Markers of the right and of the left leg: indices into the order of `data`."""
 
 
-def _undisturbed_problem(case: MonteCarloCase) -> TrialProblem:
+def _undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
     """The model's own markers in its own motion, as if they had been measured, in the case's spline space."""
     model = SubjectModel(
         subject=case.subject, parameters=case.parameters, nominal=case.parameters, markers=case.markers
@@ -313,7 +313,7 @@ class Refit:
 
 
 def refit(
-    problem: TrialProblem,
+    problem: MotionProblem,
     constants: ChainConstants,
     start: Array,
     settings: RefitSettings,
@@ -350,7 +350,7 @@ class DisturbedModel:
     """The case after a disturbance, its motion not yet fitted."""
 
     parameters: Parameters
-    problem: TrialProblem
+    problem: MotionProblem
     """The markers that the motion is to be fitted to."""
     constants: ChainConstants
     start: Array

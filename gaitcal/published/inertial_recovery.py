@@ -20,7 +20,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.combined import CombinedTrial, combined_fit
+from gaitcal.calibration.combined import CombinedProblem, combined_fit
 from gaitcal.calibration.inertial_calibration import (
     LoadedMotion,
     RootEquations,
@@ -32,7 +32,7 @@ from gaitcal.calibration.inertial_calibration import (
 from gaitcal.model.parameters import IP_INDEX, IP_TO_SI, MASSIVE_SEGMENTS, Parameters, is_physical, symmetric_set, table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import motion_of
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.joint_recovery import (
     JointRecovery,
     free_parameters,
@@ -169,7 +169,7 @@ def recover_inertia(
     )
 
 
-def third_step(markers: TrialProblem, gait: JointRecovery) -> ThirdStep:
+def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     """The third step of `gaitcal calibrate`, after phase 1 and physically consistent inertial parameters.
 
     Before: phases 1 and 2, as the third step finds them. Bodies must be possible, hence `fit_consistent`.
@@ -177,7 +177,7 @@ def third_step(markers: TrialProblem, gait: JointRecovery) -> ThirdStep:
     free, began = free_parameters("full leg"), time.process_time()
     equations = gait_equations(gait.parameters, gait.nodes)
     inertial = fit_consistent(equations, true_model().parameters.inertial, symmetric_set())
-    trial = CombinedTrial(markers, gait.nodes, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
+    trial = CombinedProblem(markers, gait.nodes, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
     start = gait.parameters.with_inertial(inertial.inertial)
     fit = combined_fit([trial], start, free, symmetric_set(), true_model().subject)
     force, torque = gait_equations(fit.parameters, fit.nodes[0]).rms(fit.parameters.inertial)

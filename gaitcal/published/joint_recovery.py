@@ -38,8 +38,8 @@ from gaitcal.motion.banded import ArrowFactor
 from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
 from gaitcal.motion.motion import motion_of
 from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.track import SharedTrials, track_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.track import SharedMotions, track_nodes
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.protocol import SIDE
 from gaitcal.synthetic.motion import (
     NODES,
@@ -138,7 +138,7 @@ def free_parameters(problem: str) -> tuple[str, ...]:
     return gait_parameters(SIDE) if problem == "full leg" else isolated_parameters(f"{problem}_{SIDE}")
 
 
-def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_hz: float = RATE) -> TrialProblem:
+def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_hz: float = RATE) -> MotionProblem:
     """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
     model, motion = true_model(), true_motion(problem, isolated_hz)
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
@@ -149,7 +149,7 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_
     return replace(trial_problem(problem, model, recording, NodeRule(fixed=NODES)), priors=())
 
 
-def recover_joints(problems: Mapping[str, TrialProblem], *, compare: bool = True) -> dict[str, JointRecovery]:
+def recover_joints(problems: Mapping[str, MotionProblem], *, compare: bool = True) -> dict[str, JointRecovery]:
     """Solve all; gait starts from what the isolated trials found for the parameters that it leaves alone.
 
     `compare`: also from the truth, for the costs there.
@@ -163,7 +163,7 @@ def recover_joints(problems: Mapping[str, TrialProblem], *, compare: bool = True
     return out
 
 
-def solve(problem: str, markers: TrialProblem, held: Parameters, *, compare: bool = True) -> JointRecovery:
+def solve(problem: str, markers: MotionProblem, held: Parameters, *, compare: bool = True) -> JointRecovery:
     """One problem from absolute zero; `held` gives the joint parameters that are not free."""
     free, truth = free_parameters(problem), true_model().parameters
     began = time.process_time()
@@ -193,11 +193,11 @@ def solve(problem: str, markers: TrialProblem, held: Parameters, *, compare: boo
 
 
 def step_together(
-    problems: Sequence[TrialProblem], parameters: Parameters, free: tuple[str, ...], starts: Sequence[Array], p: Array
+    problems: Sequence[MotionProblem], parameters: Parameters, free: tuple[str, ...], starts: Sequence[Array], p: Array
 ) -> tuple[Array, list[Array], Descent[Evaluation, ArrowFactor]]:
     """Bring motions and joint parameters `free` down together, from nodes `starts` (each (nn, nq)) and `p` (np,):
     where both end, and how.
     """
-    shared = SharedTrials(problems, parameters, free)
+    shared = SharedMotions(problems, parameters, free)
     end = descend(shared, shared.joined(p, starts), DAMPED)
     return *shared.parted(end.x), end

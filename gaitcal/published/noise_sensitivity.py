@@ -41,7 +41,7 @@ from scipy.stats import rankdata
 from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.claims import Claim, Verdict
 from gaitcal.published.inertial_recovery import generators
 from gaitcal.published.joint_recovery import (
@@ -301,7 +301,7 @@ def absorbed(problem: str, seed: int, draws: int = ABSORPTION_DRAWS) -> Absorbed
     )
 
 
-def absorbed_squares(problem: TrialProblem, parameters: Parameters, nodes: Array, noise: Sequence[Array]) -> Array:
+def absorbed_squares(problem: MotionProblem, parameters: Parameters, nodes: Array, noise: Sequence[Array]) -> Array:
     """(n,) |P n|^2, m^2, of displacements (nm, 3, nf) of the markers, for the columns of J at `nodes`.
 
     Every marker pulls with the same weight; the parameters that are free in the problem's chain are columns too.
@@ -321,7 +321,7 @@ def absorbed_squares(problem: TrialProblem, parameters: Parameters, nodes: Array
     return np.array(squares)
 
 
-def any_motion_share(problem: TrialProblem, parameters: Parameters, nodes: Array) -> float:
+def any_motion_share(problem: MotionProblem, parameters: Parameters, nodes: Array) -> float:
     """Mean over the frames of rank(J_f) / (3 * markers)."""
     frames = problem.frame_hessians(problem.basis.evaluate(nodes), problem.constants(parameters))
     size = np.linalg.eigvalsh(frames)

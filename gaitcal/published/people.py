@@ -22,10 +22,10 @@ from gaitcal.published.protocol import SIDE
 from gaitcal.published.tables import RESIDUALS, SCALES, Cell, TableRow
 from gaitcal.runtime import Progress, silent
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.result import Calibration, LoadedTrial, Stage, TrialResult
+from gaitcal.session.result import Calibration, Loads, Stage, TrialResult
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from gaitcal.study.study_file import Joint, Trial
+from gaitcal.study.study_file import Joint, TrialTable
 from gaitcal.study.study_trial import read_trial
 
 STAGES = {Stage.NOMINAL: "anatomical", Stage.JP: "phase 1", Stage.JP_IP: "phase 2", Stage.COMBINED: "third step"}
@@ -37,7 +37,7 @@ NOTE = "another person than the published one, with this project's default setti
 class _Person:
     subject: Subject
     marker_set: str
-    trials: tuple[Trial, ...]
+    trials: tuple[TrialTable, ...]
     """Files are told from the person's folder."""
 
 
@@ -47,17 +47,19 @@ _PEOPLE = {
         Subject("subject01", 72.6, 1.803, "male"),
         "gait2354",
         (
-            Trial(name="static", role="static", file=Path("subject01_static.trc")),
-            Trial(name="walk", role="gait", file=Path("subject01_walk1.trc"), forces=Path("subject01_walk1_grf.mot")),
+            TrialTable(name="static", role="static", file=Path("subject01_static.trc")),
+            TrialTable(
+                name="walk", role="gait", file=Path("subject01_walk1.trc"), forces=Path("subject01_walk1_grf.mot")
+            ),
         ),
     ),
     "uf3": _Person(
         Subject("uf3", 68.17, 1.70, "male"),
         "rcnl",
         (
-            Trial(name="static", role="static", file=Path("static.trc")),
-            *(Trial(name=joint, role="joint", joint=joint, file=Path(f"{joint}.trc")) for joint in _JOINTS),
-            Trial(name="gait", role="gait", file=Path("gait.trc")),
+            TrialTable(name="static", role="static", file=Path("static.trc")),
+            *(TrialTable(name=joint, role="joint", joint=joint, file=Path(f"{joint}.trc")) for joint in _JOINTS),
+            TrialTable(name="gait", role="gait", file=Path("gait.trc")),
         ),
     ),
 }
@@ -121,7 +123,7 @@ def _residual_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
                 yield Cell("III", f"{name}, {STAGES[stage]}", column, unit).filled(None, value, NOTE, frames)
 
 
-def _loaded(calibration: Calibration) -> list[tuple[TrialResult, LoadedTrial]]:
+def _loaded(calibration: Calibration) -> list[tuple[TrialResult, Loads]]:
     """Trials with a frame whose ground reactions are valid."""
     return [(t, t.loads) for t in calibration.trials if t.loads is not None and t.loads.reactions.valid.any()]
 

@@ -29,7 +29,7 @@ from gaitcal.results.summary import summary, write_kinetics
 from gaitcal.results.table_file import Json, columns_of, refused_lines, write_csv
 from gaitcal.results.truth import write_truth
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.session.result import Calibration, Loads, TrialResult
 from gaitcal.session.tables import (
     COORDINATE_HEADER,
     MOMENT_HEADER,
@@ -154,7 +154,7 @@ def write_trial(
         _write_loads(trial, trial.loads, model, out)
 
 
-def _write_loads(trial: TrialResult, loads: LoadedTrial, model: SubjectModel, out: Path) -> None:
+def _write_loads(trial: TrialResult, loads: Loads, model: SubjectModel, out: Path) -> None:
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
     body, refused = trial.body, refused_lines(trial)

@@ -33,7 +33,7 @@ from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.session.result import Calibration, LoadedTrial, TrialResult, angle_counts
+from gaitcal.session.result import Calibration, Loads, TrialResult, angle_counts
 from gaitcal.session.tables import pelvis_in_stride, relative_header, taken_off, told_powers
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def _against_line(
     return [replace(s, value=turned[s.name], valid=s.valid & straight) if s.name in turned else s for s in signals]
 
 
-def _powers(loads: LoadedTrial, frozen: tuple[str, ...], side: str) -> Iterator[_Signal]:
+def _powers(loads: Loads, frozen: tuple[str, ...], side: str) -> Iterator[_Signal]:
     """Of the joints of one leg and of the back, and of each coordinate of those that have several; W."""
     if loads.kinetics is None:
         return

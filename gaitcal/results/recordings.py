@@ -30,7 +30,7 @@ from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.results.cycles_export import find_original, trial_files
-from gaitcal.results.saved import MODEL, SPLINES, SavedTrial, load_trial, moving_trials
+from gaitcal.results.saved import MODEL, SPLINES, SavedWalk, load_trial, moving_trials
 from gaitcal.results.verdict import SUMMARY
 
 PREFIX = "gc"
@@ -87,7 +87,7 @@ def write_recordings(folder: Path, inputs: Path | None, out: Path) -> tuple[tupl
     return tuple(written), snapshot
 
 
-def _write(trial: SavedTrial, paths: Mapping[str, Path], target: Path, between: Path) -> tuple[str, ...]:
+def _write(trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: Path) -> tuple[str, ...]:
     """Write the C3D of one trial; `between` is a path for a file that is removed again. Returns what to tell."""
     recording = read_recording(paths["file"], forces=paths.get("forces"))
     notes: tuple[str, ...] = ()
@@ -199,7 +199,7 @@ def _found(wanted: Array, among: Array) -> bool:
 
 
 def _points(
-    trial: SavedTrial, original: C3DOriginal, rows: IntArray, turn: Turn, per_metre: float
+    trial: SavedWalk, original: C3DOriginal, rows: IntArray, turn: Turn, per_metre: float
 ) -> tuple[list[AddedPoint], str]:
     """Our points in every frame, axes and units of the file; and what their names begin with."""
     motion = SavedMotion(
@@ -228,7 +228,7 @@ def _points(
     return out, start
 
 
-def _new_events(trial: SavedTrial, recording: Recording) -> tuple[list[FootEvent], tuple[str, ...]]:
+def _new_events(trial: SavedWalk, recording: Recording) -> tuple[list[FootEvent], tuple[str, ...]]:
     """Events of a walk that the file does not tell itself, in order of time."""
     if not trial.events:
         return [], ()
@@ -257,7 +257,7 @@ def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) 
         )
 
 
-def _said(trial: SavedTrial, points: list[AddedPoint]) -> tuple[str, ...]:
+def _said(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:
     """Which kinds of points there are, and why others are not."""
     counts = [
         f"{sum(p.kind is kind for p in points)} {words}"

@@ -159,7 +159,7 @@ SPLINES = "splines.npz"
 
 
 @dataclass(frozen=True, kw_only=True)
-class SavedTrial:
+class SavedWalk:
     """One moving trial of a result folder: its motion, torques and verdict."""
 
     name: str
@@ -190,7 +190,7 @@ def moving_trials(folder: Path) -> list[str]:
         ) from None
 
 
-def load_trial(folder: Path, k: int, name: str) -> SavedTrial:
+def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
     """The trial `name`, the `k`-th of `moving_trials`; the caller sees to it that files are whole (`read_whole`)."""
     model = load_model(folder / MODEL)
     with np.load(folder / SPLINES, allow_pickle=False) as stored:
@@ -211,7 +211,7 @@ def load_trial(folder: Path, k: int, name: str) -> SavedTrial:
     facts.setdefault("verdict", str(summary.get("verdict", "")))
     torques, valid = _torques(folder / "moments" / f"{name}.csv", len(time))
     refused = Judgement.REFUSED.value in (facts["verdict"], summary.get("verdict"))
-    return SavedTrial(
+    return SavedWalk(
         name=name,
         model=model,
         motion=motion,

@@ -21,7 +21,7 @@ from gaitcal.results.stride_files import means_summary
 from gaitcal.results.table_file import Json, refused_lines, write_csv
 from gaitcal.results.truth import truth_summary
 from gaitcal.results.verdict import verdict_summary, walk_summary
-from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.session.result import Calibration, Loads, TrialResult
 from gaitcal.session.tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def _rms(trial: TrialResult, *segments: str) -> dict[str, Json]:
     return out
 
 
-def _torque_change(loads: LoadedTrial) -> dict[str, Json]:
+def _torque_change(loads: Loads) -> dict[str, Json]:
     """RMS over valid frames of final minus nominal torque, percent of body weight times height."""
     out: dict[str, Json] = {}
     for name in (*COORDINATES, *REACTIONS):
@@ -162,7 +162,7 @@ def _torque_change(loads: LoadedTrial) -> dict[str, Json]:
     return out
 
 
-def _error_sources(loads: LoadedTrial) -> dict[str, Json]:
+def _error_sources(loads: Loads) -> dict[str, Json]:
     """Part of the variance of each torque that each source of error makes, over valid frames; they sum to 1."""
     out: dict[str, Json] = {}
     for column, name in enumerate(FORCES):
@@ -172,7 +172,7 @@ def _error_sources(loads: LoadedTrial) -> dict[str, Json]:
     return out
 
 
-def _pelvis_residual(loads: LoadedTrial) -> dict[str, Json]:
+def _pelvis_residual(loads: Loads) -> dict[str, Json]:
     out: dict[str, Json] = {}
     for stage, moments in loads.moments.items():
         force, torque = moments.residual_rms(loads.reactions.valid)

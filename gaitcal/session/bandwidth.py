@@ -34,9 +34,9 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.bandwidth import DenseMotion, Smoothed
 from gaitcal.motion.motion import motion_of
 from gaitcal.motion.spline import DEGREE, frame_rate
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
-from gaitcal.study.study_trial import StudyTrial
+from gaitcal.study.study_trial import Trial
 
 PLATES_HZ = 50.0
 """Of the plates while they choose."""
@@ -81,9 +81,7 @@ class Bandwidth:
     findings: tuple[Finding, ...] = ()
 
 
-def bandwidth_of(
-    problem: TrialProblem, trial: StudyTrial, model: SubjectModel, settings: CalibrationSettings
-) -> Bandwidth:
+def bandwidth_of(problem: MotionProblem, trial: Trial, model: SubjectModel, settings: CalibrationSettings) -> Bandwidth:
     """The bandwidth of a trial.
 
     Parameters
@@ -110,7 +108,7 @@ def bandwidth_of(
     return replace(chosen, findings=_suffering(trial.name, motion, chosen.motion_hz, markers))
 
 
-def _given_nodes(problem: TrialProblem) -> Bandwidth:
+def _given_nodes(problem: MotionProblem) -> Bandwidth:
     """That of splines of a given number of nodes: least squares passes half of 0.5 oscillations a span."""
     time = problem.basis.time
     hz = 0.5 * (problem.basis.nodes - DEGREE) / float(time[-1] - time[0])
@@ -134,7 +132,7 @@ def _chosen(markers: float, plates: float | None, motion: DenseMotion) -> Bandwi
     return Bandwidth(motion_hz=hz, joints_hz=joints, by=by, penalised=True, notes=(note,))
 
 
-def _by_plates(dense: DenseMotion, markers: float, trial: StudyTrial, model: SubjectModel) -> float | None:
+def _by_plates(dense: DenseMotion, markers: float, trial: Trial, model: SubjectModel) -> float | None:
     """Hz: where motion and plates agree best; None where they do not tell."""
     basis = dense.problem.basis
     seen = motion_of(dense.problem, model.nominal, dense.at(markers).nodes)

@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.combined import CombinedSettings, CombinedTrial, combined_fit
+from gaitcal.calibration.combined import CombinedProblem, CombinedSettings, combined_fit
 from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
@@ -253,7 +253,7 @@ def _fit_together(session: Session, loaded: Sequence[Loaded], progress: Progress
     for t in session.trials:
         nodes, r = t.motion.nodes, forces.get(t.name)
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
-        steps.append(CombinedTrial(t.body.followed(nodes), nodes, wrench, valid))
+        steps.append(CombinedProblem(t.body.followed(nodes), nodes, wrench, valid))
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(load_share=settings.joint_step_load_share, spread=spread_of_people(session))
     fit = combined_fit(steps, session.parameters, determined, _inertial_set(settings), session.model.subject, chosen)

@@ -22,7 +22,7 @@ from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
-    JointTrial,
+    JointProblem,
     PhaseSettings,
     calibrate_by_evidence,
     calibrate_in_phases,
@@ -39,7 +39,7 @@ from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, gait_parameters, leg_parameters
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.robust import Loss, RobustTracking, robust_tracking
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.runtime import Progress, silent
 from gaitcal.session.result import HeldOut
 from gaitcal.session.session import MovingTrial, Session, fits_legs_together
@@ -88,7 +88,7 @@ def joint_parameters(session: Session, trials: Sequence[MovingTrial]) -> tuple[J
         position_bound=1e-3 * settings.position_bound_mm, orientation_bound=np.deg2rad(settings.orientation_bound_deg)
     )
     sides = SIDES[settings.legs]
-    taking_part = [JointTrial(t.body, t.joints, t.joint) for t in trials]
+    taking_part = [JointProblem(t.body, t.joints, t.joint) for t in trials]
     if settings.decided_by is Protocol.EVIDENCE:
         joint = calibrate_by_evidence(taking_part, nominal, bounds, sides, session.prior)
         return joint, joint.parameters
@@ -138,13 +138,13 @@ def fold_of_frame(trial: MovingTrial) -> IntArray:
 def without(trial: MovingTrial, held: BoolArray) -> MovingTrial:
     """The trial with no weight on the frames `held` (nf,) of what joint parameters are fitted by."""
 
-    def masked(problem: TrialProblem) -> TrialProblem:
+    def masked(problem: MotionProblem) -> MotionProblem:
         return problem.with_weight(np.where(held, 0.0, problem.data.weight))
 
     return replace(trial, body=masked(trial.body), joints=masked(trial.joints))
 
 
-def distances(problem: TrialProblem, parameters: Parameters) -> Array:
+def distances(problem: MotionProblem, parameters: Parameters) -> Array:
     """(nf, nm) m, distances of the markers with weight from the model tracked with `parameters`; NaN elsewhere."""
     errors = tracked_motion(problem, parameters).errors
     return np.where(errors.kept(), errors.distance, np.nan)

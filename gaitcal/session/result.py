@@ -21,7 +21,7 @@ from gaitcal.dynamics.joint_kinetics import JointKinetics
 from gaitcal.errors import InputError, nearest
 from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.findings import Finding, Severity, note_of
-from gaitcal.gait.events import TrialEvents
+from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import (
@@ -74,7 +74,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class LoadedTrial:
+class Loads:
     """Ground reactions of a gait trial, and the generalised forces with each model."""
 
     reactions: GroundReactions
@@ -128,7 +128,7 @@ class TrialResult:
     """Their joint floor; None where no joint shows markers on both of its segments."""
     body: Motion
     """Whole-body motion with the calibrated model (the same as `calibrated` for gait)."""
-    loads: LoadedTrial | None
+    loads: Loads | None
     """None without force plates."""
     coordinate_errors: Array | None = None
     """(nf, 27) m, rad: standard errors of `body.q`, from markers through joint parameters and motion; gait only."""
@@ -139,7 +139,7 @@ class TrialResult:
     """Error on frames that took no part in the fit; None unless asked for."""
     bandwidth: Bandwidth | None = None
     """How fast `body` may change, and who said so."""
-    events: TrialEvents = field(default=TrialEvents())
+    events: GaitEvents = field(default=GaitEvents())
     """When the feet meet and leave the ground, each moment with its source; none in an isolated trial."""
     strides: tuple[Stride, ...] = ()
     """Speed, steps, stance and swing of each stride of both feet; none in an isolated trial."""

@@ -14,13 +14,13 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.combined import CombinedFit
-from gaitcal.calibration.error_sources import TrialScores, whole_body_scores
+from gaitcal.calibration.error_sources import MarkerScores, whole_body_scores
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
 from gaitcal.errors import InputError
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import exchanged_back
 from gaitcal.faults.force_diagnosis import ForceDiagnosis
 from gaitcal.findings import Finding
@@ -35,17 +35,17 @@ from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.spline import NODES_PER_SECOND, NodeRule
-from gaitcal.motion.trial_problem import FEWEST_FRAMES, TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import FEWEST_FRAMES, MotionProblem, trial_problem
 from gaitcal.session.bandwidth import Bandwidth, bandwidth_of
 from gaitcal.session.result import HeldOut, Stage, Uncertainty
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study import Study, cleaned, completed_static
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, Trial
 
 
 @dataclass(frozen=True, kw_only=True)
-class MovingTrial(StudyTrial):
+class MovingTrial(Trial):
     """A moving trial with its least-squares problems, and what these have given so far.
 
     Its recording is turned so that x is forward.
@@ -54,11 +54,11 @@ class MovingTrial(StudyTrial):
     in_file_axes: Recording
     """The recording in the axes of its file."""
     bandwidth: Bandwidth
-    body: TrialProblem
+    body: MotionProblem
     """The whole body, with the bandwidth of the motion that leaves the trial."""
-    fitted: TrialProblem
+    fitted: MotionProblem
     """What fit figures are about: the segments of an isolated trial's joint alone, or the whole body."""
-    joints: TrialProblem
+    joints: MotionProblem
     """What joint parameters are fitted by: `fitted`, or pelvis and legs where all trials are fitted at once."""
     tissue: SoftTissue | None = None
     """The skin that moves on the markers of `body`: what error bars count."""
@@ -67,12 +67,12 @@ class MovingTrial(StudyTrial):
     isolated trial is of the segments of its joint."""
     reactions: GroundReactions | None = None
     """On the feet; None without force plates."""
-    scores: TrialScores | None = None
+    scores: MarkerScores | None = None
     """Of the markers of a gait trial."""
     held_out: HeldOut | None = None
 
     @property
-    def with_skin(self) -> TrialProblem:
+    def with_skin(self) -> MotionProblem:
         """The whole body with the skin that its error bars count."""
         return replace(self.body, tissue=self.tissue)
 
@@ -146,7 +146,7 @@ def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] =
     for trial in cleaned(study).moving:
         if settings.robust != "none":
             marker_set = study.marker_set.with_weights(study.weights)
-            evidence = TrialEvidence.of(trial, marker_set, study.subject, settings, model)
+            evidence = MarkerEvidence.of(trial, marker_set, study.subject, settings, model)
             recording, found = exchanged_back(evidence)
             trial, findings = replace(trial, recording=recording), [*findings, *found]
         trials.append(prepare_trial(trial, model, settings))
@@ -167,13 +167,13 @@ def fits_legs_together(settings: CalibrationSettings) -> bool:
     return settings.jp and settings.decided_by is Protocol.PUBLISHED and settings.mode == "simultaneous"
 
 
-def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationSettings) -> MovingTrial:
+def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettings) -> MovingTrial:
     """Turn a cleaned trial so that x is forward, find its bandwidth and set up its problems."""
     recording = turn_to_progression(trial.recording, forward_direction(model, trial.recording))
     rule = NodeRule(settings.nodes_per_second or NODES_PER_SECOND, settings.nodes)
     joint = trial.joint
 
-    def part(segments: Sequence[str]) -> TrialProblem:
+    def part(segments: Sequence[str]) -> MotionProblem:
         return trial_problem(
             trial.name, model, recording, rule, root=segments[0], segments=tuple(segments), isolated=joint
         )
@@ -191,7 +191,7 @@ def prepare_trial(trial: StudyTrial, model: SubjectModel, settings: CalibrationS
     turned = replace(trial, recording=recording)
     bandwidth = bandwidth_of(alone, turned, model, settings)
 
-    def smoothed(problem: TrialProblem, hz: float) -> TrialProblem:
+    def smoothed(problem: MotionProblem, hz: float) -> MotionProblem:
         return with_bandwidth(problem, model.nominal, hz) if bandwidth.penalised else problem
 
     body = smoothed(body, bandwidth.motion_hz)
@@ -228,7 +228,7 @@ def forward_direction(model: SubjectModel, recording: Recording) -> Array | None
     return out
 
 
-def standing_problem(model: SubjectModel, static: Recording) -> TrialProblem:
+def standing_problem(model: SubjectModel, static: Recording) -> MotionProblem:
     """The mean posture of the still window of the static trial, where every marker is in its place, as a trial."""
     still = still_window(static, model.markers.labels).frames
     # in one order of memory, so that a file and its conversion give the same bits
@@ -256,14 +256,14 @@ def tracked(trial: MovingTrial, session: Session, stage: Stage) -> MovingTrial:
 
 
 def measured_reactions(
-    trial: StudyTrial, model: SubjectModel, parameters: Parameters, motion: Motion, settings: CalibrationSettings
+    trial: Trial, model: SubjectModel, parameters: Parameters, motion: Motion, settings: CalibrationSettings
 ) -> GroundReactions:
     """Ground reactions on the feet at the frames of a whole-body motion."""
     hz = force_cutoff(trial, motion, settings)
     return reactions_of_motion(model, parameters, motion, trial.recording, trial.plates, hz)
 
 
-def force_cutoff(trial: StudyTrial, motion: Motion, settings: CalibrationSettings) -> float | None:
+def force_cutoff(trial: Trial, motion: Motion, settings: CalibrationSettings) -> float | None:
     """Hz of the force filter of a trial; None for none."""
     chosen = settings.force_filter_hz if trial.filter_hz is None else trial.filter_hz
     if chosen == "none":

@@ -29,7 +29,7 @@ from gaitcal.gait.strides import along_line
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, IP_UNITS, JOINT_PARAMETERS
 from gaitcal.motion.motion import Motion
-from gaitcal.session.result import Calibration, LoadedTrial, TrialResult
+from gaitcal.session.result import Calibration, Loads, TrialResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -136,7 +136,7 @@ def coordinate_table(
     return columns
 
 
-def moment_table(loads: LoadedTrial) -> dict[str, NDArray[Any]]:
+def moment_table(loads: Loads) -> dict[str, NDArray[Any]]:
     """time, valid, valid_r, valid_l, then per force its value, standard error and % of body weight times height."""
     final, unknown = loads.final, np.full(len(loads.final.time), np.nan)
     columns = _first(final.time, loads.reactions)
@@ -175,7 +175,7 @@ VECTOR_HEADER = (
 """Comment lines above the header of every file of moment vectors."""
 
 
-def power_table(loads: LoadedTrial, kinetics: JointKinetics, mass: float) -> dict[str, NDArray[Any]]:
+def power_table(loads: Loads, kinetics: JointKinetics, mass: float) -> dict[str, NDArray[Any]]:
     """time, valid, valid_r, valid_l, then per power its value (W), standard error and W/kg; `mass` in kg."""
     errors = None if loads.errors is None else loads.errors.kinetics
     columns = _first(kinetics.time, loads.reactions)
@@ -187,7 +187,7 @@ def power_table(loads: LoadedTrial, kinetics: JointKinetics, mass: float) -> dic
     return columns
 
 
-def vector_table(loads: LoadedTrial, kinetics: JointKinetics) -> dict[str, NDArray[Any]]:
+def vector_table(loads: Loads, kinetics: JointKinetics) -> dict[str, NDArray[Any]]:
     """time, valid, valid_r, valid_l, then per component and frame its value (N·m) and standard errors."""
     errors = None if loads.errors is None else loads.errors.kinetics
     known = {"_se": errors, "_se_stride": None if errors is None else errors.own}

@@ -36,7 +36,7 @@ from gaitcal.dynamics.inverse_dynamics import moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.force_diagnosis import beyond_expected
-from gaitcal.gait.events import TrialEvents, trial_events
+from gaitcal.gait.events import GaitEvents, trial_events
 from gaitcal.gait.moments import segment_words
 from gaitcal.gait.spatiotemporal import stride_findings, strides_measured
 from gaitcal.gait.strides import facing, pelvis_angles
@@ -48,16 +48,14 @@ from gaitcal.motion.joint_floor import joint_floor
 from gaitcal.motion.motion import rigid_floor, tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.session.result import LoadedTrial, Stage, TrialResult, Uncertainty
+from gaitcal.session.result import Loads, Stage, TrialResult, Uncertainty
 from gaitcal.session.session import MovingTrial, Session, prepare_trial, standing_problem, tracked
 from gaitcal.session.warnings import diagnose_forces, is_trunk_unmeasured, trial_findings
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import StudyTrial, cleaned_trial
+from gaitcal.study.study_trial import Trial, cleaned_trial
 
 
-def analyse(
-    model: SubjectModel, trial: StudyTrial, settings: CalibrationSettings, uncertainty: Uncertainty
-) -> TrialResult:
+def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, uncertainty: Uncertainty) -> TrialResult:
     """Track one further gait trial with a calibrated model and compute its torques.
 
     Parameters
@@ -103,7 +101,7 @@ def _without_torque_errors(
     body, final, reactions, subject = trial.motion, trial.parameters, trial.reactions, session.model.subject
     model = session.model.with_parameters(final)
     variances = {} if moves is None else coordinate_variances(trial.body, moves)
-    events = TrialEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
+    events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
     feet = foot_points(model, body, final) if has_feet(model) else None
     faced = None if trial.joint else facing(pelvis_angles(body))
     strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
@@ -112,7 +110,7 @@ def _without_torque_errors(
         moments = {
             stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in trial.stages.items()
         }
-        loads = LoadedTrial(reactions, moments, None, kinetics_of(final, body, reactions.wrench))
+        loads = Loads(reactions, moments, None, kinetics_of(final, body, reactions.wrench))
     calibrated, last = body, body
     own = parameters_for(session.joint, trial.name, final)
     if trial.joint is not None:

@@ -18,7 +18,7 @@ from gaitcal.model.linkage import LEG_JOINTS, SIDES, is_translation
 from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.tables import coordinate_table, parameter_rows
-from gaitcal.session.truth_errors import INTERVAL, CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
+from gaitcal.session.truth_errors import INTERVAL, CurveTruth, CurveTruths, FeatureTruth, ParameterTruth, TruthErrors
 from gaitcal.study.truth import TrueCurves, Truth, other_rule
 
 _FEATURES: tuple[tuple[str, str, str, str, tuple[str, ...]], ...] = (
@@ -130,7 +130,7 @@ def _angle(directions: tuple[str, ...], one: Array, other: Array) -> float:
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
-def _trial(trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None) -> TrialTruth:
+def _trial(trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None) -> CurveTruths:
     time, coordinates, forces = trial.body.time, {}, {}
     now, before = coordinate_table(trial.body, trial.coordinate_errors), coordinate_table(trial.nominal)
     for name, true in ({} if motions is None else motions.at(time)).items():
@@ -153,7 +153,7 @@ def _trial(trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves |
                 error_bar=None if loads.errors is None else moment_of(loads.errors, name),
                 counts=loads.reactions.valid_for(name),
             )
-    return TrialTruth(time, coordinates, forces)
+    return CurveTruths(time, coordinates, forces)
 
 
 LEGS, ARMS, TURNING = "legs", "back and arms", "arms, in segments of two markers"

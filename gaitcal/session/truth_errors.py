@@ -96,7 +96,7 @@ class CurveTruth:
 
 
 @dataclass(frozen=True)
-class TrialTruth:
+class CurveTruths:
     """The curves of one trial beside the true ones."""
 
     time: Array
@@ -137,14 +137,14 @@ class TruthErrors:
     """That the truth has, in the order of `parameters.csv`."""
     features: tuple[FeatureTruth, ...]
     """Joint centres and axes of the legs whose parameters are all in the truth, and any of them fitted."""
-    trials: Mapping[str, TrialTruth]
+    trials: Mapping[str, CurveTruths]
     """Trials of which true curves are known, in the order of the result."""
     not_compared: Mapping[str, str] = field(default_factory=dict)
     """Trial -> why none, or not all, of its curves are held against true ones."""
 
-    def of(self, trial: str) -> TrialTruth:
+    def of(self, trial: str) -> CurveTruths:
         """The curves of a trial; none where none are known."""
-        return self.trials.get(trial, TrialTruth(np.zeros(0)))
+        return self.trials.get(trial, CurveTruths(np.zeros(0)))
 
     def sought(self, kind: str) -> tuple[ParameterTruth, ...]:
         """The same, and those that the trials do not determine, which stay where their prior holds them."""

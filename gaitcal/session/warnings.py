@@ -29,7 +29,7 @@ from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.linkage import JOINT_OF_CHILD, LOWER_BODY
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, impossible_bodies, table
 from gaitcal.motion.motion import Motion
-from gaitcal.session.result import LoadedTrial, TrialResult
+from gaitcal.session.result import Loads, TrialResult
 from gaitcal.session.session import MovingTrial, Session
 
 WORSE_M, WORSE = 5e-4, 0.02
@@ -98,7 +98,7 @@ def unfinished(phases: Sequence[Phase]) -> Iterator[Finding]:
             )
 
 
-def trial_findings(trial: MovingTrial, loads: LoadedTrial | None, weight: float) -> tuple[Finding, ...]:
+def trial_findings(trial: MovingTrial, loads: Loads | None, weight: float) -> tuple[Finding, ...]:
     """Findings on one tracked trial: residuals with structure, and what no body can do. `weight`: of the body, N."""
     problem, motion = trial.body, trial.motion
     measured = problem.data.measured.transpose(2, 0, 1)

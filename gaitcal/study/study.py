@@ -24,7 +24,7 @@ from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
-from gaitcal.study.study_trial import Role, StudyTrial, cleaned_trial, model_with_trunk, read_trial
+from gaitcal.study.study_trial import Role, Trial, cleaned_trial, model_with_trunk, read_trial
 from gaitcal.study.truth import Truth, other_landmarks, read_truth, truth_files
 
 
@@ -77,7 +77,7 @@ class Study:
     """The person."""
     marker_set: MarkerSet
     """Which marker is which landmark, and which segment it follows."""
-    trials: tuple[StudyTrial, ...]
+    trials: tuple[Trial, ...]
     """The static trials and all others, in the order of the study file."""
     settings: CalibrationSettings
     """The study file's table `[calibration]`, defaults filled in; `priors` by its name alone."""
@@ -122,7 +122,7 @@ class Study:
 
     @classmethod
     @with_one_blas_thread
-    def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[StudyTrial, ...], path: Path) -> Study:
+    def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[Trial, ...], path: Path) -> Study:
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
         files = input_files(file, path)
         _require_labels(file, marker_set, trials, path)
@@ -155,17 +155,17 @@ class Study:
         return other_landmarks(self.truth.landmarks, self.static.recording, self.marker_set)
 
     @property
-    def static(self) -> StudyTrial:
+    def static(self) -> Trial:
         """The static trial that the model is made of: the first."""
         return next(trial for trial in self.trials if trial.role is Role.STATIC)
 
     @property
-    def further_statics(self) -> tuple[StudyTrial, ...]:
+    def further_statics(self) -> tuple[Trial, ...]:
         """Static trials that only have to agree with the first."""
         return tuple(trial for trial in self.trials if trial.role is Role.STATIC)[1:]
 
     @property
-    def moving(self) -> tuple[StudyTrial, ...]:
+    def moving(self) -> tuple[Trial, ...]:
         """All trials in which the person moves."""
         return tuple(trial for trial in self.trials if trial.role is not Role.STATIC)
 
@@ -192,7 +192,7 @@ class Study:
         names = [name for name, f in more._named_files.items() if f == path]
         return replace(more, inputs={**self.inputs, **dict.fromkeys(names, sha256)})
 
-    def input_names(self, trial: StudyTrial) -> dict[str, str]:
+    def input_names(self, trial: Trial) -> dict[str, str]:
         """The files of a trial (`file`, `forces`), as `inputs` names them."""
         words = {f: name for name, f in self._named_files.items()}
         return {kind: words[f] for kind, f in trial.files.items() if f in words}
@@ -202,7 +202,7 @@ class Study:
         return tuple(name for name, f in self._named_files.items() if self.inputs.get(name) != sha256_of(f))
 
 
-def _worn(marker_set: MarkerSet, trials: tuple[StudyTrial, ...]) -> tuple[MarkerSet, tuple[StudyTrial, ...]]:
+def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, tuple[Trial, ...]]:
     """The marker set as the first static trial shows it worn, and the trials, the static ones completed."""
     whole = tuple(
         replace(t, recording=complete_static(t.recording, marker_set)) if t.role is Role.STATIC else t for t in trials
@@ -241,7 +241,7 @@ def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
     return out
 
 
-def _require_labels(file: StudyFile, marker_set: MarkerSet, trials: Sequence[StudyTrial], path: Path) -> None:
+def _require_labels(file: StudyFile, marker_set: MarkerSet, trials: Sequence[Trial], path: Path) -> None:
     """InputError for weights of labels that the set does not know, and for labels to be renamed that no trial has."""
 
     def fault(message: str, field: str) -> InputError:

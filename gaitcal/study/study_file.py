@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, fie
 from gaitcal.io.toml import Table, read_validated, require_file, shown, toml_table
 from gaitcal.study.settings import CalibrationSettings, frequency
 
-__all__ = ["CalibrationSettings", "Markers", "StudyFile", "SubjectTable", "Trial", "TruthTable", "load_study_file"]
+__all__ = ["CalibrationSettings", "Markers", "StudyFile", "SubjectTable", "TrialTable", "TruthTable", "load_study_file"]
 
 Joint: TypeAlias = Literal["hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l"]
 Side: TypeAlias = Literal["r", "l", "none"]
@@ -148,7 +148,7 @@ class Markers(Table):
         return rename
 
 
-class Trial(Table):
+class TrialTable(Table):
     """`[[trial]]`: one recording and what it is for."""
 
     name: str = Field(description="the trial's name, which also names its result files")
@@ -232,7 +232,7 @@ class StudyFile(Table):
 
     subject: SubjectTable = Field(description="the table [subject] with name, mass_kg, height_m, sex")
     markers: Markers = Field(description="the table [markers] with set")
-    trials: tuple[Trial, ...] = Field(
+    trials: tuple[TrialTable, ...] = Field(
         alias="trial", strict=False, description="at least one [[trial]], with name, role and file"
     )
     calibration: CalibrationSettings = Field(default=CalibrationSettings(), description="settings, all optional")
@@ -247,7 +247,7 @@ class StudyFile(Table):
 
     @field_validator("trials")
     @classmethod
-    def _names_and_static(cls, trials: tuple[Trial, ...]) -> tuple[Trial, ...]:
+    def _names_and_static(cls, trials: tuple[TrialTable, ...]) -> tuple[TrialTable, ...]:
         seen: dict[str, int] = {}
         for number, trial in enumerate(trials, start=1):
             # Some file systems do not tell Walk from walk.
@@ -261,7 +261,7 @@ class StudyFile(Table):
         return trials
 
     @property
-    def static(self) -> Trial:
+    def static(self) -> TrialTable:
         """The static trial that the model is made of: the first; further ones must agree with it."""
         return next(trial for trial in self.trials if trial.role == "static")
 

@@ -28,7 +28,7 @@ from gaitcal.model.outliers import Outlier, without_outliers
 from gaitcal.model.segment_frames import off_line, unit
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import IN_A_PLANE
-from gaitcal.study.study_file import Trial
+from gaitcal.study.study_file import TrialTable
 
 OTHER_UNIT = 100.0
 """Forces that last so many times longer than whole markers have their time in ms: laboratories crop markers, to a tenth
@@ -46,7 +46,7 @@ class Role(str, Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyTrial:
+class Trial:
     """One trial of a study."""
 
     name: str
@@ -67,7 +67,7 @@ class StudyTrial:
     """Markers that were left out where they were metres away from the body; None: not looked for yet."""
 
 
-def cleaned_trial(trial: StudyTrial, segment_of: Mapping[str, str]) -> StudyTrial:
+def cleaned_trial(trial: Trial, segment_of: Mapping[str, str]) -> Trial:
     """The trial without markers metres away from the body; `segment_of`: label -> segment."""
     if trial.strays is not None:
         return trial
@@ -75,7 +75,7 @@ def cleaned_trial(trial: StudyTrial, segment_of: Mapping[str, str]) -> StudyTria
     return replace(trial, recording=recording, strays=strays)
 
 
-def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -> StudyTrial:
+def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerSet) -> Trial:
     """Read one trial of a study file, its labels put into those of the marker set.
 
     `rename`: label in the file -> label in the marker set, before the set's own aliases are looked up.
@@ -103,7 +103,7 @@ def read_trial(trial: Trial, rename: Mapping[str, str], marker_set: MarkerSet) -
     files = {"file": trial.file}
     if trial.forces is not None:
         files |= {"forces": trial.forces} | {f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))}
-    return StudyTrial(
+    return Trial(
         name=trial.name,
         role=Role(trial.role),
         joint=trial.joint,
@@ -134,7 +134,7 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
     return renamed.with_notes(f"markers renamed: {', '.join(changed)}") if changed else renamed
 
 
-def _check_forces_cover(recording: Recording, trial: Trial) -> None:
+def _check_forces_cover(recording: Recording, trial: TrialTable) -> None:
     if trial.role != "gait":
         return
     time, source = recording.time, trial.forces or trial.file

@@ -25,7 +25,7 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters, is_phys
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
-from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.synthetic.motion import (
     TrueMotion,
     isolated_motion,
@@ -162,16 +162,16 @@ def _plates(motion: TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
     return tuple(plates)
 
 
-def _entry(name: str) -> Trial:
+def _entry(name: str) -> TrialTable:
     file = Path(f"{name}.c3d")
     if name == "static":
-        return Trial(name=name, role="static", file=file)
+        return TrialTable(name=name, role="static", file=file)
     if name == "gait":
-        return Trial(name=name, role="gait", file=file, plates={"1": "r", "2": "l"})
-    return Trial(name=name, role="joint", joint=name, file=file)  # type: ignore[arg-type]
+        return TrialTable(name=name, role="gait", file=file, plates={"1": "r", "2": "l"})
+    return TrialTable(name=name, role="joint", joint=name, file=file)  # type: ignore[arg-type]
 
 
-def _study_file(subject: Subject, trials: tuple[Trial, ...]) -> StudyFile:
+def _study_file(subject: Subject, trials: tuple[TrialTable, ...]) -> StudyFile:
     return StudyFile(
         subject=SubjectTable(
             name=subject.name,

@@ -29,7 +29,7 @@ from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters
 from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import (
     NODES,
     gait_motion,
@@ -108,7 +108,7 @@ def knee_draw(seed: int, noise_m: float) -> Draw:
 
 def noisy_problem(
     q: Array, time: Array, seed: int, noise_m: float, segments: tuple[str, ...] = SEGMENTS
-) -> TrialProblem:
+) -> MotionProblem:
     """Markers of a motion with noise, as a least-squares problem of 20 nodes."""
     model = published_model()
     markers = synthetic_markers(model.parameters, model.markers, q)
@@ -117,7 +117,7 @@ def noisy_problem(
     return trial_problem("trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments)
 
 
-def estimated(problem: TrialProblem, truth: Parameters, free: tuple[str, ...]) -> tuple[JointEstimate, ErrorSources]:
+def estimated(problem: MotionProblem, truth: Parameters, free: tuple[str, ...]) -> tuple[JointEstimate, ErrorSources]:
     """As the published protocol has it: nothing is expected, markers stay in their places."""
     return estimate_joints({"trial": (problem,)}, truth, free, prior=None, settings=JointSettings())
 

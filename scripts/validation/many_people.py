@@ -35,7 +35,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.synthetic.motion import marker_noise, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.subject import EXACT_PLATES, on_the_floor, recording_of, synthetic_model
 
@@ -82,8 +82,8 @@ def write_person(folder: Path, number: int, bodies: int) -> None:
         ),
         markers=Markers(set="published"),
         trial=(
-            Trial(name="static", role="static", file=Path("static.c3d")),
-            Trial(name="gait", role="gait", file=Path("gait.c3d"), plates={"1": "r", "2": "l"}),
+            TrialTable(name="static", role="static", file=Path("static.c3d")),
+            TrialTable(name="gait", role="gait", file=Path("gait.c3d"), plates={"1": "r", "2": "l"}),
         ),
         calibration=CalibrationSettings(force_filter_hz="none", plate_error=EXACT_PLATES),
     )

@@ -34,7 +34,7 @@ from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.session import session_of
 from gaitcal.study.joint_prior import HEIGHT, STEP, JointPrior, Person, mirror
 from gaitcal.study.study import nominal_of
-from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.motion import (
     TrueMotion,
@@ -229,6 +229,6 @@ def _study(person: Person, trials: tuple[str, ...]) -> str:
     for name in trials:
         file = Path(f"{name}.c3d")
         role = name if name == "static" else "gait" if name == "gait" else "joint"
-        entries.append(Trial(name=name, role=role, file=file, joint=name if role == "joint" else None))  # type: ignore[arg-type]
+        entries.append(TrialTable(name=name, role=role, file=file, joint=name if role == "joint" else None))  # type: ignore[arg-type]
     subject = SubjectTable(name="made up", mass_kg=70.0, height_m=person.height, sex=person.sex)  # type: ignore[arg-type]
     return StudyFile(subject=subject, markers=Markers(set="published"), trial=tuple(entries)).to_toml()

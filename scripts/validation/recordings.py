@@ -14,7 +14,7 @@ from gaitcal import Study
 from gaitcal.cli.console import Console
 from gaitcal.cli.folder import options_of, study_or_draft
 from gaitcal.session.draft import study_of
-from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, Trial
+from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.study.study_trial import Role
 from scripts.validation.harness import tomllib
 
@@ -71,12 +71,12 @@ class Person:
         walks = {stem: file for stem, file in stems.items() if file not in (static, forces) and stem not in JOINTS}
 
         def make(folder: Path) -> Path:
-            trials = [Trial(name="static", role="static", file=data() / static)]
-            trials += [Trial(name=j, role="joint", joint=j, file=data() / stems[j]) for j in joints]
+            trials = [TrialTable(name="static", role="static", file=data() / static)]
+            trials += [TrialTable(name=j, role="joint", joint=j, file=data() / stems[j]) for j in joints]
             if walks:
                 file = walks[walk] if walk else next(iter(walks.values()))
                 given = data() / forces if forces else None
-                trials.append(Trial(name=WALK, role="gait", file=data() / file, forces=given))
+                trials.append(TrialTable(name=WALK, role="gait", file=data() / file, forces=given))
             table = SubjectTable(name="person", mass_kg=self.mass, height_m=self.height, sex=self.sex)  # type: ignore[arg-type]
             chosen = Markers(set=self.markers.replace("{data}", str(data())).replace("{here}", str(HERE)), rename={})
             path = folder / "study.toml"

@@ -28,7 +28,7 @@ from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.session.result import Calibration, Stage
 from gaitcal.session.session import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
-from gaitcal.study.study_trial import StudyTrial
+from gaitcal.study.study_trial import Trial
 from scripts.validation.recordings import CHILDREN, study_of_person
 
 UNITS: dict[str, Callable[[float], float]] = {
@@ -216,7 +216,7 @@ def calibrated_walk(calibration: Calibration, trial: str, stage: Stage) -> Walk 
     )
 
 
-def _theirs(trial: StudyTrial, frames: int) -> dict[str, Array]:
+def _theirs(trial: Trial, frames: int) -> dict[str, Array]:
     curves = vendor_curves(trial.recording.source)
     return {key: curve for key, curve in curves.items() if len(curve) == frames}
 

@@ -11,7 +11,7 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.spline import smoothing
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
 PARAMETERS = perturbed_parameters(np.random.default_rng(81))
@@ -20,11 +20,11 @@ FIRST_ORDER = 0.05
 """Gauss-Newton's matrix against Newton's, where residuals are small."""
 
 
-def solved(problem: TrialProblem, start: Array, parameters: Parameters = PARAMETERS) -> Array:
+def solved(problem: MotionProblem, start: Array, parameters: Parameters = PARAMETERS) -> Array:
     return track_nodes(problem, problem.constants(parameters), start, DescentSettings(gain=1e-15)).nodes
 
 
-def smoothed_trial() -> tuple[TrialProblem, Array]:
+def smoothed_trial() -> tuple[MotionProblem, Array]:
     """Markers without noise, smoothed a little."""
     problem, true = random_trial(np.random.default_rng(82), PARAMETERS, frames=50, nodes=12)
     problem = replace(problem, smoothing=smoothing(problem.basis, 4.0 * np.eye(true.shape[1]), HZ))

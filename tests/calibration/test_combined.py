@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from gaitcal.calibration.combined import DESCENT, CombinedSettings, CombinedTrial, combined_fit
+from gaitcal.calibration.combined import DESCENT, CombinedProblem, CombinedSettings, combined_fit
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
     LoadedMotion,
@@ -28,7 +28,7 @@ from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Stage
 from gaitcal.study.study import Study
@@ -47,7 +47,7 @@ NEAR = 1e-4
 """Of the largest change of a quantity (mass, place of the mass centre, moment); both solvers end far nearer."""
 
 
-def noisy_walk(seed: int, *size: float) -> TrialProblem:
+def noisy_walk(seed: int, *size: float) -> MotionProblem:
     markers = synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
     noisy = markers + marker_noise(MOTION.basis.time, markers.shape[1], np.random.default_rng(seed), *size)
     recording = Recording(source="gait", time=MOTION.basis.time, labels=MODEL.markers.labels, markers=noisy)
@@ -67,7 +67,7 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     valid = np.arange(len(motion.basis.time)) % 3 != 0
 
     chart = LogChart(model.parameters.inertial, symmetric_set())
-    trial = CombinedTrial(problem, nodes, wrench, valid)
+    trial = CombinedProblem(problem, nodes, wrench, valid)
     settings = CombinedSettings(load_share=SHARE, spread=SPREAD, descent=replace(DESCENT, gain=1e-12))
     found = combined_fit([trial], model.parameters, gait_parameters("r"), symmetric_set(), model.subject, settings)
     assert found.converged
@@ -106,7 +106,7 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
     inertial = fit_consistent(system, nominal.inertial, symmetric_set())
     two_steps = joint.parameters.with_inertial(inertial.inertial)
     third = combined_fit(
-        [CombinedTrial(problem, joint.nodes[0], WRENCH, EVERY)], two_steps, free, symmetric_set(), MODEL.subject
+        [CombinedProblem(problem, joint.nodes[0], WRENCH, EVERY)], two_steps, free, symmetric_set(), MODEL.subject
     )
 
     def residuals(parameters: Parameters, nodes: Array) -> tuple[float, float, float]:
@@ -134,7 +134,7 @@ def test_the_penalty_is_no_marker_error() -> None:
     settings = CombinedSettings(descent=DescentSettings(most_steps=1))
     subject = Subject("anyone", 70.0, 1.75, "male")
     sigmas = [
-        combined_fit([CombinedTrial(trial, nodes, None, None)], PARAMETERS, (), symmetric_set(), subject, settings)
+        combined_fit([CombinedProblem(trial, nodes, None, None)], PARAMETERS, (), symmetric_set(), subject, settings)
         for trial in (problem, replace(problem, smoothing=None))
     ]
     assert sigmas[0].marker_sigma == sigmas[1].marker_sigma > 0.0

@@ -37,7 +37,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, full_set, is_physical, symmetric_set, table
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.spline import NodeRule, frame_rate, spline_basis
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from tests.synthetic_studies import made_recording
 
@@ -50,7 +50,7 @@ EXACT = PlateErrors(place=0.0, gain=0.0, clock=0.0)
 USUAL = NodeRule()
 
 
-def problem_of(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> TrialProblem:
+def problem_of(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> MotionProblem:
     """The published walk, its markers moved by white noise (m)."""
     problem = trial_problem("walk", MODEL, made_recording(MOTION), rule)
     moved = np.random.default_rng(seed).normal(0.0, noise, problem.data.measured.shape)

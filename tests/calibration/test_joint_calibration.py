@@ -19,7 +19,7 @@ from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue, together
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion, marker_noise, synthetic_markers
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
@@ -27,7 +27,7 @@ KNEE = isolated_parameters("knee_r")
 PART = ("thigh_r", "shank_r")
 
 
-def knee_trial(seed: int, noise: float = 0.0, frames: int = 60) -> tuple[TrialProblem, Parameters]:
+def knee_trial(seed: int, noise: float = 0.0, frames: int = 60) -> tuple[MotionProblem, Parameters]:
     """A trial of thigh and shank with true parameters of its own, and those."""
     rng = np.random.default_rng(seed)
     truth = perturbed_parameters(rng)
@@ -36,7 +36,7 @@ def knee_trial(seed: int, noise: float = 0.0, frames: int = 60) -> tuple[TrialPr
     return replace(problem, data=replace(problem.data, measured=measured)), truth
 
 
-def fit(problem: TrialProblem, start: Parameters, free: tuple[str, ...], **settings: float) -> JointFit:
+def fit(problem: MotionProblem, start: Parameters, free: tuple[str, ...], **settings: float) -> JointFit:
     nodes = starting_nodes(problem.chain, problem.constants(start), problem.data, problem.basis)
     return JointSearch([problem], start, free, [nodes], JointSettings(**settings)).run()
 
@@ -45,7 +45,7 @@ def values(parameters: Parameters, names: tuple[str, ...]) -> Array:
     return parameters.joint[[JP_INDEX[name] for name in names]]
 
 
-def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]) -> TrialProblem:
+def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]) -> MotionProblem:
     """A trial of the knee, with columns on the markers of some segments."""
     problem, _ = knee_trial(seed, noise=0.004, frames=30)
     rng, local = np.random.default_rng(seed), problem.data.local
@@ -147,9 +147,9 @@ def test_a_motion_is_predicted_where_the_parameters_go(monkeypatch: pytest.Monke
     reduced.settle(p)
     formed: list[str] = []
     for name in ("equations", "both_gradients"):
-        plain = getattr(TrialProblem, name)
+        plain = getattr(MotionProblem, name)
         monkeypatch.setattr(
-            TrialProblem, name, lambda *a, plain=plain, name=name, **k: (formed.append(name), plain(*a, **k))[1]
+            MotionProblem, name, lambda *a, plain=plain, name=name, **k: (formed.append(name), plain(*a, **k))[1]
         )
     position = np.array([not name.endswith(("front", "trans")) for name in KNEE])
     reduced.at(p + np.where(position, 0.001, 0.003))

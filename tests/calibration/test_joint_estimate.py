@@ -33,7 +33,7 @@ from gaitcal.calibration.soft_tissue_artefact import (
 from gaitcal.model.linkage import JOINTS, LEGS, LOWER_BODY
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters, leg_parameters
 from gaitcal.motion.soft_tissue import together
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.joint_prior import JointPrior
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
@@ -43,7 +43,7 @@ EXACT_M = 5e-5
 """m: what a prior of 10 mm leaves of a nominal joint 10 mm off, against the noise that cameras have at least."""
 
 
-def hip_trial(seed: int, frames: int = 300, nodes: int = 12) -> tuple[TrialProblem, Array]:
+def hip_trial(seed: int, frames: int = 300, nodes: int = 12) -> tuple[MotionProblem, Array]:
     """A trial of the published hip, and its true joint parameters."""
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng, 0.0, 0.0)
@@ -51,7 +51,7 @@ def hip_trial(seed: int, frames: int = 300, nodes: int = 12) -> tuple[TrialProbl
     return problem, parameters.joint[[JP_INDEX[n] for n in HIP]]
 
 
-def gait(*problems: TrialProblem) -> Tasks:
+def gait(*problems: MotionProblem) -> Tasks:
     return {"gait": problems}
 
 
@@ -76,7 +76,7 @@ def test_without_noise_the_truth_is_found_and_without_markers_the_prior_stays() 
     assert errors.standard_errors[HIP[0]] < 0.02 * prior[HIP[0]]
 
 
-def with_tissue(rng: np.random.Generator, frames: int) -> tuple[TrialProblem, TissuePrior]:
+def with_tissue(rng: np.random.Generator, frames: int) -> tuple[MotionProblem, TissuePrior]:
     """A hip that moves at random, and columns that go with its flexion."""
     problem, _ = hip_trial(3, frames=frames, nodes=7)
     problem = problem.with_measured(problem.data.measured + rng.normal(0, 0.004, problem.data.measured.shape))
@@ -265,7 +265,7 @@ SLIDES = {"hip_adduction_r": np.array([0.0, 0.003, 0.0]), "hip_rotation_r": np.a
 """m, of the pelvis' markers, with a standard deviation of an angle: as if the hip lay outward."""
 
 
-def soft_person(seed: int) -> tuple[TrialProblem, Array]:
+def soft_person(seed: int) -> tuple[MotionProblem, Array]:
     """A walk of small adduction and rotation, markers that deform as people's do, and a pelvis that slides."""
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng, 0.0, 0.0)

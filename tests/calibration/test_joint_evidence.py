@@ -10,19 +10,19 @@ import pytest
 
 from gaitcal.calibration.error_sources import source_of
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_phases import LEG_PARAMETERS, JointCalibration, JointTrial, calibrate_by_evidence
+from gaitcal.calibration.joint_phases import LEG_PARAMETERS, JointCalibration, JointProblem, calibrate_by_evidence
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, marker_covariance, task_regressors
 from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_NAMES, Parameters
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import perturbed_parameters, random_trial
 
 WHITE = 0.001
 """m: noise of every marker."""
 
 
-def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> TrialProblem:
+def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> MotionProblem:
     """A whole body that moves at random, on markers of `softness` times the soft tissue that people have, and of `bent`
     times it with the squares of angles.
     """
@@ -46,7 +46,7 @@ def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> Trial
 def calibrated(softness: float, bent: float = 0.0) -> JointCalibration:
     """A walk whose name is a word of our own, from nominal joints that are a little wrong."""
     walk = soft_walk(11, "nominal", softness, bent)
-    return calibrate_by_evidence([JointTrial(walk, walk, None)], nominal(), JointSettings(), ("r", "l"))
+    return calibrate_by_evidence([JointProblem(walk, walk, None)], nominal(), JointSettings(), ("r", "l"))
 
 
 def nominal() -> Parameters:
@@ -80,7 +80,7 @@ def test_motions_have_the_soft_tissue_of_their_kind_and_what_was_found_is_an_err
     """Every kind of task with columns of its own; an isolated trial's on the segments of its joint alone."""
     walk, knee = soft_walk(11, "walk", 1.0), soft_walk(11, "bends", 0.2)
     segments = joint_segments("knee_r")
-    trials = [JointTrial(knee, knee.part(segments[0], segments), "knee_r"), JointTrial(walk, walk, None)]
+    trials = [JointProblem(knee, knee.part(segments[0], segments), "knee_r"), JointProblem(walk, walk, None)]
     found = calibrate_by_evidence(trials, nominal(), JointSettings(), ("r", "l"))
     assert set(found.tissue) == {"walk", "bends"}
     assert {group.carrier for group in found.tissue["bends"].groups} == set(segments)

@@ -10,7 +10,7 @@ import pytest
 from gaitcal.calibration.joint_calibration import JointSearch, JointSettings
 from gaitcal.calibration.joint_phases import (
     JointCalibration,
-    JointTrial,
+    JointProblem,
     PhaseSettings,
     calibrate_in_phases,
     parameters_for,
@@ -21,7 +21,7 @@ from gaitcal.calibration.joint_prior import WEAK
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SoftTissueScale, TaskTissue, task_regressors
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from tests.calibration.test_joint_calibration import KNEE, PART, knee_trial, values
 from tests.derivatives import perturbed_parameters, random_trial
 
@@ -30,7 +30,7 @@ WEAK_LEAVES = 3e-4
 """m, rad: of the weak prior against markers that err by what cameras do at least."""
 
 
-def two_trials(noise: float = 1e-4) -> tuple[list[TrialProblem], Parameters]:
+def two_trials(noise: float = 1e-4) -> tuple[list[MotionProblem], Parameters]:
     """Of one knee, white noise."""
     rng = np.random.default_rng(11)
     truth, trials = perturbed_parameters(rng), []
@@ -41,8 +41,8 @@ def two_trials(noise: float = 1e-4) -> tuple[list[TrialProblem], Parameters]:
     return trials, truth
 
 
-def in_sequence(trials: list[TrialProblem], nominal: Parameters, how: PhaseSettings) -> JointCalibration:
-    taking_part = [JointTrial(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
+def in_sequence(trials: list[MotionProblem], nominal: Parameters, how: PhaseSettings) -> JointCalibration:
+    taking_part = [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
     return calibrate_in_phases(sequential_phases(taking_part, {"r": KNEE}), nominal, how)
 
 
@@ -50,7 +50,7 @@ def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
     """One trial after the other comes to the solution of both at once, and to its error bars."""
     trials, truth = two_trials()
     after = in_sequence(trials, truth, WEAKLY)
-    taking_part = [JointTrial(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
+    taking_part = [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
     together = calibrate_in_phases(simultaneous_phases(taking_part, {"r": KNEE}), truth, WEAKLY)
     alone = in_sequence(trials, truth, PUBLISHED)
     same = values(together.parameters, KNEE)
@@ -64,7 +64,7 @@ def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
 def test_soft_tissue_moves_no_flat_fit_and_a_posterior_is_as_wide_as_it_makes_it() -> None:
     """An isolated trial whose markers may lie anywhere leaves the knee to the walk."""
     trials, truth = two_trials()
-    taking_part = [JointTrial(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
+    taking_part = [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
     rigid = sequential_phases(taking_part, {"r": KNEE})
     (psi,) = task_regressors([{"knee_angle_r": np.random.default_rng(4).normal(size=60)}])
     soft = TaskTissue(
@@ -92,7 +92,7 @@ def test_equal_weights_are_those_of_the_plain_sum_of_squares_whatever_the_noises
     trials, truth = two_trials()
     noisy = trials[0].data.measured + np.random.default_rng(5).normal(0, 0.004, trials[0].data.measured.shape)
     trials[0] = trials[0].with_measured(noisy)
-    taking_part = [JointTrial(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
+    taking_part = [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
     found = calibrate_in_phases(simultaneous_phases(taking_part, {"r": KNEE}), truth, PUBLISHED)
     starts = [starting_nodes(t.chain, t.constants(truth), t.data, t.basis) for t in trials]
     plain = JointSearch(trials, truth, KNEE, starts).run()
@@ -123,7 +123,7 @@ def test_phases_are_the_published_ones_and_trials_keep_what_they_were_fitted_wit
 def test_without_noise_the_truth_is_found(how: PhaseSettings) -> None:
     problem, truth = knee_trial(1)
     start = truth.with_joint(KNEE, values(published_subject(), KNEE))
-    trial = JointTrial(problem, problem, "knee_r")
+    trial = JointProblem(problem, problem, "knee_r")
     done = calibrate_in_phases(sequential_phases([trial], {"r": ()}), start, how)
     np.testing.assert_allclose(
         values(done.parameters, KNEE), values(truth, KNEE), atol=1e-8 if how is PUBLISHED else WEAK_LEAVES
@@ -133,7 +133,7 @@ def test_without_noise_the_truth_is_found(how: PhaseSettings) -> None:
 def test_a_knee_that_does_not_move_is_frozen_or_held_by_its_prior() -> None:
     problem, truth = knee_trial(1)
     still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], problem.data.measured.shape[2], axis=2))
-    trial, nominal = JointTrial(still, still, "knee_r"), truth.with_joint(KNEE, values(truth, KNEE) + 0.003)
+    trial, nominal = JointProblem(still, still, "knee_r"), truth.with_joint(KNEE, values(truth, KNEE) + 0.003)
     phases = sequential_phases([trial], {"r": ()})
     frozen, held = (calibrate_in_phases(phases, nominal, how) for how in (PUBLISHED, WEAKLY))
     assert set(frozen.unidentifiable) == set(KNEE) and not frozen.free

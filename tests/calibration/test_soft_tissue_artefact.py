@@ -32,7 +32,7 @@ from gaitcal.motion.banded import eliminate
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, together
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
 HIP = isolated_parameters("hip_r")
@@ -50,7 +50,7 @@ Moves = Mapping[tuple[str, str], Array]
 
 def person(
     seed: int, moves: Moves, *, squares: bool = False, frames: int = 200, noise: float = NOISE
-) -> list[TrialProblem]:
+) -> list[MotionProblem]:
     """Two trials of pelvis and thigh, with every column that their soft tissue may have."""
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng)
@@ -90,7 +90,7 @@ def drawn(seed: int, size: float, segments: Sequence[str] = SEGMENTS, ending: st
     }
 
 
-def groups_of(problem: TrialProblem) -> tuple[SegmentTissue, ...]:
+def groups_of(problem: MotionProblem) -> tuple[SegmentTissue, ...]:
     assert problem.tissue is not None
     return problem.tissue.groups
 
@@ -117,7 +117,7 @@ def test_regressors_are_angles_by_their_spread_over_all_trials_of_a_kind() -> No
     assert set(task_regressors([{"flexion": flexion[0]}])[0]) == {"flexion"}
 
 
-def velocities(problem: TrialProblem, nodes: Array, parameters: Parameters) -> tuple[Array, Array]:
+def velocities(problem: MotionProblem, nodes: Array, parameters: Parameters) -> tuple[Array, Array]:
     """(3 nm nf, nn nq + np) derivatives of the markers by nodes and joint parameters, and R (nm, 3, 3, nf)."""
     constants, q = problem.constants(parameters), problem.basis.evaluate(nodes)
     poses, nq = forward(problem.chain, constants, q), nodes.shape[1]
@@ -168,7 +168,7 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
     np.testing.assert_allclose(step, wanted, rtol=0, atol=FLOOR * np.abs(wanted).max())
 
 
-def of_kind(problem: TrialProblem, kind: str) -> TrialProblem:
+def of_kind(problem: MotionProblem, kind: str) -> MotionProblem:
     """The same trial as one of another kind of task."""
     regressors = {
         n.split("/")[-1]: psi for g in groups_of(problem) for n, psi in zip(g.names, g.regressors, strict=True)
@@ -176,7 +176,7 @@ def of_kind(problem: TrialProblem, kind: str) -> TrialProblem:
     return replace(problem, tissue=tissue_of(problem, kind, regressors))
 
 
-def dense_density(trials: Sequence[TrialProblem], segment: str, variances: Sequence[Mapping[bool, float]]) -> Array:
+def dense_density(trials: Sequence[MotionProblem], segment: str, variances: Sequence[Mapping[bool, float]]) -> Array:
     """Log p of what the rigid fits of a segment leave of its markers; `variances` of linear columns, and of squares."""
     parts, psis, local = [], [], places_of(trials[0], segment)
     rigid = together(local - local.mean(axis=0)).reshape(-1, 6)
@@ -205,7 +205,7 @@ def dense_density(trials: Sequence[TrialProblem], segment: str, variances: Seque
     return np.array(out)
 
 
-def places_of(problem: TrialProblem, segment: str) -> Array:
+def places_of(problem: MotionProblem, segment: str) -> Array:
     (local,) = [problem.data.local[g.markers] for g in groups_of(problem) if g.carrier == segment]
     return local
 

@@ -32,7 +32,7 @@ from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
 DIFFERENCES = 1e-5
@@ -190,7 +190,7 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monk
     np.testing.assert_allclose(in_parts.moment, turned.kinetics.moment, rtol=1e-9)
 
 
-def leverages(problem: TrialProblem, parameters: Parameters, nodes: Array) -> Array:
+def leverages(problem: MotionProblem, parameters: Parameters, nodes: Array) -> Array:
     """(nm, 3, nf) of each marker coordinate in its frame's own least-squares problem; Jacobian by differences."""
     q, constants, data = problem.basis.evaluate(nodes), problem.constants(parameters), problem.data
     out = np.empty(data.measured.shape)
@@ -214,7 +214,7 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
     problem = replace(problem, data=replace(problem.data, measured=measured))
     source = ErrorSources(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))
 
-    def motion(problem: TrialProblem, parameters: Parameters) -> Array:
+    def motion(problem: MotionProblem, parameters: Parameters) -> Array:
         constants = problem.constants(parameters)
         start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
         return track_nodes(problem, constants, start, DescentSettings(gain=1e-15)).nodes

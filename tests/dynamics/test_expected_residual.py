@@ -26,7 +26,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import published_subject
-from gaitcal.session.result import LoadedTrial, TrialResult
+from gaitcal.session.result import Loads, TrialResult
 from tests.fake_result import fake_calibration
 
 WEIGHT = 70.0 * 9.81
@@ -44,7 +44,7 @@ def walk() -> TrialResult:
     return replace(trial, loads=replace(trial.loads, reactions=replace(trial.loads.reactions, wrench=wrench)))
 
 
-def loads() -> LoadedTrial:
+def loads() -> Loads:
     found = walk().loads
     assert found is not None
     return found

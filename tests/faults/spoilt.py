@@ -15,7 +15,7 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.motion import gait_motion, isolated_motion, static_motion
 from tests.synthetic_studies import made_plates, made_recording
 
@@ -37,9 +37,9 @@ def sound_study() -> Study:
         "knee_r": made_recording(isolated_motion("knee_r")),
     }
     trials = (
-        StudyTrial(name="static", role=Role.STATIC, recording=recordings["static"]),
-        StudyTrial(name="walk", role=Role.GAIT, recording=recordings["walk"]),
-        StudyTrial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recordings["knee_r"]),
+        Trial(name="static", role=Role.STATIC, recording=recordings["static"]),
+        Trial(name="walk", role=Role.GAIT, recording=recordings["walk"]),
+        Trial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recordings["knee_r"]),
     )
     subject = Subject("synthetic", 69.4, 1.70, "male")
     return Study(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gaitcal.codes import Code
 from gaitcal.dynamics.off_sole import DIVIDED, EQUAL_M, sole_edge
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, Feet, contacts, outside_sole
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
@@ -29,7 +29,7 @@ from gaitcal.session.folder import read_folder
 from gaitcal.session.person_facts import Options
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, Trial
 from tests.faults.spoilt import with_trial
 from tests.real_studies import write_study
 
@@ -39,14 +39,14 @@ UP = np.array([0.0, 1.0, 0.0])
 HEIGHT = 1.70
 
 
-def evidence(recording: Recording, plates: dict[str, str] | None = None) -> TrialEvidence:
+def evidence(recording: Recording, plates: dict[str, str] | None = None) -> MarkerEvidence:
     """A walk of the published markers."""
-    trial = StudyTrial(name="walk", role=Role.GAIT, recording=recording, plates=plates or {})
+    trial = Trial(name="walk", role=Role.GAIT, recording=recording, plates=plates or {})
     subject = Subject("synthetic", 69.4, HEIGHT, "male")
-    return TrialEvidence.of(trial, load_marker_set("published"), subject, CalibrationSettings(), None)
+    return MarkerEvidence.of(trial, load_marker_set("published"), subject, CalibrationSettings(), None)
 
 
-def told(trial: TrialEvidence) -> list[Finding]:
+def told(trial: MarkerEvidence) -> list[Finding]:
     """What is said of centres of pressure, with nothing else found."""
     return list(outside_sole(trial, ()))
 
@@ -204,7 +204,7 @@ def test_a_foot_across_two_plates_is_not_divided() -> None:
 
 
 @cache
-def real_walks(name: str, data: Path) -> tuple[TrialEvidence, ...]:
+def real_walks(name: str, data: Path) -> tuple[MarkerEvidence, ...]:
     """The walks over plates of one folder."""
     if (data / name / "study.toml").exists():
         study = Study.load(data / name / "study.toml")
@@ -212,15 +212,15 @@ def real_walks(name: str, data: Path) -> tuple[TrialEvidence, ...]:
         study = study_of(draft_of(read_folder(data / name), Options(sex="female")))
     marker_set = study.marker_set.with_weights(study.weights)
     walks = [t for t in study.trials if t.role is Role.GAIT and t.recording.plates]
-    return tuple(TrialEvidence.of(t, marker_set, study.subject, study.settings, None) for t in walks)
+    return tuple(MarkerEvidence.of(t, marker_set, study.subject, study.settings, None) for t in walks)
 
 
 @cache
-def treadmill(data: Path, folder: Path) -> TrialEvidence:
+def treadmill(data: Path, folder: Path) -> MarkerEvidence:
     study = Study.load(write_study("subject01", data, folder))
     (walk,) = [t for t in study.trials if t.role is Role.GAIT]
     marker_set = study.marker_set.with_weights(study.weights)
-    return TrialEvidence.of(walk, marker_set, study.subject, study.settings, None)
+    return MarkerEvidence.of(walk, marker_set, study.subject, study.settings, None)
 
 
 FOLDERS = [
@@ -239,7 +239,7 @@ def test_real_people_press_under_their_feet(name: str, data_dir: Path) -> None:
     assert walks and [f.line for walk in walks for f in told(walk)] == []
 
 
-def moved(trial: TrialEvidence, shift: tuple[float, float], *plates: str) -> TrialEvidence:
+def moved(trial: MarkerEvidence, shift: tuple[float, float], *plates: str) -> MarkerEvidence:
     """Some plates, or all, elsewhere in x and z, m."""
     change = np.array([shift[0], 0.0, shift[1]])
     recording = trial.recording

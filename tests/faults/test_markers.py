@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import exchanged
 from gaitcal.faults.markers import gaps
 from gaitcal.faults.study import check_study
@@ -35,7 +35,7 @@ def accused(study: Study, seed: int, weights: float | None = None) -> list[str]:
         markers[:, rng.random(markers.shape[1]) < 0.1] = np.nan
         spoilt = replace(trial, recording=replace(trial.recording, markers=markers))
         marker_set = study.marker_set.with_weights(own)
-        evidence = TrialEvidence.of(spoilt, marker_set, study.subject, study.settings, model)
+        evidence = MarkerEvidence.of(spoilt, marker_set, study.subject, study.settings, model)
         out += [f.line for f in exchanged(evidence)]
     return out
 
@@ -57,7 +57,7 @@ def test_arms_that_turn_under_their_skin_are_not_accused(data_dir: Path, tmp_pat
     study = Study.load(write_study("functional_c3d", data_dir, tmp_path))
     model = nominal_of(study)
     trial = next(t for t in study.trials if t.name == "knee_r")
-    evidence = TrialEvidence.of(trial, study.marker_set, study.subject, study.settings, model)
+    evidence = MarkerEvidence.of(trial, study.marker_set, study.subject, study.settings, model)
     assert [f.found for f in exchanged(evidence) if "LHE" in f.found] == []
 
 
@@ -72,7 +72,7 @@ def pelvis_found(study: Study, lost: Callable[[float, int], bool]) -> tuple[Find
     for i in of_pelvis[2:]:
         markers[away, i] = np.nan
     spoilt = replace(trial, recording=replace(r, markers=markers))
-    evidence = TrialEvidence.of(spoilt, study.marker_set, study.subject, study.settings, model)
+    evidence = MarkerEvidence.of(spoilt, study.marker_set, study.subject, study.settings, model)
     return tuple(f for f in gaps(evidence) if "pelvis markers" in f.found)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gaitcal.faults.cluster import alignment, clusters_of
 from gaitcal.faults.contradiction import contradictions, offset_limit
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import sides_exchanged
 from gaitcal.faults.joint_link import flexion_of, links_of, nearest_rotation, side_turns
 from gaitcal.faults.role import nominal_model_of
@@ -32,7 +32,7 @@ ROUNDING = 1e-9
 
 
 @pytest.fixture(scope="module")
-def trials(sound: Study) -> dict[str, TrialEvidence]:
+def trials(sound: Study) -> dict[str, MarkerEvidence]:
     model, _ = nominal_model_of(sound)
     return {t.name: t for t in evidence_of(sound, model)}
 
@@ -41,7 +41,7 @@ def told(study: Study) -> list[Finding]:
     return [f for f in check_study(study) if f.topic in BODY]
 
 
-def turned_with(trial: TrialEvidence, segment: str, labels: tuple[str, ...], by: Array) -> Change:
+def turned_with(trial: MarkerEvidence, segment: str, labels: tuple[str, ...], by: Array) -> Change:
     """Markers moved by (n, 3) m in static axes, which the segment carries along."""
     rotation = trial.clusters[segment].rotation
 
@@ -58,13 +58,13 @@ def test_nothing_is_said_of_a_sound_study(sound: Study) -> None:
     assert told(sound) == []
 
 
-def test_a_sound_cluster_has_the_static_shape_and_keeps_it(trials: dict[str, TrialEvidence]) -> None:
+def test_a_sound_cluster_has_the_static_shape_and_keeps_it(trials: dict[str, MarkerEvidence]) -> None:
     for cluster in trials["walk"].clusters.values():
         assert np.abs(cluster.offsets).max() < ROUNDING and np.nanmax(cluster.strayed) < ROUNDING
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_displaced_marker_is_named_with_its_size(sound: Study, trials: dict[str, TrialEvidence], seed: int) -> None:
+def test_a_displaced_marker_is_named_with_its_size(sound: Study, trials: dict[str, MarkerEvidence], seed: int) -> None:
     rng = np.random.default_rng(seed)
     walk = trials["walk"]
     segment = ("foot_r", "foot_l", "thigh_r", "shank_l")[seed]
@@ -81,7 +81,7 @@ def test_a_displaced_marker_is_named_with_its_size(sound: Study, trials: dict[st
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_cure_silences_the_finding(sound: Study, trials: dict[str, TrialEvidence], seed: int) -> None:
+def test_the_cure_silences_the_finding(sound: Study, trials: dict[str, MarkerEvidence], seed: int) -> None:
     walk = trials["walk"]
     cluster = walk.clusters["foot_r"]
     label = cluster.labels[seed % cluster.own]
@@ -93,7 +93,7 @@ def test_the_cure_silences_the_finding(sound: Study, trials: dict[str, TrialEvid
 
 
 def test_a_marker_that_all_moving_trials_have_elsewhere_is_told_once(
-    sound: Study, trials: dict[str, TrialEvidence]
+    sound: Study, trials: dict[str, MarkerEvidence]
 ) -> None:
     spoilt = with_trial(sound, "static", moved("R.Heel", lambda x: x + [0.0, 0.03, 0.0]))
     found = [f for f in told(spoilt) if "'R.Heel'" in f.cause]
@@ -109,7 +109,7 @@ def test_exchanged_labels_are_told_once_and_refused(sound: Study, pair: tuple[st
     assert all(f"'{label}'" in found[0].evidence for label in pair)
 
 
-def test_a_turned_cluster_is_an_error(sound: Study, trials: dict[str, TrialEvidence]) -> None:
+def test_a_turned_cluster_is_an_error(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
     walk = trials["walk"]
     cluster = walk.clusters["thigh_r"]
     angle = np.deg2rad(30.0)
@@ -121,7 +121,7 @@ def test_a_turned_cluster_is_an_error(sound: Study, trials: dict[str, TrialEvide
     assert "right thigh slid or turned together" in found[0].cause
 
 
-def test_a_mirrored_cluster_is_an_error(sound: Study, trials: dict[str, TrialEvidence]) -> None:
+def test_a_mirrored_cluster_is_an_error(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
     walk = trials["walk"]
     cluster = walk.clusters["foot_l"]
     away = cluster.static - cluster.static.mean(axis=0)
@@ -178,7 +178,7 @@ def test_alignment_and_turns_are_exact() -> None:
         np.testing.assert_allclose(back, shift, atol=ROUNDING)
 
 
-def test_a_segment_with_two_markers_borrows_the_hip_centre(sound: Study, trials: dict[str, TrialEvidence]) -> None:
+def test_a_segment_with_two_markers_borrows_the_hip_centre(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
     walk = trials["walk"]
     assert walk.stance is not None
     fewer = clusters_of(walk.recording, walk.stance, sound.marker_set.landmarks, lambda m: m != "R.Thigh.Rear")
@@ -212,7 +212,7 @@ def test_a_knee_that_bends_about_another_line(sound: Study) -> None:
     assert len(found) == 1 and found[0].leg == "r" and found[0].severity is Severity.WARNING
 
 
-def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, TrialEvidence]) -> None:
+def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
     walk = sound.trials[1]
     rng = np.random.default_rng(0)
     others = tuple(
@@ -235,7 +235,7 @@ def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, TrialEvi
     assert found.where == "walk2" and "the other 2 walks" in found.cause
 
 
-def test_a_further_trial_is_held_against_the_saved_model(sound: Study, trials: dict[str, TrialEvidence]) -> None:
+def test_a_further_trial_is_held_against_the_saved_model(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
     model = trials["walk"].model
     assert model is not None
     spoilt = with_trial(
@@ -250,7 +250,7 @@ def test_a_further_trial_is_held_against_the_saved_model(sound: Study, trials: d
 @pytest.mark.parametrize("label", ["R.Thigh.Upper", "R.Thigh.Front", "R.Thigh.Rear"])
 @pytest.mark.parametrize("axis", range(3))
 def test_in_a_further_trial_the_marker_itself_is_named(
-    sound: Study, trials: dict[str, TrialEvidence], label: str, axis: int
+    sound: Study, trials: dict[str, MarkerEvidence], label: str, axis: int
 ) -> None:
     model = trials["walk"].model
     assert model is not None
@@ -259,7 +259,7 @@ def test_in_a_further_trial_the_marker_itself_is_named(
     assert [f"marker '{label}' is not where" in f.cause for f in found] == [True]
 
 
-def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: dict[str, TrialEvidence]) -> None:
+def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: dict[str, MarkerEvidence]) -> None:
     walk = trials["walk"]
     assert walk.stance is not None
     flexion = np.abs(
@@ -275,7 +275,7 @@ def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: di
     assert contradictions(clusters, near) != ()
 
 
-def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, TrialEvidence]) -> None:
+def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
     tall = replace(sound, subject=replace(sound.subject, height=2.1))
     model, _ = nominal_model_of(tall)
     walk = next(t for t in evidence_of(tall, model) if t.name == "walk")
@@ -287,7 +287,7 @@ def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, TrialEvide
 
 @pytest.mark.parametrize("scatter", [0.0, 0.02])
 def test_sizes_that_scatter_leave_the_body_its_size(
-    sound: Study, trials: dict[str, TrialEvidence], scatter: float
+    sound: Study, trials: dict[str, MarkerEvidence], scatter: float
 ) -> None:
     spoilt = sound
     clusters = trials["walk"].clusters

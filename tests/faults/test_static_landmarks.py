@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.faults import body_plan as body_build
 from gaitcal.faults.body_plan import body_axes, cost, cost_of_build, measures
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.role import nominal_model_of, standing_legs, standing_straight
 from gaitcal.faults.static_landmarks import (
     Displaced,
@@ -31,7 +31,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import StudyTrial
+from gaitcal.study.study_trial import Trial
 from gaitcal.synthetic.motion import standing_pose, static_motion, synthetic_markers
 from gaitcal.synthetic.subject import on_the_floor, recording_of, synthetic_model
 from tests.faults.spoilt import Array, Change, moved, swapped, with_trial
@@ -45,8 +45,8 @@ trial = [{{ name = "static", role = "static", file = "static.c3d" }}]
 """
 
 
-def evidence(study: Study, trial: StudyTrial) -> TrialEvidence:
-    return TrialEvidence.of(trial, study.marker_set, study.subject, study.settings, None)
+def evidence(study: Study, trial: Trial) -> MarkerEvidence:
+    return MarkerEvidence.of(trial, study.marker_set, study.subject, study.settings, None)
 
 
 def body(study: Study) -> tuple[dict[str, Array], float]:

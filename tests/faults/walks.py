@@ -16,7 +16,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import trial_problem
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.motion import gait_motion
 from tests.synthetic_studies import made_plates, made_recording
 
@@ -34,7 +34,7 @@ class Walk:
         recording, motion = change(self.recording), self.motion
         if recording.markers is not self.recording.markers:
             motion = tracked(self.model, recording)
-        trial = StudyTrial(name=name, role=Role.GAIT, recording=recording)
+        trial = Trial(name=name, role=Role.GAIT, recording=recording)
         parameters = self.model.parameters
         reactions = reactions_of_motion(self.model, parameters, motion, recording, {}, FORCE_HZ)
         found = force_evidence(trial, recording, self.model, parameters, motion, reactions)

@@ -21,7 +21,7 @@ from gaitcal.figures import report
 from gaitcal.figures.chart import SIDE_COLOURS, Chart, panel_figure
 from gaitcal.figures.paper import LINE, Strides, paper_charts
 from gaitcal.figures.report import Told, report_charts
-from gaitcal.figures.sheet import SheetTrial, unpacked
+from gaitcal.figures.sheet import SheetRecording, unpacked
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.result_folder import ResultKind, atomic_directory, refuse_others
@@ -180,7 +180,7 @@ def test_a_report_has_the_pages_of_the_result(folder: Path, tmp_path: Path) -> N
 
 def test_a_report_draws_the_curves_of_the_sheet(whole: Calibration) -> None:
     sheet = calibration_page_data(whole)
-    trial = SheetTrial(sheet["trials"][0])
+    trial = SheetRecording(sheet["trials"][0])
     curve = next(c for c in trial.of("moment") if c.name == "hip_flexion_r")
     told = Told(sheet=sheet, summary=json.loads(json.dumps(summary(whole))))
     moments = next(c for c in report_charts(told) if c.name.endswith("_moments"))
@@ -207,7 +207,7 @@ def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibr
     sheet = calibration_page_data(whole)
     content = sheet["trials"][0]
     content["strides"] = [stride for stride in content["strides"] if stride["side"] == "l"]
-    layout = SheetTrial(content).layout
+    layout = SheetRecording(content).layout
     assert layout.by_cycle and layout.has("l") and not layout.has("r") and layout.has("")
     told = Told(sheet=sheet, summary=json.loads(json.dumps(summary(whole))))
     for chart in report_charts(told):

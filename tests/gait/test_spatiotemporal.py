@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.gait.cycles import EventSource, GaitEvent
-from gaitcal.gait.events import TrialEvents, joined_events
+from gaitcal.gait.events import GaitEvents, joined_events
 from gaitcal.gait.spatiotemporal import MEASURES, Stride, counting, measure_means, stride_findings, strides_measured
 from gaitcal.gait.strides import strides_of
 from gaitcal.io.labels import FootMoment
@@ -26,7 +26,7 @@ EXACT = 1e-9
 
 def steps(
     count: int, length: float = 0.6, width: float = 0.12, stance: float = STANCE_S, step: float = STEP_S
-) -> tuple[np.ndarray, FootPoints, TrialEvents]:
+) -> tuple[np.ndarray, FootPoints, GaitEvents]:
     """Feet that stand still from strike to off and glide to the next place: right first, along x."""
     time = np.arange(0.0, step * count + 1.0, 1.0 / RATE)
     heel, events = np.zeros((len(time), 2, 3)), []
@@ -43,7 +43,7 @@ def steps(
         heel[:, foot, 2] = 0.5 * width * (1.0 if side == "r" else -1.0)
     feet = FootPoints(heel=heel, toe=heel + [0.2, 0, 0], tip=heel, heel_speed=heel[:, :, 0], toe_speed=heel[:, :, 0])
     kept = [e for e in events if e.time <= time[-1]]
-    return time, feet, TrialEvents(tuple(sorted(kept, key=lambda e: e.time)))
+    return time, feet, GaitEvents(tuple(sorted(kept, key=lambda e: e.time)))
 
 
 def whole(strides: tuple[Stride, ...], side: str = "r") -> list[Stride]:
@@ -119,8 +119,8 @@ def test_strides_that_the_recording_cuts_count_for_what_they_show() -> None:
 
 def test_a_gap_between_strikes_that_is_no_stride_is_none() -> None:
     *_, events = steps(8)
-    kept = TrialEvents(tuple(e for e in events.events if not (e.side == "r" and 1.0 < e.time < 3.0)))
-    late = TrialEvents(
+    kept = GaitEvents(tuple(e for e in events.events if not (e.side == "r" and 1.0 < e.time < 3.0)))
+    late = GaitEvents(
         tuple(replace(e, time=e.time + 3.0) if e.side == "r" and e.time > 3.0 else e for e in kept.events)
     )
     assert not whole(strides_measured(late, np.arange(0.0, 9.0, 0.01), None))
@@ -135,11 +135,11 @@ def test_running_has_no_double_support() -> None:
     assert second["speed"] == pytest.approx(1.2 / 0.35)
 
 
-def without(events: TrialEvents, side: str, moment: FootMoment, *which: int) -> TrialEvents:
+def without(events: GaitEvents, side: str, moment: FootMoment, *which: int) -> GaitEvents:
     """Without some of the events of one foot and kind, or without all."""
     of_kind = [e for e in events.events if e.side == side and e.moment is moment]
     gone = [of_kind[k] for k in which] if which else of_kind
-    return TrialEvents(tuple(e for e in events.events if e not in gone))
+    return GaitEvents(tuple(e for e in events.events if e not in gone))
 
 
 def test_a_missing_off_is_unknown_and_not_a_support_of_zero() -> None:
@@ -152,7 +152,7 @@ def test_a_missing_off_is_unknown_and_not_a_support_of_zero() -> None:
     known = [s for s in whole(strides_measured(one, time, feet)) if "double_support" in s.measures]
     assert 0 < len(known) < len(whole(strides_measured(events, time, feet)))
     # The right foot's first off lies before the recording.
-    cut = TrialEvents(tuple(e for e in without(events, "r", FootMoment.OFF, 0).events if e.time > 0.5))
+    cut = GaitEvents(tuple(e for e in without(events, "r", FootMoment.OFF, 0).events if e.time > 0.5))
     left = whole(strides_measured(cut, time, feet), "l")[0].measures
     assert "first_double_support" not in left and left["second_double_support"] == pytest.approx(0.11)
 

@@ -21,7 +21,7 @@ from gaitcal.motion.bandwidth import (
 from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.motion.spline import NodeRule, smoothing, spline_basis
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion, synthetic_markers
 from tests.derivatives import Array
 
@@ -32,16 +32,16 @@ MARKERS = synthetic_markers(MODEL.parameters, MODEL.markers, TRUE)
 SEGMENTS = np.array(MODEL.markers.segments)
 
 
-def problem_of(markers: Array, time: Array = TIME) -> TrialProblem:
+def problem_of(markers: Array, time: Array = TIME) -> MotionProblem:
     recording = Recording(source="made up", time=time, labels=MODEL.markers.labels, markers=markers)
     return trial_problem("walk", MODEL, recording, NodeRule())
 
 
-def smoothed(problem: TrialProblem, hz: float) -> Motion:
+def smoothed(problem: MotionProblem, hz: float) -> Motion:
     return tracked_motion(with_bandwidth(problem, MODEL.parameters, hz), MODEL.parameters)
 
 
-def asked(problem: TrialProblem) -> float:
+def asked(problem: MotionProblem) -> float:
     return DenseMotion(problem, MODEL.parameters).by_markers()
 
 

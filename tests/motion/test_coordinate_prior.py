@@ -28,7 +28,7 @@ from gaitcal.motion.motion import Motion, track, tracked_motion
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, central_differences, perturbed_parameters, random_trial
 from tests.synthetic_studies import made_recording
@@ -38,7 +38,7 @@ BAND = 1e-6
 """Of the matrix' largest entry: central differences of the gradient."""
 
 
-def far_away(rng: np.random.Generator) -> tuple[TrialProblem, Array]:
+def far_away(rng: np.random.Generator) -> tuple[MotionProblem, Array]:
     """A trial with walls and a normal prior, and nodes beyond some of the walls."""
     parameters = perturbed_parameters(rng)
     problem, true = random_trial(rng, parameters, frames=30, nodes=7)
@@ -163,7 +163,7 @@ def hidden(recording: Recording, *labels: str, share: float = 1.0) -> Recording:
     return replace(recording, markers=markers)
 
 
-def problem_of(recording: Recording) -> TrialProblem:
+def problem_of(recording: Recording) -> MotionProblem:
     return trial_problem("walk", MODEL, recording, NodeRule())
 
 

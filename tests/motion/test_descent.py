@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from gaitcal.calibration.combined import CombinedTrial, combined_fit
+from gaitcal.calibration.combined import CombinedProblem, combined_fit
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import symmetric_set
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
-from gaitcal.motion.track import SharedTrials, track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.track import SharedMotions, track_nodes
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.draw import refit
 from gaitcal.published.joint_recovery import step_together
 from gaitcal.published.protocol import RefitSettings
@@ -162,10 +162,10 @@ def test_what_is_not_finite_is_told() -> None:
 
 
 @pytest.fixture
-def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[TrialProblem, Array]:
+def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[MotionProblem, Array]:
     """A trial whose gradients all point the wrong way, and where to start."""
     rng, _, problem, true = seeded_trial(12, frames=40, nodes=8)
-    equations, gradients = TrialProblem.equations, TrialProblem.both_gradients
+    equations, gradients = MotionProblem.equations, MotionProblem.both_gradients
 
     def wrong_equations(*a: object, **k: object) -> NormalEquations:
         right = equations(*a, **k)  # type: ignore[arg-type]
@@ -175,12 +175,12 @@ def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[TrialProblem, Array]:
         cost, by_node, by_parameter = gradients(*a)  # type: ignore[arg-type]
         return cost, -by_node, -by_parameter
 
-    monkeypatch.setattr(TrialProblem, "equations", wrong_equations)
-    monkeypatch.setattr(TrialProblem, "both_gradients", wrong_gradients)
+    monkeypatch.setattr(MotionProblem, "equations", wrong_equations)
+    monkeypatch.setattr(MotionProblem, "both_gradients", wrong_gradients)
     return problem, true + rng.normal(0, 0.05, true.shape)
 
 
-def test_tracking_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+def test_tracking_says_so(uphill: tuple[MotionProblem, Array]) -> None:
     problem, start = uphill
     found = track_nodes(
         problem, problem.constants(published_model().parameters), start, DescentSettings(curved_tries=0)
@@ -188,23 +188,23 @@ def test_tracking_says_so(uphill: tuple[TrialProblem, Array]) -> None:
     assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
 
 
-def test_a_far_start_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+def test_a_far_start_says_so(uphill: tuple[MotionProblem, Array]) -> None:
     problem, start = uphill
     parameters = published_model().parameters
     p = problem.with_free(KNEE).values(parameters)
     _, _, found = step_together([problem], parameters, KNEE, [start], p)
     assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
-    assert SharedTrials([problem], parameters, KNEE).evaluate(np.concatenate([p, start.ravel()])).cost == found.cost
+    assert SharedMotions([problem], parameters, KNEE).evaluate(np.concatenate([p, start.ravel()])).cost == found.cost
 
 
-def test_the_combined_fit_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+def test_the_combined_fit_says_so(uphill: tuple[MotionProblem, Array]) -> None:
     problem, start = uphill
     model = published_model()
-    found = combined_fit([CombinedTrial(problem, start)], model.parameters, KNEE, symmetric_set(), model.subject)
+    found = combined_fit([CombinedProblem(problem, start)], model.parameters, KNEE, symmetric_set(), model.subject)
     assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
 
 
-def test_the_reduced_problem_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+def test_the_reduced_problem_says_so(uphill: tuple[MotionProblem, Array]) -> None:
     problem, start = uphill
     parameters = published_model().parameters
     reduced = ReducedProblem([problem], parameters, KNEE, [start], DescentSettings(curved_tries=0))
@@ -213,7 +213,7 @@ def test_the_reduced_problem_says_so(uphill: tuple[TrialProblem, Array]) -> None
     assert not reduced.settle(p).trials[0].converged
 
 
-def test_a_re_fit_says_so(uphill: tuple[TrialProblem, Array]) -> None:
+def test_a_re_fit_says_so(uphill: tuple[MotionProblem, Array]) -> None:
     problem, start = uphill
     found = refit(problem, problem.constants(published_model().parameters), start, RefitSettings())
     assert found.failure == Ending.NO_DESCENT.value

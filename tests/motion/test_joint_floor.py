@@ -16,7 +16,7 @@ from gaitcal.model.parameters import JP_NAMES, published_subject
 from gaitcal.motion.joint_floor import MOST_FRAMES, joint_floor
 from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.motion import motion_of, rigid_floor, tracked_motion
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import perturbed_parameters, random_trial, seeded_trial
 
 NOISE = 0.008
@@ -28,7 +28,7 @@ STOPPED = {"knee_r": 1e-3, "ankle_r": 1e-2}
 ROUNDING = 1e-9
 
 
-def noisy(problem: TrialProblem, seed: int, size: float = NOISE) -> TrialProblem:
+def noisy(problem: MotionProblem, seed: int, size: float = NOISE) -> MotionProblem:
     rng = np.random.default_rng(seed)
     return problem.with_measured(problem.data.measured + rng.normal(0.0, size, problem.data.measured.shape))
 
@@ -41,7 +41,7 @@ def ends(joint: str) -> tuple[str, str]:
     return by_name[first + side].parent, by_name[last + side].child
 
 
-def squares(distance: Array, problem: TrialProblem) -> float:
+def squares(distance: Array, problem: MotionProblem) -> float:
     """m^2, weighted."""
     return float(np.nansum(problem.data.weight * distance.T**2))
 

@@ -9,7 +9,7 @@ from gaitcal.model.parameters import JP_INDEX, gait_parameters, isolated_paramet
 from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.marker_residual import frame_equations
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
 DERIVATIVE = 1e-7
@@ -27,7 +27,7 @@ def dense(equations: NormalEquations) -> Array:
     return full
 
 
-def residual(problem: TrialProblem, parameters: object, nodes: Array, p: Array) -> Array:
+def residual(problem: MotionProblem, parameters: object, nodes: Array, p: Array) -> Array:
     values = parameters.with_joint(problem.chain.free, p)  # type: ignore[attr-defined]
     gap = problem.positions(nodes, problem.constants(values)) - problem.data.measured
     return (np.sqrt(problem.data.weight)[:, None] * gap).ravel()

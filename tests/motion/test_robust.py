@@ -13,7 +13,7 @@ from gaitcal.motion.robust import LEAST_SCALE, Loss, residual_scale, robust_trac
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import isolated_motion
 from tests.synthetic_studies import made_recording
 
@@ -24,7 +24,7 @@ SPIKE_M = 0.1
 
 
 @pytest.fixture(scope="module")
-def clean() -> TrialProblem:
+def clean() -> MotionProblem:
     """A knee trial with 1 mm of noise, every fourth frame."""
     recording = made_recording(isolated_motion("knee_r"))
     rng = np.random.default_rng(0)
@@ -34,7 +34,7 @@ def clean() -> TrialProblem:
     return trial_problem("knee_r", published_model(), recording, NodeRule(8.0), root="thigh_r", segments=segments)
 
 
-def spiked(problem: TrialProblem, share: float = 0.02) -> tuple[TrialProblem, NDArray[np.bool_]]:
+def spiked(problem: MotionProblem, share: float = 0.02) -> tuple[MotionProblem, NDArray[np.bool_]]:
     rng = np.random.default_rng(1)
     struck = rng.random(problem.data.weight.shape) < share
     direction = rng.normal(size=problem.data.measured.shape)
@@ -43,7 +43,7 @@ def spiked(problem: TrialProblem, share: float = 0.02) -> tuple[TrialProblem, ND
     return replace(problem, data=replace(problem.data, measured=measured)), struck
 
 
-def plain(problem: TrialProblem) -> Array:
+def plain(problem: MotionProblem) -> Array:
     constants = problem.constants(published_model().parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     return problem.basis.evaluate(track_nodes(problem, constants, start).nodes)
@@ -83,7 +83,7 @@ def test_scale_ignores_a_third_of_outliers() -> None:
 
 
 @pytest.mark.parametrize("loss", Loss)
-def test_spikes_move_nothing(clean: TrialProblem, loss: Loss) -> None:
+def test_spikes_move_nothing(clean: MotionProblem, loss: Loss) -> None:
     spoilt, struck = spiked(clean)
     parameters = published_model().parameters
     angle = clean.chain.coordinates.index("knee_angle_r")
@@ -98,14 +98,14 @@ def test_spikes_move_nothing(clean: TrialProblem, loss: Loss) -> None:
 
 
 @pytest.mark.parametrize("loss", Loss)
-def test_clean_markers_are_kept(clean: TrialProblem, loss: Loss) -> None:
+def test_clean_markers_are_kept(clean: MotionProblem, loss: Loss) -> None:
     found = robust_tracking(clean, published_model().parameters, loss)
     assert found.scale == pytest.approx(NOISE_M, rel=0.15)
     difference = clean.basis.evaluate(found.tracked.nodes) - plain(clean)
     assert np.abs(difference).max() < 0.01
 
 
-def test_weight_zero_stays_zero(clean: TrialProblem) -> None:
+def test_weight_zero_stays_zero(clean: MotionProblem) -> None:
     weight = clean.data.weight.copy()
     weight[0, :100] = 0.0
     found = robust_tracking(clean.with_weight(weight), published_model().parameters, Loss.CAUCHY)

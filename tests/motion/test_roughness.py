@@ -14,7 +14,7 @@ from gaitcal.motion.bandwidth import Smoother
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.spline import DEGREE, ORDER, TENSION_HZ, frame_rate, roughness, smoothing, spline_basis, stiffness
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
 
 SEGMENTS = ("pelvis", "thigh_r", "shank_r")
@@ -22,7 +22,7 @@ FREE = ("knee_r.thigh.sup", "knee_r.shank.sup")
 PARAMETERS = perturbed_parameters(np.random.default_rng(61))
 
 
-def penalised(rng: np.random.Generator, *, frames: int = 40, nodes: int = 9) -> tuple[TrialProblem, Array]:
+def penalised(rng: np.random.Generator, *, frames: int = 40, nodes: int = 9) -> tuple[MotionProblem, Array]:
     """A trial with noise and a penalty that couples all coordinates, and the nodes of its true motion."""
     problem, true = random_trial(rng, PARAMETERS, free=FREE, frames=frames, nodes=nodes, segments=SEGMENTS)
     half = rng.normal(size=(true.shape[1], true.shape[1]))
@@ -31,7 +31,7 @@ def penalised(rng: np.random.Generator, *, frames: int = 40, nodes: int = 9) -> 
     return replace(problem.with_measured(noisy), smoothing=rough), true
 
 
-def whole(problem: TrialProblem) -> Array:
+def whole(problem: MotionProblem) -> Array:
     """(nn * nq, nn * nq) the penalty's matrix, node by node."""
     assert problem.penalty is not None
     return np.kron(problem.penalty.roughness.matrix.toarray(), problem.penalty.coupling)

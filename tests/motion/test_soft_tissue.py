@@ -17,7 +17,7 @@ from gaitcal.model.linkage import SECONDARY
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.soft_tissue import COMPONENTS, LEAST_SPREAD, SegmentTissue, SoftTissue, secondary_columns, together
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, central_differences, perturbed_parameters, seeded_trial
 
 FREE = ("hip_r.pelvis.ant", "hip_r.thigh.sup", "knee_r.thigh.front")
@@ -26,7 +26,7 @@ SECOND_ORDER = 1e-6
 """Relative: what central differences leave."""
 
 
-def trial_with_tissue(seed: int) -> tuple[TrialProblem, Array, Array]:
+def trial_with_tissue(seed: int) -> tuple[MotionProblem, Array, Array]:
     """A trial off its minimum with two regressors on thigh and shank, its nodes, and z."""
     rng, _, problem, nodes = seeded_trial(seed, free=FREE, segments=SEGMENTS, frames=20, nodes=7)
     groups = tuple(
@@ -92,7 +92,7 @@ LEG_FREE = ("hip_r.thigh.sup", "knee_r.thigh.trans", "knee_r.shank.ant", "talocr
 LEG = ("pelvis", "thigh_r", "shank_r", "talus_r", "foot_r")
 
 
-def leg_trial(seed: int, frames: int, nodes: int) -> tuple[TrialProblem, Array, Array]:
+def leg_trial(seed: int, frames: int, nodes: int) -> tuple[MotionProblem, Array, Array]:
     """A leg whose knee does more than flex, its nodes, and the angle of the knee."""
     _, _, problem, true = seeded_trial(seed, segments=LEG, frames=frames, nodes=nodes)
     angle = problem.basis.evaluate(true)[:, problem.chain.coordinates.index("knee_angle_r")]

@@ -19,7 +19,7 @@ from gaitcal.motion.rigid import rigid_distances, rigid_fit
 from gaitcal.motion.spline import NodeRule, cutoff, spline_basis, to_bspline
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from scripts.tools.benchmark import memory
 from tests.derivatives import Array, assert_derivative, seeded_trial
 from tests.motion.test_marker_equations import dense
@@ -102,7 +102,7 @@ def test_rigid_fit_finds_the_rigid_motion_and_says_where_it_cannot() -> None:
 EXACT = DescentSettings(gain=1e-13)
 
 
-def misplaced_trial() -> tuple[TrialProblem, ChainConstants, Array]:
+def misplaced_trial() -> tuple[MotionProblem, ChainConstants, Array]:
     """Markers of little weight 0.3 m from where the model has them, as on arms held otherwise in the static trial."""
     rng, parameters, problem, _ = seeded_trial(40, frames=60, nodes=10)
     local, weight = problem.data.local.copy(), problem.data.weight.copy()
@@ -161,7 +161,7 @@ FEW = 14
 """Steps; it takes 11, and 17 with factors that are never given up."""
 
 
-def noisy_trial() -> tuple[TrialProblem, object, Array]:
+def noisy_trial() -> tuple[MotionProblem, object, Array]:
     rng, parameters, problem, _ = seeded_trial(30, frames=80, nodes=10)
     measured = problem.data.measured + rng.normal(0, 0.005, problem.data.measured.shape)
     problem = replace(problem, data=replace(problem.data, measured=measured))
@@ -173,9 +173,9 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, constants, start = noisy_trial()
     calls: list[str] = []
     for name in ("equations", "gradient"):
-        plain = getattr(TrialProblem, name)
+        plain = getattr(MotionProblem, name)
         monkeypatch.setattr(
-            TrialProblem, name, lambda *a, plain=plain, name=name, **k: (calls.append(name), plain(*a, **k))[1]
+            MotionProblem, name, lambda *a, plain=plain, name=name, **k: (calls.append(name), plain(*a, **k))[1]
         )
     kept = track_nodes(problem, constants, start)  # type: ignore[arg-type]
     with_keeping = list(calls)
@@ -222,10 +222,10 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
 def test_no_factor_is_held_while_the_next_matrix_is_formed(monkeypatch: pytest.MonkeyPatch) -> None:
     rng, parameters, problem, true = seeded_trial(6)
     constants, alive = problem.constants(parameters), weakref.WeakSet[BandFactor]()
-    made, formed = BandFactor.__init__, TrialProblem.equations
+    made, formed = BandFactor.__init__, MotionProblem.equations
     held: list[int] = []
     monkeypatch.setattr(BandFactor, "__init__", lambda self, *a, **k: (alive.add(self), made(self, *a, **k))[1])
-    monkeypatch.setattr(TrialProblem, "equations", lambda *a, **k: (held.append(len(alive)), formed(*a, **k))[1])
+    monkeypatch.setattr(MotionProblem, "equations", lambda *a, **k: (held.append(len(alive)), formed(*a, **k))[1])
     monkeypatch.setattr(track, "LARGE_BYTES", 0)
     track_nodes(problem, constants, true + rng.normal(0, 0.3, true.shape), DescentSettings(keep_within=0.0))
     assert len(held) > 2

@@ -16,7 +16,7 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.page.bone_files import BoneMeshes
 from gaitcal.page.page_data import FORMAT, SHOWN_MEASURES, coordinate_rows, explained_code
 from gaitcal.page.plain_data import base64_of, floats
-from gaitcal.page.scene import Scene, TrialScene
+from gaitcal.page.scene import MotionScene, Scene
 from gaitcal.page.trial_data import Curve, masks_of, packed_curves
 from gaitcal.page.view import Shown, page_html
 from tests.page.people import walking_scene
@@ -38,7 +38,7 @@ def page_data(scene: Scene, trials: list[dict[str, Any]], **more: Any) -> dict[s
 
 
 def trial_data(
-    trial: TrialScene, curves: tuple[Curve, ...], strides: list[dict[str, Any]], **more: Any
+    trial: MotionScene, curves: tuple[Curve, ...], strides: list[dict[str, Any]], **more: Any
 ) -> dict[str, Any]:
     """Of a trial, with the curves packed."""
     time = trial.time - trial.time[0]
@@ -205,7 +205,7 @@ def measured_strides(seed: int = 8) -> dict[str, tuple[Stride, ...]]:
     return {name: tuple(stride(side, n) for side in "rl" for n in (1, 2, 3, None)) for name in REFUSED}
 
 
-def _everything_of(trial: TrialScene, strides: tuple[Stride, ...]) -> dict[str, Any]:
+def _everything_of(trial: MotionScene, strides: tuple[Stride, ...]) -> dict[str, Any]:
     """Residuals with a peak of 60 N in frames that do not count, marker errors with a gap, angles and moments."""
     time, refused = trial.time - trial.time[0], REFUSED[trial.name]
     valid = time < 0.7 * time[-1]

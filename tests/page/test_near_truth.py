@@ -10,7 +10,7 @@ import pytest
 from gaitcal.page.page_data import result_sections
 from gaitcal.page.plain_data import Block, number
 from gaitcal.session.result import Calibration
-from gaitcal.session.truth_errors import CurveTruth, FeatureTruth, ParameterTruth, TrialTruth, TruthErrors
+from gaitcal.session.truth_errors import CurveTruth, CurveTruths, FeatureTruth, ParameterTruth, TruthErrors
 from tests.fake_result import FRAMES, fake_calibration
 from tests.page.walked_blocks import headings, rows_of, tables, walked, words
 
@@ -54,7 +54,7 @@ def with_truth(calibration: Calibration) -> Calibration:
                     within=(True, True, False),
                 ),
             ),
-            trials={"walk": TrialTruth(np.arange(FRAMES) / 100.0, {curve.name: curve}, {curve.name: curve})},
+            trials={"walk": CurveTruths(np.arange(FRAMES) / 100.0, {curve.name: curve}, {curve.name: curve})},
         ),
     )
 

@@ -13,7 +13,7 @@ from gaitcal.model.linkage import COORDINATES, LOWER_BODY
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES, Parameters, gait_parameters, leg_parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.case import MonteCarloCase, nominal_case
 from gaitcal.published.draw import (
     COLUMNS,
@@ -111,7 +111,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
         parameters = parameters.with_inertial(parameters.inertial * factor)
     if change.noise is not None:
         data = replace(data, measured=data.measured + change.noise)
-    problem = TrialProblem(
+    problem = MotionProblem(
         name="reference", chain=context.problem.chain, basis=context.basis, data=data, labels=context.problem.labels
     )
     constants = problem.constants(parameters)
@@ -291,7 +291,7 @@ def test_other_measured_markers_keep_the_pattern() -> None:
     constants = problem.constants(perturbed_parameters(rng))
     measured = problem.data.measured + rng.normal(0, 0.01, problem.data.measured.shape)
     other = problem.with_measured(measured)
-    made = TrialProblem(
+    made = MotionProblem(
         name=problem.name, chain=problem.chain, basis=problem.basis, data=other.data, labels=problem.labels
     )
     assert other._assembler is problem._assembler

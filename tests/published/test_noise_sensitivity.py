@@ -10,7 +10,7 @@ import pytest
 
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import gait_parameters
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.claims import Claim, Verdict
 from gaitcal.published.inertial_recovery import SeedResult
 from gaitcal.published.joint_recovery import solve, synthetic_problem, true_model, true_motion
@@ -175,7 +175,7 @@ LEG = ("pelvis", "thigh_l", "shank_l", "talus_l", "foot_l")
 STEP = 1e-6
 
 
-def dense_squares(problem: TrialProblem, nodes: Array, free: tuple[str, ...], noise: Array) -> float:
+def dense_squares(problem: MotionProblem, nodes: Array, free: tuple[str, ...], noise: Array) -> float:
     """|P n|^2 by a least-squares solution with every column of J written out, by central differences."""
     truth = true_model().parameters
 

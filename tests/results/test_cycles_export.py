@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from gaitcal.cli.application import app
 from gaitcal.gait.cycles import EventSource, GaitCycle, GaitEvent, normalise
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.gait.events import TrialEvents
+from gaitcal.gait.events import GaitEvents
 from gaitcal.io.labels import FootMoment
 from gaitcal.results.cycles import read_cycles
 from tests.kept import kept_folder
@@ -31,10 +31,10 @@ def run(*words: object) -> Result:
     return RUNNER.invoke(app, list(map(str, words)))
 
 
-def strides(*_: object) -> TrialEvents:
+def strides(*_: object) -> GaitEvents:
     """One stride of either foot, wherever its feet may be: what counts here is that they are cut out alike."""
     times = [(0.21234, "r"), (0.4, "l"), (0.95, "r"), (1.1, "l")]
-    return TrialEvents(tuple(GaitEvent(FootMoment.STRIKE, side, t, EventSource.MOTION) for t, side in times))
+    return GaitEvents(tuple(GaitEvent(FootMoment.STRIKE, side, t, EventSource.MOTION) for t, side in times))
 
 
 def kept_strides(kept: Path) -> Path:

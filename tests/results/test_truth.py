@@ -17,7 +17,7 @@ from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.errors import InputError
 from gaitcal.figures.chart import INK, TRUTH_DASHES, Panel, line_style, panel_figure
 from gaitcal.figures.curves import TRUTH_WIDTH
-from gaitcal.figures.sheet import SheetTrial
+from gaitcal.figures.sheet import SheetRecording
 from gaitcal.io.csv import write_markers_csv
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
@@ -155,7 +155,7 @@ def drawn(panel: Panel, style: tuple[float, ...]) -> list[np.ndarray]:
 
 
 def test_curves_of_the_truth_are_drawn_beside_the_fitted_ones(known: Calibration) -> None:
-    found, shown = charts(known), SheetTrial(told(known).sheet["trials"][-1]).layout
+    found, shown = charts(known), SheetRecording(told(known).sheet["trials"][-1]).layout
     truth, mass = errors(known).of("gait"), known.model.subject.mass
     for kind, curves, name, title, scale in (
         ("angles", truth.coordinates, "knee_angle", "Knee flexion", 1.0),

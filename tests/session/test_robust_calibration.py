@@ -13,7 +13,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.motion import marker_noise
 from gaitcal.synthetic.subject import synthesize
 
@@ -72,7 +72,7 @@ SPOILS: dict[str, Spoil] = {
 
 
 def with_markers(study: Study, change: Callable[[Recording], Array]) -> Study:
-    def changed(trial: StudyTrial) -> StudyTrial:
+    def changed(trial: Trial) -> Trial:
         return replace(trial, recording=replace(trial.recording, markers=change(trial.recording)))
 
     return replace(study, trials=tuple(t if t.role is Role.STATIC else changed(t) for t in study.trials))

@@ -22,7 +22,7 @@ from gaitcal.session.session import MovingTrial, force_cutoff, prepare_trial
 from gaitcal.session.trial_result import analyse
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.motion import gait_motion, isolated_motion
 from tests.derivatives import Array
 from tests.synthetic_studies import made_plates, made_recording, write_synthetic_study
@@ -35,17 +35,17 @@ def noisy(recording: Recording, deviation: float) -> Recording:
     return replace(recording, markers=recording.markers + noise)
 
 
-def walk(deviation: float = 0.001, plates: tuple[ForcePlate, ...] = ()) -> StudyTrial:
+def walk(deviation: float = 0.001, plates: tuple[ForcePlate, ...] = ()) -> Trial:
     recording = replace(noisy(made_recording(gait_motion()), deviation), plates=plates)
-    return StudyTrial(name="walk", role=Role.GAIT, recording=recording)
+    return Trial(name="walk", role=Role.GAIT, recording=recording)
 
 
-def knee(deviation: float = 0.001) -> StudyTrial:
+def knee(deviation: float = 0.001) -> Trial:
     recording = noisy(made_recording(isolated_motion("knee_r")), deviation)
-    return StudyTrial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recording)
+    return Trial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recording)
 
 
-def prepared(trial: StudyTrial, **settings: object) -> MovingTrial:
+def prepared(trial: Trial, **settings: object) -> MovingTrial:
     return prepare_trial(trial, MODEL, CalibrationSettings(**settings))  # type: ignore[arg-type]
 
 
@@ -166,7 +166,7 @@ def test_forces_are_filtered_at_50_hz_or_like_the_motion() -> None:
     assert ends[2.5] == pytest.approx(0.2, abs=0.01) and ends[10.0] < 0.11
 
 
-def _first_valid(trial: StudyTrial, hz: float) -> float:
+def _first_valid(trial: Trial, hz: float) -> float:
     own = prepared(trial, bandwidth_hz=hz)
     motion = tracked_motion(own.body, MODEL.parameters)
     reactions = reactions_of_motion(MODEL, MODEL.parameters, motion, own.recording, {}, FORCE_HZ)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gaitcal.errors import InputError
 from gaitcal.io.toml import MAX_BYTES
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial, load_study_file
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable, load_study_file
 
 STUDY = """\
 [subject]
@@ -125,7 +125,7 @@ def test_a_study_made_in_python_is_written_and_read_back(folder: Path) -> None:
     study = StudyFile(
         subject=SubjectTable(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),
         markers=Markers(set="gait2354", weights={"Top.Head": 0.0}),
-        trial=(Trial(name="static", role="static", file=Path("static.trc"), time=(0, 1)),),
+        trial=(TrialTable(name="static", role="static", file=Path("static.trc"), time=(0, 1)),),
     )
     read = load(folder, study.to_toml())
     assert (read.subject, read.markers, read.trials[0].time) == (study.subject, study.markers, (0.0, 1.0))

@@ -14,12 +14,12 @@ from gaitcal.model.chain import ChainConstants, forward, jacobian
 from gaitcal.model.subject_model import build_model
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.track import track_nodes
-from gaitcal.motion.trial_problem import TrialProblem
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.synthetic.motion import gait_motion
 from scripts.tools.benchmark.trials import start_of, subject
 
 
-class Counted(TrialProblem):
+class Counted(MotionProblem):
     """A trial that counts what is asked of it."""
 
     def equations(self, nodes: np.ndarray, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
@@ -36,7 +36,7 @@ class Counted(TrialProblem):
         return self.__dict__.setdefault("_counts", {"matrices": 0, "gradients": 0})
 
 
-def passes(p: TrialProblem) -> tuple[int, int]:
+def passes(p: MotionProblem) -> tuple[int, int]:
     """Passes over all frames that tracking makes: with and without the matrix."""
     counted = Counted(**{field.name: getattr(p, field.name) for field in fields(p)})
     track_nodes(counted, p.constants(subject().parameters), start_of(p))
@@ -60,7 +60,7 @@ def lower_bound(matrices: int, gradients: int) -> Callable[[], object]:
 
 
 def plain_least_squares(
-    p: TrialProblem, free: tuple[str, ...], *, analytic: bool, evaluations: int | None = None
+    p: MotionProblem, free: tuple[str, ...], *, analytic: bool, evaluations: int | None = None
 ) -> Callable[[], OptimizeResult]:
     """The textbook way: all residuals and all unknowns in one `least_squares`, with the sparse analytic Jacobian or
     with finite differences of the same pattern; at most so many evaluations of the residuals.
@@ -89,7 +89,7 @@ def plain_least_squares(
     return lambda: least_squares(residual, x0, jac="2-point", jac_sparsity=pattern, **settings)
 
 
-def _marker_jacobian(p: TrialProblem, nodes: np.ndarray, constants: ChainConstants, columns: np.ndarray) -> csr_array:
+def _marker_jacobian(p: MotionProblem, nodes: np.ndarray, constants: ChainConstants, columns: np.ndarray) -> csr_array:
     q = p.basis.evaluate(nodes)
     nf, nq, nm = len(q), q.shape[1], len(p.data.segment)
     spatial = jacobian(p.chain, constants, forward(p.chain, constants, q))

@@ -15,7 +15,7 @@ from gaitcal.model.parameters import gait_parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import TrialProblem, trial_problem
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion, isolated_motion, marker_noise, synthetic_markers
 
 NODES = NodeRule(fixed=20)
@@ -56,7 +56,7 @@ def problem(
     rule: NodeRule = NODES,
     frames: int | None = None,
     seed: int = 1,
-) -> TrialProblem:
+) -> MotionProblem:
     """The trial (or its first frames) as a least-squares problem, whole body or the segments of its joint."""
     segments = joint_segments(trial) if joint_only else SEGMENTS
     seen = recording(trial, seed=seed)
@@ -65,12 +65,12 @@ def problem(
     return found.with_free(free)
 
 
-def start_of(p: TrialProblem) -> np.ndarray:
+def start_of(p: MotionProblem) -> np.ndarray:
     """(nn, nq) nodes from rigid fits."""
     constants = p.with_free(()).constants(subject().parameters)
     return starting_nodes(p.chain, constants, p.data, p.basis)
 
 
-def calibrated(p: TrialProblem, free: tuple[str, ...]) -> JointFit:
+def calibrated(p: MotionProblem, free: tuple[str, ...]) -> JointFit:
     """Joint parameters and motion from rigid fits."""
     return JointSearch([p], subject().parameters, free, [start_of(p)]).run()

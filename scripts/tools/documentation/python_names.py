@@ -63,7 +63,7 @@ TYPES: Final = (
     "gaitcal.dynamics.axis_errors.TorqueErrors",
     "gaitcal.compare.sessions.SessionComparison",
     "gaitcal.study.study_file.StudyFile",
-    "gaitcal.study.study_file.Trial",
+    "gaitcal.study.study_file.TrialTable",
     "gaitcal.study.study_file.TruthTable",
     "gaitcal.io.recording.ForcePlate",
     "gaitcal.session.bandwidth.Bandwidth",

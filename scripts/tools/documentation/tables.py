@@ -13,13 +13,13 @@ from gaitcal.cohort.people import CohortFile, ListedPerson
 from gaitcal.io.examples import examples
 from gaitcal.model import marker_set
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable, PlateErrorTable
-from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, Trial, TruthTable
+from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable, TruthTable
 
 TABLES: Final[dict[str, type[BaseModel]]] = {
     "study": StudyFile,
     "subject": SubjectTable,
     "markers": Markers,
-    "trial": Trial,
+    "trial": TrialTable,
     "calibration": CalibrationSettings,
     "plate_error": PlateErrorTable,
     "joint_prior": ParameterPriorTable,

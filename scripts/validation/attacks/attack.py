@@ -20,7 +20,7 @@ from gaitcal.faults.verdict import Judgement
 from gaitcal.findings import Finding, Severity
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import Joint, load_study_file
-from gaitcal.study.study_trial import StudyTrial
+from gaitcal.study.study_trial import Trial
 from scripts.validation.recordings import CHILDREN, EVERYBODY, JOINTS, WALK
 
 StudyChange: TypeAlias = Callable[[Study], Study]
@@ -149,7 +149,7 @@ def _synthesized(seed: int, *, noise: bool, perturb: bool, joints: tuple[str, ..
 def with_recording(study: Study, name: str, recording: Recording) -> Study:
     """The study with another recording of one trial."""
 
-    def changed(trial: StudyTrial) -> StudyTrial:
+    def changed(trial: Trial) -> Trial:
         return replace(trial, recording=recording) if trial.name == name else trial
 
     return replace(study, trials=tuple(changed(t) for t in study.trials))

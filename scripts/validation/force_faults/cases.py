@@ -30,7 +30,7 @@ from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.session import MovingTrial, forward_direction, measured_reactions, prepare_trial, session_of
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, nominal_of
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.subject import synthesize
 from scripts.validation.force_faults.faults import FAULTS, Fault
 from scripts.validation.harness import matching
@@ -48,7 +48,7 @@ class Person:
     model: SubjectModel
     parameters: Parameters
     settings: CalibrationSettings
-    trials: tuple[StudyTrial, ...]
+    trials: tuple[Trial, ...]
     """Gait trials over force plates."""
     motions: tuple[tuple[MovingTrial, Motion], ...]
     clean: tuple[ForceEvidence, ...]

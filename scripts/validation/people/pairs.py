@@ -19,7 +19,7 @@ from gaitcal.compare.parameter_differences import difference_variance, told_para
 from gaitcal.compare.session import Common
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JP_INDEX
-from gaitcal.study.study_trial import Role, StudyTrial
+from gaitcal.study.study_trial import Role, Trial
 from scripts.validation.error_bars import coverage
 from scripts.validation.people.calibrated import Fit, fitted
 from scripts.validation.people.hips import HIP
@@ -67,7 +67,7 @@ def pairs_of(person: str, study: Study) -> Iterator[Pair]:
 def _between(study: Study, begin: float, end: float) -> Study:
     """The same with moving trials cut, without force plates."""
 
-    def cut(trial: StudyTrial) -> StudyTrial:
+    def cut(trial: Trial) -> Trial:
         if trial.role is Role.STATIC:
             return trial
         inside = (trial.recording.time >= begin) & (trial.recording.time <= end)

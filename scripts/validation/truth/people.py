@@ -24,7 +24,7 @@ import numpy as np
 from gaitcal import Recording, Study, SubjectModel, read_recording
 from gaitcal.arrays import Array
 from gaitcal.io.opensim_files import read_table
-from gaitcal.study.study_file import StudyFile, Trial, load_study_file
+from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from scripts.validation.truth.opensim_trials import ISOLATED, TRIALS, make_trials
 from scripts.validation.truth.rigid import Line, rigid_motion
 
@@ -76,9 +76,9 @@ def isolated_person(person: str, data: Path, cache: Path, with_gait: bool = Fals
     folder = made(person, data, cache)
     truth: dict[str, Any] = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     recorded = load_study_file(data / person / "study.toml")
-    walk = (Trial(name="gait", role="gait", file=folder / "gait.trc"),) if with_gait else ()
-    static = Trial(name="static", role="static", file=folder / "static.trc")
-    trials = tuple(Trial(name=j, role="joint", joint=j, file=folder / f"{j}.trc") for j in ISOLATED)  # type: ignore[arg-type]
+    walk = (TrialTable(name="gait", role="gait", file=folder / "gait.trc"),) if with_gait else ()
+    static = TrialTable(name="static", role="static", file=folder / "static.trc")
+    trials = tuple(TrialTable(name=j, role="joint", joint=j, file=folder / f"{j}.trc") for j in ISOLATED)  # type: ignore[arg-type]
     study = _loaded(recorded.model_copy(update={"trials": (static, *trials, *walk)}))
 
     def lines(end: str) -> dict[str, Line]:
