@@ -197,9 +197,7 @@ def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
     start = truth.with_joint(free, truth.joint[index] - rng.multivariate_normal(mean, covariance))
     error, score = {}, {}
     for name, task, tissue in (("hinge", replace(seen, tissue=None), None), ("knee", seen, prior)):
-        estimate, errors = estimate_joints(
-            {"gait": (task,)}, start, free, **({"tissue": tissue} if tissue else {})
-        )
+        estimate, errors = estimate_joints({"gait": (task,)}, start, free, **({"tissue": tissue} if tissue else {}))
         gap = estimate.parameters.joint[index] - truth.joint[index]
         error[name] = float(np.abs(gap).max())
         score[name] = float(np.abs(gap / [errors.standard_errors[n] for n in free]).max())
