@@ -23,9 +23,8 @@ from gaitcal.cli.console import (
 from gaitcal.cli.folder import stop_on_errors, study_or_draft, tell_faulty
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
-from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.study import check_further, check_study
-from gaitcal.faults.verdict import Judgement, judge
+from gaitcal.faults.verdict import Judgement, judge, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of

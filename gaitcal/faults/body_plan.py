@@ -13,13 +13,10 @@ deviations 0.0022 and 0.007), widths with 7 mm of marker and skin on either side
 either: they hold landmarks as laboratories palpate them, measured on thirteen recordings of grown people and children
 (greatest |z| 2.5).
 
-One measure of a standing body against what people have: z = (m - mean) / sd, and J, the sum of all z^2.
-
-How people are built and stand, as no fault of any landmark: legs bow, bones are twisted, feet turn, somebody leans.
-
-A joint turned by theta and shifted by s moves all landmarks beyond it and nothing else, whether posture or bone made it
-do so. With theta ~ N(0, TURN_DEG^2) and s ~ N(0, SHIFT_M^2) about and along each body axis at hips, knees and ankles
-of both sides, and B = [dz / dtheta TURN_DEG, dz / ds SHIFT_M], the best such explanation of deviations z costs
+People are built and stand otherwise by no fault of any landmark: legs bow, bones are twisted, feet turn, somebody
+leans. A joint turned by theta and shifted by s moves all landmarks beyond it and nothing else, whether posture or bone
+made it do so. With theta ~ N(0, TURN_DEG^2) and s ~ N(0, SHIFT_M^2) about and along each body axis at hips, knees and
+ankles of both sides, and B = [dz / dtheta TURN_DEG, dz / ds SHIFT_M], the best such explanation of deviations z costs
 
     min over x of |z - B x|^2 + |x|^2  =  z^T (I + B B^T)^-1 z,
 
@@ -39,8 +36,84 @@ from gaitcal.arrays import Array, cross
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import sign
 
+Landmarks = Mapping[str, Array]
+"""Name -> (3,) m, y up."""
+WIDTHS = {"knee": (0.066, 0.009), "ankle": (0.052, 0.006)}
+"""Mean and sd of the distance from lateral to medial marker. Knees of four heavy children and women, by callipers:
+0.057 to 0.078 of height, 0.009 more with markers."""
+LENGTHS: dict[str, tuple[str, str, float, float]] = {
+    "shank": ("knee_lat", "ankle_lat", 0.245, 0.011),
+    "medial shank": ("knee_med", "ankle_med", 0.235, 0.015),
+    "ASIS to knee": ("asis", "knee_lat", 0.285, 0.015),
+    "ASIS to sacrum": ("asis", "sacrum", 0.130, 0.015),
+    "heel to toe": ("heel", "toe", 0.135, 0.028),
+    "heel to ankle": ("heel", "ankle_lat", 0.050, 0.009),
+    "toe to ankle": ("toe", "ankle_lat", 0.100, 0.026),
+    "heel to medial ankle": ("heel", "ankle_med", 0.060, 0.010),
+    "toe to medial ankle": ("toe", "ankle_med", 0.095, 0.026),
+}
+"""Measure -> two landmarks of a leg, mean and sd of their distance, shares of height."""
+ALONG = {
+    "heel to toe": (0, 1.0),
+    "ASIS to sacrum": (0, -1.0),
+    "shank": (1, -1.0),
+    "medial shank": (1, -1.0),
+    "ASIS to knee": (1, -1.0),
+}
+"""Length -> the axis of the body along which it should lie, and to which end of it."""
+DIFFERENCES_MM = {
+    "shank": 11.0,
+    "medial shank": 11.0,
+    "ASIS to knee": 9.0,
+    "ASIS to sacrum": 7.0,
+    "heel to toe": 6.0,
+    "heel to ankle": 9.0,
+    "toe to ankle": 9.0,
+    "heel to medial ankle": 7.0,
+    "toe to medial ankle": 9.0,
+    "knee": 5.0,
+    "ankle": 4.0,
+}
+"""Measure -> sd of its right less its left."""
+HEIGHTS_MM = {"asis": 12.0, "knee_lat": 12.0, "knee_med": 10.0, "ankle_lat": 5.0, "ankle_med": 7.0, "heel": 6.0}
+HEIGHTS_MM |= {"toe": 6.0}
+"""Landmark -> sd of the difference in height of its right and left, standing."""
+APART: dict[str, tuple[float, float]] = {
+    "asis": (0.144, 0.02),
+    "knee_lat": (0.20, 0.06),
+    "knee_med": (0.09, 0.06),
+    "ankle_lat": (0.18, 0.07),
+    "ankle_med": (0.11, 0.07),
+    "heel": (0.13, 0.07),
+    "toe": (0.16, 0.07),
+}
+"""Landmark -> mean and sd of how far its right lies to the right of its left, share of height."""
+HIP_HEIGHT = (0.53, 0.035)
+"""Height of the ASIS above the lateral malleoli, share of height: mean and sd."""
+BOW_DEG, BEND_DEG = 2.5, 5.0
+"""sd of the difference between right and left of the angle at the lateral knee, from the front and from the side."""
+LINES_DEG = {("asis", "knee_lat"): 4.0, ("knee_lat", "ankle_lat"): 4.0}
+"""sd of the angle from above between the lines from left to right through two landmarks."""
+AXIS_DEG = 11.0
+"""sd of the difference between right and left of a joint's line, seen from above."""
+TURN_DEG = 8.0
+"""Standard deviation about each axis. Torsion of the tibia scatters by 8 deg, version of the femur by 9 (Strecker et
+al. 1997), the line of the leg from the front by 2 to 3, all more in patients."""
+SHIFT_M = 0.006
+"""Standard deviation along each axis: as joints lie otherwise in their segments than in most people."""
+STEP_DEG, STEP_M = 0.5, 5e-4
+BEYOND = {
+    "hip": ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe"),
+    "knee": ("ankle_lat", "ankle_med", "heel", "toe"),
+    "ankle": ("heel", "toe"),
+}
+"""Joint -> landmarks that move with what lies beyond it."""
+CENTRE = {"hip": ("asis",), "knee": ("knee_lat", "knee_med"), "ankle": ("ankle_lat", "ankle_med")}
+"""Joint -> landmarks whose mean stands for its centre."""
+SIDE_WORDS = {"r": "right", "l": "left"}
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(frozen=True)
 class Measure:
     """One measure of the landmarks, against what people have."""
 
@@ -77,59 +150,7 @@ def cost(found: Sequence[Measure]) -> float:
     return float(sum(m.z**2 for m in found))
 
 
-WIDTHS = {"knee": (0.066, 0.009), "ankle": (0.052, 0.006)}
-"""Mean and sd of the distance from lateral to medial marker. Knees of four heavy children and women, by callipers:
-0.057 to 0.078 of height, 0.009 more with markers."""
-LENGTHS: dict[str, tuple[str, str, float, float]] = {
-    "shank": ("knee_lat", "ankle_lat", 0.245, 0.011),
-    "medial shank": ("knee_med", "ankle_med", 0.235, 0.015),
-    "ASIS to knee": ("asis", "knee_lat", 0.285, 0.015),
-    "ASIS to sacrum": ("asis", "sacrum", 0.130, 0.015),
-    "heel to toe": ("heel", "toe", 0.135, 0.028),
-    "heel to ankle": ("heel", "ankle_lat", 0.050, 0.009),
-    "toe to ankle": ("toe", "ankle_lat", 0.100, 0.026),
-    "heel to medial ankle": ("heel", "ankle_med", 0.060, 0.010),
-    "toe to medial ankle": ("toe", "ankle_med", 0.095, 0.026),
-}
-"""Measure -> two landmarks of a leg, mean and sd of their distance, shares of height."""
-DIFFERENCES_MM = {
-    "shank": 11.0,
-    "medial shank": 11.0,
-    "ASIS to knee": 9.0,
-    "ASIS to sacrum": 7.0,
-    "heel to toe": 6.0,
-    "heel to ankle": 9.0,
-    "toe to ankle": 9.0,
-    "heel to medial ankle": 7.0,
-    "toe to medial ankle": 9.0,
-    "knee": 5.0,
-    "ankle": 4.0,
-}
-"""Measure -> sd of its right less its left."""
-HEIGHTS_MM = {"asis": 12.0, "knee_lat": 12.0, "knee_med": 10.0, "ankle_lat": 5.0, "ankle_med": 7.0, "heel": 6.0}
-HEIGHTS_MM |= {"toe": 6.0}
-"""Landmark -> sd of the difference in height of its right and left, standing."""
-APART: dict[str, tuple[float, float]] = {
-    "asis": (0.144, 0.02),
-    "knee_lat": (0.20, 0.06),
-    "knee_med": (0.09, 0.06),
-    "ankle_lat": (0.18, 0.07),
-    "ankle_med": (0.11, 0.07),
-    "heel": (0.13, 0.07),
-    "toe": (0.16, 0.07),
-}
-"""Landmark -> mean and sd of how far its right lies to the right of its left, share of height."""
-HIP_HEIGHT = (0.53, 0.035)
-"""Height of the ASIS above the lateral malleoli, share of height: mean and sd."""
-BOW_DEG, BEND_DEG = 2.5, 5.0
-"""sd of the difference between right and left of the angle at the lateral knee, from the front and from the side."""
-LINES_DEG = {("asis", "knee_lat"): 4.0, ("knee_lat", "ankle_lat"): 4.0}
-"""sd of the angle from above between the lines from left to right through two landmarks."""
-AXIS_DEG = 11.0
-"""sd of the difference between right and left of a joint's line, seen from above."""
-
-
-def body_axes(p: Mapping[str, Array]) -> Array | None:
+def body_axes(p: Landmarks) -> Array | None:
     """(3, 3), columns x forward, y up, z to the right; None where nothing gives a direction.
 
     Forward is the mean of both feet. One foot alone turns out by up to 26 degrees: then across the pelvis.
@@ -148,217 +169,121 @@ def body_axes(p: Mapping[str, Array]) -> Array | None:
     return np.column_stack([x, y, cross(x, y)])
 
 
-def measures(p: Mapping[str, Array], height: float, *, even: bool = True) -> list[Measure]:
-    """All measures of the landmarks p (each (3,) m, y up) that are there, of a person of this height (m).
+def measures(p: Landmarks, height: float, *, even: bool = True) -> list[Measure]:
+    """All measures of the landmarks p that are there, of a person of this height (m).
 
     Where the person does not stand evenly on straight legs (not `even`), without those that depend on the posture.
     """
     axes = body_axes(p)
     if axes is None:
         return []
-    q = {name: 1e3 * (point @ axes) for name, point in p.items()}
-    found = [*_lengths(q, 1e3 * height), *_sides(q, 1e3 * height), *_angles(q), *_lines(q)]
+    q, mm = {name: 1e3 * (point @ axes) for name, point in p.items()}, 1e3 * height
+    found = [*_lengths(q, mm), *_widths(q, mm), *_sides(q, mm), *_knees(q), *_lines(q)]
     return found if even else [m for m in found if not m.postural]
 
 
-_WORDS = {"r": "right", "l": "left"}
-
-
-def _lengths(q: Mapping[str, Array], height: float) -> Iterator[Measure]:
+def _lengths(q: Landmarks, height: float) -> Iterator[Measure]:
+    """Lengths of a leg, negative where the two lie the wrong way round along the axis that they should lie along."""
     for name, (a, b, mean, sd) in LENGTHS.items():
-        pairs = {side: (_of(a, side), _of(b, side)) for side in SIDES}
-        found = {s: _length(q, one, other, name) for s, (one, other) in pairs.items() if one in q and other in q}
-        for side, value in found.items():
-            yield Measure(
-                name=f"{name}, {_WORDS[side]}",
-                value=value,
-                mean=mean * height,
-                sd=sd * height,
-                landmarks=pairs[side],
-                absolute=True,
-            )
-        if len(found) == 2:
-            yield Measure(
-                name=f"{name}, right less left",
-                value=found["r"] - found["l"],
-                mean=0.0,
-                sd=DIFFERENCES_MM[name],
-                landmarks=(*pairs["r"], *pairs["l"]),
-            )
+        found, pairs = {}, {s: (f"{a}_{s}", b if b == "sacrum" else f"{b}_{s}") for s in SIDES}
+        axis, towards = ALONG.get(name, (0, 0.0))
+        for side, (one, other) in pairs.items():
+            if one in q and other in q:
+                d = q[other] - q[one]
+                found[side] = math.sqrt(d @ d) * (1.0 if towards * d[axis] >= 0 else -1.0)
+        yield from _of_sides(name, found, pairs, (mean * height, sd * height))
+
+
+def _widths(q: Landmarks, height: float) -> Iterator[Measure]:
     for joint, (mean, sd) in WIDTHS.items():
-        widths: dict[str, float] = {}
-        for side in SIDES:
-            lateral, medial = q.get(f"{joint}_lat_{side}"), q.get(f"{joint}_med_{side}")
-            if lateral is not None and medial is not None:
-                across = lateral - medial
-                widths[side] = math.sqrt(across @ across) * (1.0 if sign(side) * across[2] >= 0 else -1.0)
-                yield Measure(
-                    name=f"{joint} width, {_WORDS[side]}",
-                    value=widths[side],
-                    mean=mean * height,
-                    sd=sd * height,
-                    landmarks=(f"{joint}_lat_{side}", f"{joint}_med_{side}"),
-                    absolute=True,
-                )
-        if len(widths) == 2:
-            yield Measure(
-                name=f"{joint} width, right less left",
-                value=widths["r"] - widths["l"],
-                mean=0.0,
-                sd=DIFFERENCES_MM[joint],
-                landmarks=tuple(f"{joint}_{end}_{side}" for side in SIDES for end in ("lat", "med")),
-            )
+        found, pairs = {}, {side: (f"{joint}_lat_{side}", f"{joint}_med_{side}") for side in SIDES}
+        for side, (lateral, medial) in pairs.items():
+            if lateral in q and medial in q:
+                d = q[lateral] - q[medial]
+                found[side] = math.sqrt(d @ d) * (1.0 if sign(side) * d[2] >= 0 else -1.0)
+        yield from _of_sides(f"{joint} width", found, pairs, (mean * height, sd * height))
 
 
-def _of(landmark: str, side: str) -> str:
-    return landmark if landmark == "sacrum" else f"{landmark}_{side}"
+def _of_sides(
+    name: str, found: Mapping[str, float], pairs: Mapping[str, tuple[str, str]], people: tuple[float, float]
+) -> Iterator[Measure]:
+    """A length (mm) of the sides on which it was `found` against mean and sd of people, and right against left."""
+    for side, value in found.items():
+        yield Measure(f"{name}, {SIDE_WORDS[side]}", value, *people, pairs[side], absolute=True)
+    if len(found) == 2:
+        sd = DIFFERENCES_MM[name.removesuffix(" width")]
+        yield Measure(f"{name}, right less left", found["r"] - found["l"], 0.0, sd, (*pairs["r"], *pairs["l"]))
 
 
-_ALONG = {
-    "heel to toe": (0, 1.0),
-    "ASIS to sacrum": (0, -1.0),
-    "shank": (1, -1.0),
-    "medial shank": (1, -1.0),
-    "ASIS to knee": (1, -1.0),
-}
-"""Length -> the axis of the body along which it should lie, and to which end of it."""
-
-
-def _length(q: Mapping[str, Array], a: str, b: str, name: str) -> float:
-    """mm, negative where the two lie the wrong way round along the body's axis that they should lie along."""
-    d = q[b] - q[a]
-    length = math.sqrt(d @ d)
-    axis, towards = _ALONG.get(name, (0, 0.0))
-    return length if towards * d[axis] >= 0 else -length
-
-
-def _sides(q: Mapping[str, Array], height: float) -> Iterator[Measure]:
+def _sides(q: Landmarks, height: float) -> Iterator[Measure]:
     for name, (mean, sd) in APART.items():
-        right, left = q.get(f"{name}_r"), q.get(f"{name}_l")
-        if right is None or left is None:
-            continue
         both = (f"{name}_r", f"{name}_l")
-        yield Measure(
-            name=f"{name} right of left",
-            value=float(right[2] - left[2]),
-            mean=mean * height,
-            sd=sd * height,
-            landmarks=both,
-            absolute=True,
-        )
-        yield Measure(
-            name=f"height of {name}, right less left",
-            value=float(right[1] - left[1]),
-            mean=0.0,
-            sd=HEIGHTS_MM[name],
-            landmarks=both,
-            postural=True,
-        )
-    ends = [f"{name}_{side}" for name in ("asis", "ankle_lat") for side in SIDES]
+        if all(end in q for end in both):
+            _, up, right = (q[both[0]] - q[both[1]]).tolist()
+            yield Measure(f"{name} right of left", right, mean * height, sd * height, both, absolute=True)
+            yield Measure(f"height of {name}, right less left", up, 0.0, HEIGHTS_MM[name], both, postural=True)
+    ends = tuple(f"{name}_{side}" for name in ("asis", "ankle_lat") for side in SIDES)
     if all(name in q for name in ends):
         above = 0.5 * float(q[ends[0]][1] + q[ends[1]][1] - q[ends[2]][1] - q[ends[3]][1])
-        yield Measure(
-            name="ASIS above ankles",
-            value=above,
-            mean=HIP_HEIGHT[0] * height,
-            sd=HIP_HEIGHT[1] * height,
-            landmarks=tuple(ends),
-            absolute=True,
-            postural=True,
-        )
+        mean, sd = (share * height for share in HIP_HEIGHT)
+        yield Measure("ASIS above ankles", above, mean, sd, ends, absolute=True, postural=True)
 
 
-def _lines(q: Mapping[str, Array]) -> Iterator[Measure]:
-    """Angles from above between lines from a left landmark to its right namesake."""
-    for (upper, lower), sd in LINES_DEG.items():
-        names = tuple(f"{name}_{side}" for name in (upper, lower) for side in SIDES)
-        if not all(name in q for name in names):
-            continue
-        turned = []
-        for name in (upper, lower):
-            across = q[f"{name}_r"] - q[f"{name}_l"]
-            turned.append(float(np.rad2deg(np.arctan2(across[0], across[2]))))
-        yield Measure(
-            name=f"line through {upper} against {lower} from above",
-            value=(turned[0] - turned[1] + 180.0) % 360.0 - 180.0,
-            mean=0.0,
-            sd=sd,
-            landmarks=names,
-            unit="deg",
-            postural=True,
-        )
-
-
-def _angles(q: Mapping[str, Array]) -> Iterator[Measure]:
-    """Angles at the lateral knees, and of the lines of knees and ankles from above, right less left (mirrored)."""
+def _knees(q: Landmarks) -> Iterator[Measure]:
+    """Angles at the lateral knees, right less left (mirrored)."""
     chain = ("asis", "knee_lat", "ankle_lat")
-    if all(f"{name}_{side}" in q for name in chain for side in SIDES):
-        names = tuple(f"{name}_{side}" for side in SIDES for name in chain)
-        for axis, what, sd in ((2, "bow of the leg from the front", BOW_DEG), (0, "bend of the knee", BEND_DEG)):
-            at_knee = {}
-            for side in SIDES:
-                hip, knee, ankle = (q[f"{name}_{side}"] for name in chain)
-                turn = sign(side) if axis == 2 else 1.0
-                above = np.arctan2(turn * (knee - hip)[axis], -(knee - hip)[1])
-                below = np.arctan2(turn * (ankle - knee)[axis], -(ankle - knee)[1])
-                at_knee[side] = float(np.rad2deg(above - below))
-            yield Measure(
-                name=f"{what}, right less left",
-                value=at_knee["r"] - at_knee["l"],
-                mean=0.0,
-                sd=sd,
-                landmarks=names,
-                unit="deg",
-                postural=True,
-            )
-    for joint in WIDTHS:
-        ends = [f"{joint}_{end}_{side}" for side in SIDES for end in ("lat", "med")]
-        if not all(name in q for name in ends):
-            continue
-        turned = {}
+    names = tuple(f"{name}_{side}" for side in SIDES for name in chain)
+    if not all(name in q for name in names):
+        return
+    for axis, what, sd in ((2, "bow of the leg from the front", BOW_DEG), (0, "bend of the knee", BEND_DEG)):
+        at_knee = {}
         for side in SIDES:
-            across = sign(side) * (q[f"{joint}_lat_{side}"] - q[f"{joint}_med_{side}"])
-            turned[side] = sign(side) * float(np.rad2deg(np.arctan2(across[0], across[2])))
-        yield Measure(
-            name=f"line of the {joint} from above, right less left",
-            value=(turned["r"] - turned["l"] + 180.0) % 360.0 - 180.0,
-            mean=0.0,
-            sd=AXIS_DEG,
-            landmarks=tuple(ends),
-            unit="deg",
-        )
+            hip, knee, ankle = (q[f"{name}_{side}"] for name in chain)
+            turn = sign(side) if axis == 2 else 1.0
+            above = np.arctan2(turn * (knee - hip)[axis], -(knee - hip)[1])
+            below = np.arctan2(turn * (ankle - knee)[axis], -(ankle - knee)[1])
+            at_knee[side] = float(np.rad2deg(above - below))
+        value = at_knee["r"] - at_knee["l"]
+        yield Measure(f"{what}, right less left", value, 0.0, sd, names, "deg", postural=True)
 
 
-TURN_DEG = 8.0
-"""Standard deviation about each axis. Torsion of the tibia scatters by 8 deg, version of the femur by 9 (Strecker et
-al. 1997), the line of the leg from the front by 2 to 3, all more in patients."""
-SHIFT_M = 0.006
-"""Standard deviation along each axis: as joints lie otherwise in their segments than in most people."""
-STEP_DEG, STEP_M = 0.5, 5e-4
-BEYOND = {
-    "hip": ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe"),
-    "knee": ("ankle_lat", "ankle_med", "heel", "toe"),
-    "ankle": ("heel", "toe"),
-}
-"""Joint -> landmarks that move with what lies beyond it."""
-CENTRE = {"hip": ("asis",), "knee": ("knee_lat", "knee_med"), "ankle": ("ankle_lat", "ankle_med")}
-"""Joint -> landmarks whose mean stands for its centre."""
+def _lines(q: Landmarks) -> Iterator[Measure]:
+    """Angles from above: between lines of a joint, right less left, and between lines from left to right."""
 
-Landmarks = Mapping[str, Array]
+    def from_above(across: Array) -> float:
+        return float(np.rad2deg(np.arctan2(across[0], across[2])))
+
+    for joint in WIDTHS:
+        ends = tuple(f"{joint}_{end}_{side}" for side in SIDES for end in ("lat", "med"))
+        if all(name in q for name in ends):
+            right = from_above(q[ends[0]] - q[ends[1]])
+            left = -from_above(q[ends[3]] - q[ends[2]])
+            name = f"line of the {joint} from above, right less left"
+            yield Measure(name, _within_half_turn(right - left), 0.0, AXIS_DEG, ends, "deg")
+    for pair, sd in LINES_DEG.items():
+        ends = tuple(f"{name}_{side}" for name in pair for side in SIDES)
+        if all(name in q for name in ends):
+            upper, lower = (from_above(q[f"{name}_r"] - q[f"{name}_l"]) for name in pair)
+            name = f"line through {pair[0]} against {pair[1]} from above"
+            yield Measure(name, _within_half_turn(upper - lower), 0.0, sd, ends, "deg", postural=True)
+
+
+def _within_half_turn(degrees: float) -> float:
+    return (degrees + 180.0) % 360.0 - 180.0
 
 
 def cost_of_build(p: Landmarks, height: float, *, even: bool = True) -> float:
-    """What it costs to explain landmarks p ((3,) m each, y up) by build and stance alone."""
-    z = _deviations(p, height, even)
-    columns = [(_deviations(moved, height, even) - z) * scale for moved, scale in moved(p)]
+    """What it costs to explain landmarks p by build and stance alone."""
+
+    def deviations(landmarks: Landmarks) -> Array:
+        return np.array([m.z for m in measures(landmarks, height, even=even)])
+
+    z = deviations(p)
+    columns = [(deviations(other) - z) * scale for other, scale in moved(p)]
     if not columns:
         return float(z @ z)
     U, s, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
     return float(z @ z - np.sum((U.T @ z) ** 2 * s**2 / (1.0 + s**2)))
-
-
-def _deviations(p: Landmarks, height: float, even: bool) -> Array:
-    return np.array([m.z for m in measures(p, height, even=even)])
 
 
 def moved(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:

@@ -1,7 +1,11 @@
 """Markers of one segment in one trial, against where the static trial has them.
 
-The trial's own shape m of a cluster (generalised Procrustes, Gower, Psychometrika 40:33-51, 1975, with the median for
-the mean, so that a marker that is elsewhere for a while does not bend it) and the segment's turn R_f and place o_f:
+The static posture is in the axes of the person who stands: x forward, y up, z to the right (the horizontal part of the
+line between the ASIS), one set of axes for all segments. So a segment's turn from the static posture is the turn of its
+markers, and two segments that keep the static posture have the same turn.
+
+The trial's shape m of a cluster (generalised Procrustes, Gower, Psychometrika 40:33-51, 1975, with the median for the
+mean, so that a marker that is elsewhere for a while does not bend it) and the segment's turn R_f and place o_f:
 
     m = median_f R_f^T (x_f - o_f),      (R_f, o_f) = the rigid motion of m nearest to x_f,
 
@@ -12,18 +16,29 @@ markers borrows: a thigh the hip centre as the pelvis carries it, a shank and a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.faults.stance import Stance
 from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.still import still_window
+from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.present_markers import complete_static, worn
+from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, across, lower_body, sign
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_fit
 
+USUAL_HEIGHT_M = 1.75
+"""Clean recordings from which limits in metres are taken are of people up to about this height: taller ones have
+longer ways between markers, and those grow with them."""
+UP = np.array([0.0, 1.0, 0.0])
 FEWEST = 3
 """Points that tell how a segment is turned."""
 SEEN_SHARE, SEEN_FRAMES = 0.1, 5
@@ -37,6 +52,85 @@ HIP_CENTRE = "hip centre"
 SEGMENTS = ("pelvis", *(f"{part}_{side}" for part in ("thigh", "shank", "foot") for side in SIDES))
 LENDER = {"shank": "knee_lat", "foot": "ankle_lat"}
 """Segment -> the landmark above it that it may borrow."""
+
+
+@dataclass(frozen=True)
+class Stance:
+    """The static posture of pelvis and legs."""
+
+    points: Mapping[str, Mapping[str, Array]]
+    """Segment -> marker -> (3,) m."""
+    centres: Mapping[str, Array] = field(default_factory=dict)
+    """`hip_r`, `knee_r`, `ankle_r`, ... -> (3,) m; empty where nothing can be said across joints."""
+    knee_axes: Mapping[str, Array] = field(default_factory=dict)
+    """`knee_r`, `knee_l` -> (3,) from the medial to the lateral epicondyle on the right, the other way on the left."""
+    landmarks: Mapping[str, Array] = field(default_factory=dict)
+    """(3,) m, of the marker set's landmarks that were seen."""
+    size: float = 1.0
+    """Of the person, by which limits in metres grow: height over the usual, at least 1."""
+
+    @classmethod
+    def of_recording(
+        cls, static: Recording, marker_set: MarkerSet, model: SubjectModel, hip_centre: HipCentre
+    ) -> Stance:
+        """From the static trial of which `model` was made."""
+        static = complete_static(marker_set.renamed(static), marker_set)
+        marker_set = worn(marker_set, static)
+        posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
+        legs = lower_body(posture, model.subject.height, hip_centre, widths=JointWidths.of(model.subject))
+        right = across(legs.frames["pelvis"].rotation[:, 2], UP)
+        axes = np.vstack([np.cross(UP, right), UP, right])
+        points: dict[str, dict[str, Array]] = {}
+        for label, segment in zip(model.markers.labels, model.markers.segments, strict=True):
+            if segment in legs.frames and label in posture.markers:
+                points.setdefault(segment, {})[label] = axes @ posture.markers[label]
+        centre = {"hip": "hjc", "knee": "kjc", "ankle": "ajc"}
+        landmarks = {name: axes @ at for name, at in posture.landmarks.items()}
+        return cls(
+            points=points,
+            centres={f"{j}_{s}": axes @ legs.centres[f"{c}_{s}"] for j, c in centre.items() for s in SIDES},
+            knee_axes={
+                f"knee_{s}": sign(s) * (landmarks[f"knee_lat_{s}"] - landmarks[f"knee_med_{s}"])
+                for s in SIDES
+                if posture.has(f"knee_med_{s}")
+            },
+            landmarks=landmarks,
+            size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
+        )
+
+    @classmethod
+    def of_model(cls, model: SubjectModel) -> Stance:
+        """From a saved model, all coordinates zero: its joint centres and markers."""
+        chain, parameters = Chain(), model.parameters
+        constants = chain.constants(parameters.joint, parameters.zero_angles)
+        axes, origins = segment_poses(
+            chain, constants, forward(chain, constants, np.zeros((1, len(chain.coordinates))))
+        )
+        frames = {name: Frame(axes[i, :, :, 0].T, origins[i, :, 0]) for i, name in enumerate(chain.segments)}
+        points: dict[str, dict[str, Array]] = {}
+        placed = zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True)
+        for label, segment, local in placed:
+            points.setdefault(segment, {})[label] = frames[segment].point(local)
+        centres = {}
+        above = {"hip": ("hip", "pelvis"), "knee": ("knee", "thigh"), "ankle": ("talocrural", "shank")}
+        for name, (joint, part) in above.items():
+            for side in SIDES:
+                segment, local = part if part == "pelvis" else f"{part}_{side}", np.zeros(3)
+                for p in JOINT_PARAMETERS:
+                    if (p.joint, p.segment, p.kind) == (f"{joint}_{side}", segment, Kind.POSITION):
+                        local[p.axis] = parameters.joint[JP_INDEX[p.name]]
+                centres[f"{name}_{side}"] = frames[segment].point(local)
+        return cls(
+            points=points,
+            centres=centres,
+            landmarks={name: frames[segment].point(at) for name, (segment, at) in model.landmarks.items()},
+            size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
+        )
+
+    def without(self, labels: Collection[str]) -> Stance:
+        """The same posture without markers that are no evidence of where they sit, as they were not seen in it."""
+        points = {s: {m: at for m, at in placed.items() if m not in labels} for s, placed in self.points.items()}
+        return replace(self, points=points) if labels else self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +154,7 @@ class Cluster:
     """(nf, 3) m, o."""
     away: Array
     """(nf, n, 3) m, from the mean place, in static axes; NaN where the marker or the segment is not seen."""
-    size: float = 1.0
+    size: float
     """Of the person, by which limits in metres grow."""
     determined: BoolArray
     """(nf,) whether three points not on a line were seen."""
@@ -136,55 +230,42 @@ def clusters_of(
     place = {label: i for i, label in enumerate(recording.labels)}
     shares = seen_mask(recording.markers).sum(axis=0)
     needed = max(SEEN_SHARE * len(recording.time), min(SEEN_FRAMES, len(recording.time)))
+    out: dict[str, Cluster] = {}
 
     def usable(label: str) -> bool:
         return label in place and judged(label) and shares[place[label]] >= needed
 
-    out: dict[str, Cluster] = {}
+    def borrowed(segment: str) -> tuple[str, Array, Array] | None:
+        """Name, static place (3,) and path (nf, 3) of the point that a segment borrows; None where there is none."""
+        part, _, side = segment.partition("_")
+        if part == "thigh" and "pelvis" in out:
+            centre = stance.centres[f"hip_{side}"]
+            return HIP_CENTRE, centre, out["pelvis"].carries(centre)
+        name = f"{LENDER.get(part, '')}_{side}"
+        labels = landmarks.get(name, ())
+        if len(labels) != 1 or not usable(labels[0]) or name not in stance.landmarks:
+            return None
+        return labels[0], stance.landmarks[name], recording.markers[:, place[labels[0]]]
+
     for segment in SEGMENTS:
         labels = [label for label in stance.points.get(segment, {}) if usable(label)]
         static = [stance.points[segment][label] for label in labels]
         paths = [recording.markers[:, place[label]] for label in labels]
-        lent = None
-        if 0 < len(labels) < FEWEST and stance.centres:
-            lent = _borrowed(segment, recording, stance, landmarks, usable, out)
+        lent = borrowed(segment) if 0 < len(labels) < FEWEST and stance.centres else None
         if lent is not None:
             name, at, path = lent
             labels, static, paths = [*labels, name], [*static, at], [*paths, path]
-        if len(labels) >= FEWEST:
+        cluster = _cluster(np.array(static), np.stack(paths, 1), stance.size) if len(labels) >= FEWEST else None
+        if cluster is not None:
             reduced = lent is not None and len(stance.points[segment]) >= FEWEST
-            cluster = _cluster(segment, tuple(labels), lent is not None, reduced, np.array(static), np.stack(paths, 1))
-            if cluster is not None:
-                out[segment] = replace(cluster, size=stance.size)
+            out[segment] = replace(
+                cluster, segment=segment, labels=tuple(labels), borrowed=lent is not None, reduced=reduced
+            )
     return out
 
 
-def _borrowed(
-    segment: str,
-    recording: Recording,
-    stance: Stance,
-    landmarks: Mapping[str, tuple[str, ...]],
-    usable: Callable[[str], bool],
-    known: Mapping[str, Cluster],
-) -> tuple[str, Array, Array] | None:
-    """Name, static place (3,) and path (nf, 3) of the point that a segment borrows; None where there is none."""
-    part, _, side = segment.partition("_")
-    if part == "thigh" and "pelvis" in known:
-        centre = stance.centres[f"hip_{side}"]
-        return HIP_CENTRE, centre, known["pelvis"].carries(centre)
-    if part not in LENDER:
-        return None
-    name = f"{LENDER[part]}_{side}"
-    labels = landmarks.get(name, ())
-    if len(labels) != 1 or not usable(labels[0]) or name not in stance.landmarks:
-        return None
-    return labels[0], stance.landmarks[name], recording.markers[:, recording.labels.index(labels[0])]
-
-
-def _cluster(
-    segment: str, labels: tuple[str, ...], borrowed: bool, reduced: bool, static: Array, paths: Array
-) -> Cluster | None:
-    """From paths (nf, n, 3); None where no frame shows three points."""
+def _cluster(static: Array, paths: Array, size: float) -> Cluster | None:
+    """From paths (nf, n, 3), without names yet; None where no frame shows three points."""
     seen = seen_mask(paths)
     enough = np.flatnonzero(seen.sum(axis=1) >= FEWEST)
     if len(enough) < min(SEEN_FRAMES, len(paths)):
@@ -199,15 +280,16 @@ def _cluster(
     away = (paths - fit.origin[:, None]) @ fit.rotation - shape
     away[~fit.determined] = np.nan
     return Cluster(
-        segment=segment,
-        labels=labels,
-        borrowed=borrowed,
-        reduced=reduced,
+        segment="",
+        labels=(),
+        borrowed=False,
+        reduced=False,
         static=static,
         shape=shape,
         rotation=fit.rotation,
         origin=fit.origin,
         away=away,
+        size=size,
         determined=fit.determined,
     )
 

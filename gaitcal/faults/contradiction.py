@@ -9,13 +9,14 @@ axis points p_k of its joints, which the neighbours have at q_k, every explanati
 
 one marker left its place (without its term), two markers carry each other's label (m exchanged), the cluster is
 mirrored (m reflected), or all of it slid or turned on the segment (the two sums each with a C of its own). The price is
-what a free quantity gains by chance. The cheapest of the segments concerned is told; what is left is explained anew.
+what a free quantity gains by chance. The cheapest of the segments concerned is told; its C puts the pose right, all
+quantities are read with it, and what is left is explained anew.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import combinations
 
@@ -23,8 +24,18 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
-from gaitcal.faults.trial_body import NO_MOTION, SPREAD, Body, JointLink, angle_of, gap_limit, offset_limit, side_turns
+from gaitcal.faults.joint_link import JointLink, angle_of, side_turns
 
+OFFSET_M: Mapping[str, float] = {"pelvis": 0.008, "thigh": 0.010, "shank": 0.008, "foot": 0.008}
+"""Largest offset of a cluster. 91 clean trials of 20 people (10 of them synthetic, with noise) reach
+5.4, 6.4, 5.2 and 6.1 mm."""
+STEADY_M, STEADY_RATIO, JITTER_M = 0.007, 4.0, 0.0015
+"""A smaller offset counts where it is so many times its own scatter in time, which is at least JITTER."""
+REDUCED = 1.6
+"""Factor of the offset where a cluster of a large set borrows from the segment above, whose skin moves otherwise; sets
+that always borrow stay within the limits without it."""
+SPREAD = 3.0
+"""A limit is taken as so many standard deviations."""
 PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0}
 """Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a cluster's motion and a
 mirror's plane are six and three that the joints tell roughly: by chance they gain about as much."""
@@ -37,11 +48,15 @@ WAY_M = 0.04
 """Spread of the ways that markers go when they are put on again or lie elsewhere: a longer one is the less likely."""
 ALIKE_M = 0.008
 """Two markers whose exchange moves neither by more are not told apart by it."""
-LIGHTLY = 1e-3
+SLID_WEIGHT = 1e-3
 """Weight of the markers of a cluster that moved as a whole: enough to tell its flexion, which joints leave free."""
 MIRRORED = 0.5
 """Share of the offsets that a reflection may leave."""
 MOST_CAUSES = 4
+
+Pose = tuple[Array, Array]
+"""Rotation (3, 3) and shift (3,) m."""
+NO_MOTION: Pose = (np.eye(3), np.zeros(3))
 
 
 class Fault(Enum):
@@ -61,46 +76,163 @@ class Contradiction:
     fault: Fault
     segment: str
     """For an unknown cause the joint at which it is seen."""
-    labels: tuple[str, ...]
-    offset: float
-    """m: of the marker, of the largest one, or by which a cluster slid."""
+    labels: tuple[str, ...] = ()
     turn: float
     """rad, by which the segment's pose is wrong."""
     shift: float
     """m, by which the pose carries a joint centre away."""
     direction: Array
-    """(3,) m, of the offset: forward, up, to the right."""
+    """(3,) m, forward, up, to the right: offset of the marker, of the largest one, or by which a cluster slid."""
     excess: float
     """How many times the limits were exceeded, the worst."""
     seen_at: tuple[str, ...]
-    """What exceeded its limit, in words."""
+    """Segments and joints that exceeded their limits."""
     rivals: tuple[str, ...] = ()
     """Markers of which one elsewhere would look alike: the other one of a segment that has two."""
 
+    @property
+    def offset(self) -> float:
+        """M."""
+        return float(np.linalg.norm(self.direction))
 
-def contradictions(
-    clusters: Mapping[str, Cluster], links: Mapping[str, JointLink], strictness: float = 1.0
-) -> tuple[Contradiction, ...]:
-    """The causes found in one trial, in the order in which they explain most; `strictness`: factor of the limits."""
-    body, found = Body(clusters, links, strictness=strictness), []
+
+@dataclass(frozen=True)
+class _Explanation:
+    fault: Fault
+    labels: tuple[str, ...]
+    cost: float
+    """With its price."""
+    pose: Pose
+    """The C that belongs to it."""
+
+
+def contradictions(clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]) -> tuple[Contradiction, ...]:
+    """The causes found in one trial, in the order in which they explain most."""
+    body, found = _Body(clusters, links), []
     for _ in range(MOST_CAUSES):
         excess = body.excesses()
         best = _cheapest(body, excess)
         if best is None:
             found += [_unexplained(body, joint, excess[joint]) for joint in excess if joint in links]
             break
-        cause, pose, cleared = best
+        cause, pose = best
         found.append(cause)
-        body.pose[cause.segment] = pose
-        body.cleared[cause.segment] = (*body.cleared.get(cause.segment, ()), *cleared)
-        body.forget(cause.segment, cause.labels, cause.fault is Fault.MIRRORED)
+        body.explained_by(cause, pose)
     return tuple(found)
 
 
-_Explanation = tuple[Contradiction, tuple[Array, Array], tuple[str, ...]]
+def offset_limit(cluster: Cluster) -> float:
+    """m, largest offset of a marker of the cluster, in a person of its size."""
+    return cluster.size * OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0)
 
 
-def _cheapest(body: Body, excess: Mapping[str, float]) -> _Explanation | None:
+@dataclass
+class _Body:
+    """The clusters and joints of one trial, and what was found wrong with them so far."""
+
+    clusters: Mapping[str, Cluster]
+    links: Mapping[str, JointLink]
+    pose: dict[str, Pose] = field(default_factory=dict)
+    """Segment -> rigid motion that puts its mean shape where it belongs, where that is not the nearest."""
+    cleared: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Segment -> markers that are explained."""
+
+    def explained_by(self, cause: Contradiction, pose: Pose) -> None:
+        """Put the pose of a segment right, and leave out what rested on what was wrong with it.
+
+        These are the clusters that borrow of it and their joints, of a mirrored one its own joints too.
+        """
+        segment, labels = cause.segment, cause.labels
+        self.pose[segment] = pose
+        if cause.fault is not Fault.CLUSTER:  # a reflection or an exchange is in the shape
+            explained = labels if cause.fault is Fault.MARKER else self.clusters[segment].labels
+            self.cleared[segment] = (*self.cleared.get(segment, ()), *explained)
+        lost = {
+            name
+            for name, c in self.clusters.items()
+            if c.borrowed
+            and name != segment
+            and (c.labels[-1] in labels or (segment == "pelvis" and c.part == "thigh"))
+        }
+        self.clusters = {name: c for name, c in self.clusters.items() if name not in lost}
+        gone = lost | {segment} if cause.fault is Fault.MIRRORED else lost
+        self.links = {j: k for j, k in self.links.items() if gone.isdisjoint((k.above, k.below))}
+
+    def free(self, cluster: Cluster, among: Sequence[int]) -> list[int]:
+        """Those of the points that nothing explains yet."""
+        cleared = self.cleared.get(cluster.segment, ())
+        return [i for i in among if cluster.labels[i] not in cleared]
+
+    def relation(self, link: JointLink) -> Pose:
+        """Turn (3, 3) and gap (3,) m of a joint, both segments' poses as corrected."""
+        (rp, tp), (rq, tq) = (self.pose.get(segment, NO_MOTION) for segment in (link.above, link.below))
+        at = rq.T @ (link.centre - tq)
+        carried = link.rotation @ (at - link.centre) + link.carried_up
+        return rp @ link.rotation @ rq.T, rp @ carried + tp - link.centre
+
+    def seen_from(self, segment: str) -> Iterator[tuple[JointLink, Array, Array]]:
+        """Joint, p (2, 3) and q (2, 3) m, the axis points of a segment's joints where its neighbours have them."""
+        for link in self.links.values():
+            if segment not in (link.above, link.below):
+                continue
+            up = segment == link.above
+            aside = [0.0, 0.0, link.reach]
+            points = np.array([link.centre + aside, link.centre - aside])
+            turn, shift = self.pose.get(link.below if up else link.above, NO_MOTION)
+            rotation, carried = (link.rotation, link.carried_up) if up else (link.rotation.T, link.carried_down)
+            yield link, points, ((points - shift) @ turn - link.centre) @ rotation.T + carried
+
+    def excesses(self) -> dict[str, float]:
+        """Segment or joint -> the largest of its quantities in units of the limit, where that is above 1."""
+        out = {name: self.offset_excess(cluster) for name, cluster in self.clusters.items()}
+        for joint, link in self.links.items():
+            turn, gap = self.relation(link)
+            ratios = np.abs(side_turns(turn)) / link.turn_limits
+            out[joint] = max(float(np.linalg.norm(gap)) / link.gap_limit, float(ratios.max()))
+        return {name: value for name, value in out.items() if value > 1.0}
+
+    def offset_excess(self, cluster: Cluster) -> float:
+        """The largest offset of a cluster in units of the limit."""
+        kept = self.free(cluster, range(len(cluster.labels)))
+        if len(kept) < FEWEST:
+            return 0.0
+        turn, shift = alignment(cluster.shape[kept], cluster.static[kept])
+        away = np.linalg.norm(cluster.shape[kept] @ turn.T + shift - cluster.static[kept], axis=1)
+        value = float((away / np.hypot(offset_limit(cluster), cluster.scatter[kept])).max())
+        if not cluster.reduced:
+            least = cluster.size * STEADY_M
+            steady = away / np.hypot(cluster.scatter[kept], JITTER_M)
+            counted = (away > least) & (steady > STEADY_RATIO)
+            value = max(value, float((away[counted] / least).max(initial=0.0)))
+        return value
+
+    def cost(
+        self,
+        cluster: Cluster,
+        shape: Array | None = None,
+        kept: Sequence[int] | None = None,
+        *,
+        joints: bool = True,
+        markers: float = 1.0,
+    ) -> tuple[float, Pose]:
+        """J without its price, and the C that makes it least; `markers`: factor of their weight."""
+        shape = cluster.shape if shape is None else shape
+        taken = self.free(cluster, range(len(cluster.labels)) if kept is None else kept)
+        sigma = offset_limit(cluster) / SPREAD
+        points, targets = [shape[taken]], [cluster.static[taken]]
+        weights = [np.full(len(taken), markers * sigma**-2)]
+        for link, p, q in self.seen_from(cluster.segment) if joints else ():
+            points.append(q)
+            targets.append(p)
+            weights.append(np.full(2, _joint_weight(link)))
+        a, b, w = np.concatenate(points), np.concatenate(targets), np.concatenate(weights)
+        if len(a) < 2:
+            return 0.0, NO_MOTION
+        turn, shift = alignment(a, b, w)
+        return float(w @ ((a @ turn.T + shift - b) ** 2).sum(axis=1)), (turn, shift)
+
+
+def _cheapest(body: _Body, excess: Mapping[str, float]) -> tuple[Contradiction, Pose] | None:
     """The explanation that leaves least of the whole body, if it saves enough; of the pelvis first, where both thighs
     borrow from it.
     """
@@ -109,144 +241,101 @@ def _cheapest(body: Body, excess: Mapping[str, float]) -> _Explanation | None:
         if best is not None and best[0].segment == "pelvis" and cluster.borrowed and {"hip_r", "hip_l"} <= set(excess):
             break
         joints = [link.joint for link in body.links.values() if segment in (link.above, link.below)]
-        concerned = [name for name in (segment, *joints) if name in excess]
-        before = _cost(body, cluster, cluster.shape, range(len(cluster.labels)))[0]
-        rest = None
-        for fault, labels, cost, pose, shape in _explanations(body, cluster):
-            saving = before - cost + (_lent(body, segment, labels) if fault is Fault.MARKER else 0.0)
-            if saving <= (LIKELY if concerned else CERTAIN[fault.value]):
+        concerned = tuple(name for name in (segment, *joints) if name in excess)
+        before, rest = body.cost(cluster)[0], None
+        for found in _explanations(body, cluster):
+            saving = before - found.cost
+            if found.fault is Fault.MARKER:
+                saving += _saved_where_lent(body, segment, found.labels)
+            if saving <= (LIKELY if concerned else CERTAIN[found.fault.value]):
                 continue
-            rest = _rest(body, segment) if rest is None else rest
+            rest = _cost_of_the_rest(body, segment) if rest is None else rest
             left = rest + before - saving
             if left < least:
-                least = left
                 worst = max((excess[name] for name in concerned), default=1.0)
-                best = _told(body, cluster, fault, labels, pose, shape, worst, tuple(concerned) or (segment,))
+                best, least = (_contradiction(body, cluster, found, worst, concerned or (segment,)), found.pose), left
     return best
 
 
-def _rest(body: Body, segment: str) -> float:
+def _cost_of_the_rest(body: _Body, segment: str) -> float:
     """Cost of all other clusters, and of the joints that are not this segment's, poses as they are."""
-    total = 0.0
-    for name, other in body.clusters.items():
-        if name != segment:
-            total += _cost(body, other, other.shape, range(len(other.labels)), joints=False)[0]
+    total = sum(body.cost(other, joints=False)[0] for name, other in body.clusters.items() if name != segment)
     for link in body.links.values():
         if segment not in (link.above, link.below):
-            turn, shift = body.moved(link.below)
+            turn, shift = body.pose.get(link.below, NO_MOTION)
             _, p, q = next(seen for seen in body.seen_from(link.below) if seen[0] is link)
             total += _joint_weight(link) * float(((q @ turn.T + shift - p) ** 2).sum())
     return total
 
 
-def _lent(body: Body, segment: str, labels: tuple[str, ...]) -> float:
+def _saved_where_lent(body: _Body, segment: str, labels: tuple[str, ...]) -> float:
     """What a marker's absence saves in the cluster that borrows it."""
     for name, other in body.clusters.items():
         if other.borrowed and name != segment and other.labels[-1] in labels:
-            n = len(other.labels)
-            return _cost(body, other, other.shape, range(n))[0] - _cost(body, other, other.shape, range(n - 1))[0]
+            return body.cost(other)[0] - body.cost(other, kept=range(len(other.labels) - 1))[0]
     return 0.0
 
 
-def _explanations(
-    body: Body, cluster: Cluster
-) -> Iterator[tuple[Fault, tuple[str, ...], float, tuple[Array, Array], Array]]:
-    """Fault, markers, cost with its price, the pose that belongs to it, and the shape as it should have been."""
-    n, own = len(cluster.labels), cluster.own
-    free = [i for i in range(own) if cluster.labels[i] not in body.cleared.get(cluster.segment, ())]
+def _explanations(body: _Body, cluster: Cluster) -> Iterator[_Explanation]:
+    n, own, shape, labels = len(cluster.labels), cluster.own, cluster.shape, cluster.labels
+    free = body.free(cluster, range(own))
     for i in free:
-        cost, (turn, shift) = _cost(body, cluster, cluster.shape, [k for k in range(n) if k != i])
-        way = float(np.linalg.norm(turn @ cluster.shape[i] + shift - cluster.static[i]))
+        cost, (turn, shift) = body.cost(cluster, kept=[k for k in range(n) if k != i])
+        way = float(np.linalg.norm(turn @ shape[i] + shift - cluster.static[i]))
         price = PRICE["marker"] + (way / WAY_M) ** 2
-        yield Fault.MARKER, (cluster.labels[i],), cost + price, (turn, shift), cluster.shape
+        yield _Explanation(Fault.MARKER, (labels[i],), cost + price, (turn, shift))
     for i, k in combinations(free, 2):
         if np.linalg.norm(cluster.static[i] - cluster.static[k]) < ALIKE_M:
             continue
         order = np.arange(n)
         order[[i, k]] = k, i
-        shape = cluster.shape[order]
-        cost, pose = _cost(body, cluster, shape, range(n))
-        yield Fault.LABELS, (cluster.labels[i], cluster.labels[k]), cost + PRICE["labels"], pose, shape
+        cost, pose = body.cost(cluster, shape[order])
+        yield _Explanation(Fault.LABELS, (labels[i], labels[k]), cost + PRICE["labels"], pose)
     if len(free) == own and cluster.segment not in body.pose:
-        inside = _cost(body, cluster, cluster.shape, range(n), joints=False)[0]
-        across, pose = _cost(body, cluster, cluster.shape, range(n), markers=LIGHTLY)
-        yield Fault.CLUSTER, cluster.labels[:own], inside + across + PRICE["cluster"], pose, cluster.shape
-        reflected = _cost(body, cluster, cluster.shape * [1.0, 1.0, -1.0], range(n), joints=False)[0]
+        inside = body.cost(cluster, joints=False)[0]
+        across, pose = body.cost(cluster, markers=SLID_WEIGHT)
+        yield _Explanation(Fault.CLUSTER, labels[:own], inside + across + PRICE["cluster"], pose)
+        reflected = body.cost(cluster, shape * [1.0, 1.0, -1.0], joints=False)[0]
         if not cluster.borrowed and reflected < MIRRORED**2 * inside:
-            yield Fault.MIRRORED, cluster.labels, reflected + across + PRICE["mirrored"], pose, cluster.shape
-
-
-def _cost(
-    body: Body, cluster: Cluster, shape: Array, kept: range | list[int], joints: bool = True, markers: float = 1.0
-) -> tuple[float, tuple[Array, Array]]:
-    """J without its price, and the C that makes it least; `markers`: factor of their weight."""
-    taken = [i for i in kept if cluster.labels[i] not in body.cleared.get(cluster.segment, ())]
-    sigma = offset_limit(cluster) / SPREAD
-    points, targets = [shape[taken]], [cluster.static[taken]]
-    weights = [np.full(len(taken), markers * sigma**-2)]
-    for link, p, q in body.seen_from(cluster.segment) if joints else ():
-        points.append(q)
-        targets.append(p)
-        weights.append(np.full(2, _joint_weight(link)))
-    a, b, w = np.concatenate(points), np.concatenate(targets), np.concatenate(weights)
-    if len(a) < 2:
-        return 0.0, NO_MOTION
-    turn, shift = alignment(a, b, w)
-    return float(w @ ((a @ turn.T + shift - b) ** 2).sum(axis=1)), (turn, shift)
+            yield _Explanation(Fault.MIRRORED, labels, reflected + across + PRICE["mirrored"], pose)
 
 
 def _joint_weight(link: JointLink) -> float:
     """1/m^2, of each of the two axis points of a joint."""
-    return 0.5 * float(gap_limit(link) / SPREAD) ** -2
+    return 0.5 * float(link.gap_limit / SPREAD) ** -2
 
 
-def _told(
-    body: Body,
-    cluster: Cluster,
-    fault: Fault,
-    labels: tuple[str, ...],
-    pose: tuple[Array, Array],
-    shape: Array,
-    excess: float,
-    seen_at: tuple[str, ...],
-) -> _Explanation:
-    turn, shift = pose
-    own = cluster.own
-    at = [cluster.labels.index(label) for label in labels]
+def _contradiction(
+    body: _Body, cluster: Cluster, found: _Explanation, excess: float, seen_at: tuple[str, ...]
+) -> Contradiction:
+    turn, shift = found.pose
     centres = [link.centre for link in body.links.values() if cluster.segment in (link.above, link.below)]
-    moved = [turn @ c + shift - c for c in centres]
-    if fault is Fault.CLUSTER:
+    if found.fault is Fault.CLUSTER:
         direction = -(turn @ cluster.static.mean(axis=0) + shift - cluster.static.mean(axis=0))
     else:
+        at = [cluster.labels.index(label) for label in found.labels]
         away = cluster.shape[at] @ turn.T + shift - cluster.static[at]
         direction = away[int(np.linalg.norm(away, axis=1).argmax())]
-    cause = Contradiction(
-        fault=fault,
+    of_two = found.fault is Fault.MARKER and cluster.own < FEWEST
+    return Contradiction(
+        fault=found.fault,
         segment=cluster.segment,
-        labels=labels,
-        offset=float(np.linalg.norm(direction)),
+        labels=found.labels,
         turn=float(angle_of(turn)),
-        shift=max((float(np.linalg.norm(m)) for m in moved), default=0.0),
+        shift=max((float(np.linalg.norm(turn @ c + shift - c)) for c in centres), default=0.0),
         direction=direction,
         excess=excess,
         seen_at=seen_at,
-        rivals=tuple(m for m in cluster.labels[:own] if m not in labels)
-        if fault is Fault.MARKER and own < FEWEST
-        else (),
+        rivals=tuple(m for m in cluster.labels[: cluster.own] if m not in found.labels) if of_two else (),
     )
-    # The reflection or the exchange is in the shape: what is left to be explained is judged without these markers.
-    cleared = cluster.labels if fault in (Fault.MIRRORED, Fault.LABELS) else labels if fault is Fault.MARKER else ()
-    return cause, pose, cleared
 
 
-def _unexplained(body: Body, joint: str, excess: float) -> Contradiction:
+def _unexplained(body: _Body, joint: str, excess: float) -> Contradiction:
     """A joint whose segments disagree for no reason that was found."""
     turn, gap = body.relation(body.links[joint])
     return Contradiction(
         fault=Fault.UNKNOWN,
         segment=joint,
-        labels=(),
-        offset=float(np.linalg.norm(gap)),
         turn=float(np.abs(side_turns(turn)).max()),
         shift=float(np.linalg.norm(gap)),
         direction=gap,

@@ -1,32 +1,19 @@
-"""What all checks look at: one trial, what it is measured against, and how it says what was found.
-
-What only follows from a cause that is told already is not told beside it: one fault, one finding.
-"""
+"""What all checks look at: one trial, what it is measured against, and how a finding in it is told."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partialmethod
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.ground_reactions import CONTRADICTED
 from gaitcal.errors import InputError
-from gaitcal.faults.bounds import DISAGREE
-from gaitcal.faults.bounds import TOPIC as BOUNDS
-from gaitcal.faults.cluster import Cluster, clusters_of
-from gaitcal.faults.force_diagnosis import TOPIC as FORCES
-from gaitcal.faults.joint_places import TOPIC as PLACES
-from gaitcal.faults.marker_structure import TOPIC as MARKERS_AFTER
-from gaitcal.faults.stance import Stance
-from gaitcal.faults.trial_body import JointLink, links_of
-from gaitcal.faults.verdict import touches_model
-from gaitcal.findings import STUDY, Finding, Severity
-from gaitcal.gait.moments import joint_words
+from gaitcal.faults.cluster import Cluster, Stance, clusters_of
+from gaitcal.faults.joint_link import JointLink, links_of
+from gaitcal.findings import Finding, Severity
+from gaitcal.io.axes import PROGRESSION_M, net_progression
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
@@ -37,7 +24,7 @@ from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, StudyTrial, cleaned_trial
 
-LIGHT = 0.1
+NEGLIGIBLE_WEIGHT = 0.1
 """Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""
 
 
@@ -70,15 +57,16 @@ class TrialEvidence:
     ) -> TrialEvidence:
         """The evidence of a trial without markers that are metres away from the body, as it will be fitted."""
         trial = cleaned_trial(trial, marker_set.segment_of)
-        return cls(
-            trial=trial,
-            marker_set=marker_set,
-            subject=subject,
-            settings=settings,
-            model=model,
-            stance=stance,
-            strays=trial.strays or (),
-        )
+        found = cls(trial=trial, marker_set=marker_set, subject=subject, settings=settings, model=model)
+        return replace(found, stance=stance, strays=trial.strays or ())
+
+    def with_recording(self, recording: Recording) -> TrialEvidence:
+        """The same trial as another recording has it."""
+        return replace(self, trial=replace(self.trial, recording=recording))
+
+    def with_markers(self, markers: Array) -> TrialEvidence:
+        """The same trial with other positions (nf, nm, 3) m."""
+        return self.with_recording(replace(self.recording, markers=markers))
 
     @property
     def name(self) -> str:
@@ -100,7 +88,7 @@ class TrialEvidence:
         severity: Severity,
         topic: str,
         found: str,
-        cure: str,
+        cure: str = "",
         *,
         code: Code,
         cause: str = "",
@@ -121,21 +109,9 @@ class TrialEvidence:
             weight=weight,
         )
 
-    def error(
-        self, topic: str, found: str, cure: str, *, code: Code, cause: str = "", leg: str = "", weight: float = 1.0
-    ) -> Finding:
-        """A finding that stops a calibration."""
-        return self.finding(Severity.ERROR, topic, found, cure, code=code, cause=cause, leg=leg, weight=weight)
-
-    def warning(
-        self, topic: str, found: str, cure: str, *, code: Code, cause: str = "", leg: str = "", weight: float = 1.0
-    ) -> Finding:
-        """A finding to look at."""
-        return self.finding(Severity.WARNING, topic, found, cure, code=code, cause=cause, leg=leg, weight=weight)
-
-    def info(self, topic: str, found: str, cure: str = "", *, code: Code, cause: str = "") -> Finding:
-        """A finding that is good to know; it puts no blame on the file."""
-        return self.finding(Severity.INFO, topic, found, cure, code=code, cause=cause)
+    error = partialmethod(finding, Severity.ERROR)
+    warning = partialmethod(finding, Severity.WARNING)
+    info = partialmethod(finding, Severity.INFO)
 
     @property
     def is_static(self) -> bool:
@@ -152,6 +128,11 @@ class TrialEvidence:
         """Whether one joint moves in isolation."""
         return self.trial.role is Role.JOINT
 
+    @property
+    def makes_model(self) -> bool:
+        """Whether this static trial is the one of which the model is made."""
+        return self.rebuilding is not None
+
     @cached_property
     def place(self) -> dict[str, int]:
         """Label -> column of the recording."""
@@ -166,7 +147,7 @@ class TrialEvidence:
     def expected(self) -> tuple[str, ...]:
         """Markers with weight that this trial should have: those that are tracked, and in the static trial all.
 
-        What it lost is told by itself (`checks/lost_markers.py`).
+        What it lost is told by itself (`markers.rebuilt`, `markers.not_rebuilt`).
         """
         groups = list(self.marker_set.tracking.items())
         if self.is_static:
@@ -201,58 +182,66 @@ class TrialEvidence:
         return out if np.isfinite(out).any() else None
 
     @cached_property
+    def still_frames(self) -> slice | None:
+        """Frames in which the person stands still; None where nobody does."""
+        try:
+            return still_window(self.recording, self.marker_set.labels).frames
+        except InputError:
+            return None
+
+    @cached_property
     def posture(self) -> dict[str, Array] | None:
         """Landmark -> (3,) m, mean of the still window of a static trial; None where nobody stands still in it."""
         if not self.is_static:
             return None
         if self.rebuilding is not None and self.rebuilding.markers:  # the others are judged beside what was rebuilt
-            whole = replace(self.trial, recording=self.rebuilding.static)
-            return replace(self, trial=whole, rebuilding=None).posture
-        try:
-            still = still_window(self.recording, self.marker_set.labels).frames
-        except InputError:
+            return replace(self.with_recording(self.rebuilding.static), rebuilding=None).posture
+        if self.still_frames is None:
             return None
-        out: dict[str, Array] = {}
-        for name in self.marker_set.landmarks:
-            path = self.landmark(name)
-            seen = None if path is None else path[still][np.isfinite(path[still]).all(axis=1)]
-            if seen is not None and len(seen):
-                out[name] = seen.mean(axis=0)
-        return out
+        paths = {name: self.landmark(name) for name in self.marker_set.landmarks}
+        return still_means({name: path[self.still_frames] for name, path in paths.items() if path is not None})
+
+    @cached_property
+    def still_positions(self) -> dict[str, Array]:
+        """Label -> (3,) m, mean over the still window, of the set's markers; empty where nobody stands still."""
+        if self.still_frames is None:
+            return {}
+        labels = [label for label in self.marker_set.labels if label in self.place]
+        return still_means({label: self.path(label)[self.still_frames] for label in labels})
 
     @cached_property
     def templates(self) -> dict[str, tuple[tuple[str, ...], Array]]:
         """Segment -> labels that are in this trial, and their positions (nm, 3) m in the static posture."""
         if self.model is None:
             return {}
-        out: dict[str, tuple[tuple[str, ...], Array]] = {}
         markers = self.model.markers
-        for segment in dict.fromkeys(markers.segments):
-            rows = [
-                i
-                for i, (label, s) in enumerate(zip(markers.labels, markers.segments, strict=True))
-                if s == segment and label in self.place
-            ]
-            out[segment] = (tuple(markers.labels[i] for i in rows), markers.local[rows])
-        return out
+        rows: dict[str, list[int]] = {segment: [] for segment in markers.segments}
+        for i, (label, segment) in enumerate(zip(markers.labels, markers.segments, strict=True)):
+            if label in self.place:
+                rows[segment].append(i)
+        return {s: (tuple(markers.labels[i] for i in own), markers.local[own]) for s, own in rows.items()}
+
+    def weighed(self, segment: str) -> list[str]:
+        """Markers of a segment of the model that this trial shows and that have weight."""
+        labels, _ = self.templates.get(segment, ((), np.empty((0, 3))))
+        return [m for m in labels if self.weight(m) > 0 and self.ever_seen(m)]
 
     @cached_property
     def clusters(self) -> dict[str, Cluster]:
         """Segment -> its markers against the static posture, of pelvis and legs; empty in the static trial."""
         if self.stance is None or self.is_static:
             return {}
-        return clusters_of(self.recording, self.stance, self.marker_set.landmarks, lambda m: self.weight(m) > LIGHT)
+        landmarks = self.marker_set.landmarks
+        return clusters_of(self.recording, self.stance, landmarks, lambda m: self.weight(m) > NEGLIGIBLE_WEIGHT)
 
     @cached_property
     def links(self) -> dict[str, JointLink]:
         """Joint of a leg -> how its two segments lie near the static posture."""
-        if self.stance is None:
-            return {}
-        return links_of(self.clusters, self.stance.centres, self.stance.knee_axes)
+        return {} if self.stance is None else links_of(self.clusters, self.stance.centres)
 
     @cached_property
     def pelvis(self) -> RigidFit | None:
-        """Rigid fit of the pelvis markers; None with fewer than three."""
+        """Rigid fit of the pelvis markers; None with fewer than three, or where they never show its turn."""
         labels, local = self.templates.get("pelvis", ((), np.empty((0, 3))))
         if len(labels) < 3:
             return None
@@ -262,40 +251,31 @@ class TrialEvidence:
         fit = rigid_fit(local, np.where(seen[:, None], measured, 0.0), seen.astype(float))
         return fit if fit.determined.any() else None
 
+    @cached_property
+    def way(self) -> Array:
+        """(2,) m, x and z, by which the body gets on."""
+        return net_progression(self.recording)[[0, 2]]
 
-_LABEL = re.compile(r"'([^']+)'")
-_UNEXPLAINED = (Code.UNEXPLAINED_RESIDUAL, Code.FORCES_CONTRADICT)
+    @property
+    def on_the_spot(self) -> bool:
+        """Whether the body does not get on, as on a treadmill."""
+        return float(np.linalg.norm(self.way)) < PROGRESSION_M
+
+    @cached_property
+    def facing(self) -> Array | None:
+        """(2,) x and z, where the pelvis faces on the whole; None where it is not seen."""
+        if self.pelvis is None:
+            return None
+        out: Array = self.pelvis.rotation[self.pelvis.determined][:, [0, 2], 0].mean(axis=0)
+        return out
 
 
-def without_consequences(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """The findings without vertical forces and residuals that a named fault of the forces explains, and without markers
-    that are off after the fit and were named before it, nor what no body can do where markers do not tell how a leg
-    moves. Joints of another body lie elsewhere, and one that lies where nobody has it is beyond its bounds, too.
-    """
-    said = [f for f in findings if f.severity is not Severity.INFO]
-    at_fault = {f.where for f in said if f.topic == FORCES and f.cause != CONTRADICTED}
-    explained = {f.where for f in said if f.cause == DISAGREE or (f.topic == FORCES and f.code not in _UNEXPLAINED)}
-    errors = [f for f in said if f.leg and f.severity is Severity.ERROR]
-    spoilt = {(f.where, f.leg) for f in errors if touches_model(f.topic) and f.topic not in (BOUNDS, MARKERS_AFTER)}
-    astray = {where for where, _ in spoilt}
-    named = {(f.where, label) for f in said if f.topic != MARKERS_AFTER for label in _LABEL.findall(f.cause)}
+def still_means(paths: dict[str, Array]) -> dict[str, Array]:
+    """Name -> (3,) m, mean of a path (n, 3) over the frames in which it is known; without those that never are."""
+    known = {name: path[np.isfinite(path).all(axis=1)] for name, path in paths.items()}
+    return {name: path.mean(axis=0) for name, path in known.items() if len(path)}
 
-    another_body = any(f.code is Code.OTHER_BODY for f in said)
-    odd_places = [f.cause for f in said if f.topic == PLACES]
 
-    def follows(f: Finding) -> bool:
-        if f.topic == PLACES:
-            return another_body
-        if f.code is Code.JOINT_AT_BOUND:
-            return any(f" {joint_words(f.cause.split()[0])} " in cause for cause in odd_places)
-        if f.cause == CONTRADICTED:
-            return bool({f.where, STUDY} & at_fault) or f.where in astray
-        if f.code is Code.UNEXPLAINED_RESIDUAL:
-            return bool({f.where, STUDY} & explained) or f.where in astray
-        if f.topic == BOUNDS:
-            return (f.where, f.leg) in spoilt or (f.cause == DISAGREE and f.where in astray)
-        if f.topic == MARKERS_AFTER:
-            return any((f.where, label) in named for label in _LABEL.findall(f.cause))
-        return False
-
-    return tuple(f for f in findings if not follows(f))
+def side_of(name: str) -> str:
+    """`r` or `l` of a segment or joint; empty for others."""
+    return name[-1] if name.endswith(("_r", "_l")) else ""

@@ -1,28 +1,33 @@
-"""Markers that carry each other's label for a while, judged by lengths and by jumps.
+"""Exchanged labels: found by lengths, by jumps and by sides; exchanged back; told.
 
 By lengths: d0(a, c) is the distance of markers a and c of one segment in the static posture. A trajectory y under the
 label a costs  E_a(y) = mean_c | |y - x_c| - d0(a, c) |  over the others c of its segment. Labels a and b are exchanged
 where E_a(x_b) + E_b(x_a) is far below E_a(x_a) + E_b(x_b); a has taken the place of a marker b that is not seen where
-E_b(x_a) is far below E_a(x_a). By jumps: from one frame to the next a goes where b was, and b where a was.
+E_b(x_a) is far below E_a(x_a). By jumps: from one frame to the next a goes where b was, and b where a was. By sides:
+right markers lie to the left of their left namesakes, seen along the pelvis.
 
 Lengths are no evidence in arms: the humerus and the radius turn under the skin by up to a right angle, so that the two
 epicondyles, or the two sides of the wrist, come to where the other should be. They are judged by jumps alone.
+
+Exchanges that the shape of a whole trial shows are one of the causes of `contradiction.py`, those of the static trial
+one of `static_landmarks.py`, those that only a fit shows one of `after_fit.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations, zip_longest
+from itertools import combinations, permutations, zip_longest
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.faults.evidence import LIGHT, TrialEvidence
-from gaitcal.faults.jumps import jump_limit
-from gaitcal.findings import Finding
+from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
+from gaitcal.faults.sampling import jump_limit
+from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.intervals import duration, runs, spans
+from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 
 STRANGE_M = 0.02
@@ -33,14 +38,20 @@ DECISIVE_M = 0.003
 """Difference of cost, mean over frames, from which lengths decide which side of a jump carries the right labels."""
 BRIDGED_S = 0.1
 """Gap within which two markers may change places."""
+JUMP_M = 0.03
 ARMS = ("upper_arm", "forearm_hand")
-WITNESSES = 2
+FEWEST_OTHERS = 2
 """Others of the segment that must be seen in a frame to say that a marker is where another, unseen one should be: at
 one distance from one marker there are many places."""
 LONG_S = 0.05
 """Longer than a filter bridges: angles of the segment are wrong by tens of degrees for so long."""
 SHORTEST = 3
 """Frames of a stretch in which lengths say that labels are exchanged."""
+WRONG_SIDE_M = 0.02
+"""How far a right marker may lie to the left of its left one, as feet may cross."""
+CROSSED_M = 0.06
+"""The same in most frames of an isolated trial, in which one leg may be held across the other."""
+LEGS = ("thigh", "shank", "foot")
 
 
 @dataclass(frozen=True)
@@ -58,30 +69,26 @@ class Exchange:
 def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels exchanged for a part of the trial, or for all of it."""
     for found in exchanges(trial):
-        stretches = runs(found.frames)
-        share = float(found.frames.sum() / max(int(trial.seen[:, trial.place[found.label]].sum()), 1))
-        when = spans(trial.recording.time, stretches)
+        count = int(found.frames.sum())
         what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
-        words = f"'{found.label}' and '{found.other}' {what} in {int(found.frames.sum())} frames, {when}"
-        weight = float(found.frames.sum())
-        if max(trial.weight(found.label), trial.weight(found.other)) <= LIGHT:
+        words = f"'{found.label}' and '{found.other}' {what} in {count} frames, "
+        words += spans(trial.recording.time, runs(found.frames))
+        severity, cure = Severity.ERROR, "label that part again, or leave it out with time = [start, end]"
+        if max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
+            severity = Severity.INFO
             cure = "no harm done, as both have little weight or none; label that part again to use them"
-            yield trial.info("exchanged", words, cure, code=Code.EXCHANGED_LABELS)
-        elif share > 0.5:
-            yield trial.error(
-                "exchanged", words, "exchange the two labels in the file", weight=weight, code=Code.EXCHANGED_LABELS
-            )
-        elif _harmful(trial, found):
-            cure = "label that part again, or leave it out with time = [start, end]"
-            yield trial.error("exchanged", words, cure, weight=weight, code=Code.EXCHANGED_LABELS)
-        else:
+        elif count / max(int(trial.seen[:, trial.place[found.label]].sum()), 1) > 0.5:
+            cure = "exchange the two labels in the file"
+        elif not _harmful(trial, found):
+            severity = Severity.WARNING
             cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
-            yield trial.warning("exchanged", words, cure, weight=weight, code=Code.EXCHANGED_LABELS)
+        weight = 1.0 if severity is Severity.INFO else float(count)
+        yield trial.finding(severity, "exchanged", words, cure, weight=weight, code=Code.EXCHANGED_LABELS)
 
 
 def _harmful(trial: TrialEvidence, found: Exchange) -> bool:
     """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers, for some time."""
-    if trial.settings.robust != "none" or min(trial.weight(found.label), trial.weight(found.other)) <= LIGHT:
+    if trial.settings.robust != "none" or min(map(trial.weight, (found.label, found.other))) <= NEGLIGIBLE_WEIGHT:
         return False
     of_legs = {label for s in LOWER_BODY if s in trial.templates for label in trial.templates[s][0]}
     longest = max(duration(trial.recording.time, run) for run in runs(found.frames))
@@ -107,43 +114,91 @@ def undone(trial: TrialEvidence) -> TrialEvidence:
     """The trial with all exchanges undone, so that only what else is wrong with it is seen; itself where there are
     none.
     """
-    markers = trial.recording.markers
-    for found in exchanges(trial):
-        a, b = trial.place[found.label], trial.place[found.other]
-        if markers is trial.recording.markers:
-            markers = markers.copy()
-        taken = trial.recording.markers[found.frames]
-        markers[found.frames, b] = taken[:, a]
-        markers[found.frames, a] = taken[:, b] if found.mutual else np.nan
-    if markers is trial.recording.markers:
-        return trial
-    return replace(trial, trial=replace(trial.trial, recording=replace(trial.recording, markers=markers)))
+    before = trial.recording.markers
+    markers = before.copy()
+    found = list(exchanges(trial))
+    for one in found:
+        a, b = trial.place[one.label], trial.place[one.other]
+        markers[one.frames, b] = before[one.frames, a]
+        markers[one.frames, a] = before[one.frames, b] if one.mutual else np.nan
+    return trial.with_markers(markers) if found else trial
+
+
+def exchanged_back(trial: TrialEvidence) -> tuple[Recording, list[Finding]]:
+    """The recording with labels that jumped onto each other exchanged back, and what was done.
+
+    A robust loss alone cannot do it: three markers of a segment of which two are exchanged are a mirror image, and
+    least squares turns the segment round.
+    """
+    markers, findings = trial.recording.markers.copy(), []
+    for jump in by_jumps(trial):
+        a, b = trial.place[jump.label], trial.place[jump.other]
+        markers[jump.frames, a], markers[jump.frames, b] = markers[jump.frames, b], markers[jump.frames, a]
+        found = f"they carried each other's label in {int(jump.frames.sum())} frames, "
+        found += f"{spans(trial.recording.time, runs(jump.frames))}; exchanged back"
+        cause = f"'{jump.label}' and '{jump.other}' are exchanged"
+        findings.append(trial.info("labels", found, cause=cause, code=Code.EXCHANGED_BACK))
+    return (replace(trial.recording, markers=markers) if findings else trial.recording), findings
+
+
+class _Lengths:
+    """E of trajectories in the segments of some templates."""
+
+    def __init__(self, trial: TrialEvidence, without: tuple[str, ...] = ()) -> None:
+        self._trial = trial
+        self.segment_of = {
+            label: segment
+            for segment, (labels, _) in trial.templates.items()
+            for label in labels
+            if not without or not segment.startswith(without)
+        }
+
+    def cost(self, label: str, trajectory: str, without: tuple[str, ...], fewest: int = 1) -> Array:
+        """(nf,) m, E_label(trajectory) over the others of the segment, `without` some; NaN where fewer are seen than
+        `fewest`.
+        """
+        labels, local = self._trial.templates[self.segment_of[label]]
+        here, place = labels.index(label), self._trial.place
+        others = [k for k, other in enumerate(labels) if k != here and other not in without]
+        x = self._trial.recording.markers
+        if not others:
+            return np.full(len(x), np.nan)
+        apart = x[:, [place[labels[k]] for k in others]] - x[:, [place[trajectory]]]
+        wrong = np.abs(np.linalg.norm(apart, axis=2) - np.linalg.norm(local[others] - local[here], axis=1))
+        known = np.isfinite(wrong)
+        count = known.sum(axis=1)
+        total = np.where(known, wrong, 0.0).sum(axis=1)
+        return np.where(count >= fewest, total / np.maximum(count, 1), np.nan)
+
+    def present(self, a: str, b: str) -> Array:
+        """(nf,) m, of both labels as they are."""
+        return self.cost(a, a, (b,)) + self.cost(b, b, (a,))
+
+    def other(self, a: str, b: str) -> Array:
+        """(nf,) m, of both labels exchanged."""
+        return self.cost(a, b, (b,)) + self.cost(b, a, (a,))
 
 
 def by_lengths(trial: TrialEvidence) -> Iterator[Exchange]:
     """Exchanges that the lengths within segments show."""
-    templates = {s: t for s, t in trial.templates.items() if not s.startswith(ARMS)}
-    segment_of = {label: segment for segment, (labels, _) in templates.items() for label in labels}
-    costs = {label: _cost(trial, segment_of, label, label, ()) for label in segment_of}
-    doubted = {label: cost for label, cost in costs.items() if (np.nan_to_num(cost) > STRANGE_M).sum() >= SHORTEST}
+    lengths = _Lengths(trial, ARMS)
+    strange = {m: np.nan_to_num(lengths.cost(m, m, ())) > STRANGE_M for m in lengths.segment_of}
+    doubted = [m for m, frames in strange.items() if frames.sum() >= SHORTEST]
     for a, b in combinations(doubted, 2):
-        strange = (np.nan_to_num(costs[a]) > STRANGE_M) & (np.nan_to_num(costs[b]) > STRANGE_M)
-        if strange.sum() < SHORTEST:
-            continue
-        present = _cost(trial, segment_of, a, a, (b,)) + _cost(trial, segment_of, b, b, (a,))
-        other = _cost(trial, segment_of, a, b, (b,)) + _cost(trial, segment_of, b, a, (a,))
-        marked = _long_enough(strange & (np.nan_to_num(other, nan=np.inf) < FAR_BELOW * np.nan_to_num(present)))
-        if marked.any():
-            yield Exchange(a, b, marked, True)
+        both = strange[a] & strange[b]
+        if both.sum() >= SHORTEST:
+            most = FAR_BELOW * np.nan_to_num(lengths.present(a, b))
+            marked = _long_enough(both & (np.nan_to_num(lengths.other(a, b), nan=np.inf) < most))
+            if marked.any():
+                yield Exchange(a, b, marked, True)
     for a in doubted:
-        for b in segment_of:
-            unseen = ~trial.seen[:, trial.place[b]] & (np.nan_to_num(costs[a]) > STRANGE_M)
+        for b in lengths.segment_of:
+            unseen = ~trial.seen[:, trial.place[b]] & strange[a]
             if b == a or unseen.sum() < SHORTEST:
                 continue
-            other = _cost(trial, segment_of, b, a, (a,), WITNESSES)
-            present = _cost(trial, segment_of, a, a, (b,))
-            fits = np.nan_to_num(other, nan=np.inf) < np.minimum(FAR_BELOW * np.nan_to_num(present), STRANGE_M)
-            marked = _long_enough(unseen & fits)
+            other = lengths.cost(b, a, (a,), FEWEST_OTHERS)
+            most = np.minimum(FAR_BELOW * np.nan_to_num(lengths.cost(a, a, (b,))), STRANGE_M)
+            marked = _long_enough(unseen & (np.nan_to_num(other, nan=np.inf) < most))
             if marked.any():
                 yield Exchange(a, b, marked, False)
 
@@ -156,42 +211,21 @@ def _long_enough(marked: BoolArray) -> BoolArray:
     return out
 
 
-def _cost(
-    trial: TrialEvidence,
-    segment_of: dict[str, str],
-    label: str,
-    trajectory: str,
-    without: tuple[str, ...],
-    witnesses: int = 1,
-) -> Array:
-    """(nf,) m, E_label(trajectory) over the others of the segment, `without` some; NaN where fewer are seen than
-    `witnesses`.
-    """
-    labels, local = trial.templates[segment_of[label]]
-    here = labels.index(label)
-    others = [k for k, other in enumerate(labels) if k != here and other not in without]
-    x = trial.recording.markers
-    if not others:
-        return np.full(len(x), np.nan)
-    apart = x[:, [trial.place[labels[k]] for k in others]] - x[:, [trial.place[trajectory]]]
-    wrong = np.abs(np.linalg.norm(apart, axis=2) - np.linalg.norm(local[others] - local[here], axis=1))
-    known = np.isfinite(wrong)
-    count = known.sum(axis=1)
-    total = np.where(known, wrong, 0.0).sum(axis=1)
-    return np.where(count >= witnesses, total / np.maximum(count, 1), np.nan)
-
-
 def by_jumps(trial: TrialEvidence) -> Iterator[Exchange]:
     """Exchanges that happen from one frame to the next, or within a short gap; lengths tell which side is right.
 
     Where lengths do not tell (the two are alike in their distances to the others), the shorter side is the wrong one.
     """
+    lengths = _Lengths(trial)
     for (a, b), times in _crossings(trial).items():
         frames = np.zeros(len(trial.seen), dtype=bool)
         for start, stop in zip_longest(times[::2], times[1::2], fillvalue=len(frames)):
             frames[start:stop] = True
         first, second = trial.recording.labels[a], trial.recording.labels[b]
-        excess = _excess(trial, first, second)
+        excess = np.full(len(frames), np.nan)
+        if first in lengths.segment_of and second in lengths.segment_of:
+            excess = lengths.present(first, second) - lengths.cost(first, second, (second,))
+            excess = excess - lengths.cost(second, first, (first,))
         gain = float(np.nansum(np.where(frames, excess, -excess))) / max(int(np.isfinite(excess).sum()), 1)
         if gain < -DECISIVE_M or (gain < DECISIVE_M and frames.mean() > 0.5):
             frames = ~frames
@@ -207,7 +241,7 @@ def _crossings(trial: TrialEvidence) -> dict[tuple[int, int], list[int]]:
         return out
     before = _last_seen(x, max(1, round(BRIDGED_S * trial.recording.rate)))[:-1]
     length = np.linalg.norm(x[1:] - before, axis=2)
-    jumping = np.nan_to_num(length) > max(jump_limit(trial), 0.03)
+    jumping = np.nan_to_num(length) > max(jump_limit(trial), JUMP_M)
     for t in np.flatnonzero(jumping.sum(axis=1) >= 2):
         for a, b in combinations(np.flatnonzero(jumping[t]).tolist(), 2):
             crossed = np.linalg.norm(x[t + 1, a] - before[t, b]) + np.linalg.norm(x[t + 1, b] - before[t, a])
@@ -218,18 +252,59 @@ def _crossings(trial: TrialEvidence) -> dict[tuple[int, int], list[int]]:
 
 def _last_seen(x: Array, most: int) -> Array:
     """(nf, nm, 3) positions, gaps filled with the last one for at most `most` frames."""
-    seen = np.isfinite(x).all(axis=2)
     frame = np.arange(len(x))[:, None]
-    last = np.maximum.accumulate(np.where(seen, frame, -1), axis=0)
+    last = np.maximum.accumulate(np.where(np.isfinite(x).all(axis=2), frame, -1), axis=0)
     filled = np.take_along_axis(x, np.maximum(last, 0)[:, :, None], axis=0)
     return np.where(((last >= 0) & (frame - last <= most))[:, :, None], filled, np.nan)
 
 
-def _excess(trial: TrialEvidence, a: str, b: str) -> Array:
-    """(nf,) m, what the present labels of two markers cost more than the exchanged ones; NaN where nothing tells."""
-    segment_of = {label: segment for segment, (labels, _) in trial.templates.items() for label in labels}
-    out = np.full(len(trial.seen), np.nan)
-    if a in segment_of and b in segment_of:
-        present = _cost(trial, segment_of, a, a, (b,)) + _cost(trial, segment_of, b, b, (a,))
-        out = present - _cost(trial, segment_of, a, b, (b,)) - _cost(trial, segment_of, b, a, (a,))
-    return out
+def sides(trial: TrialEvidence) -> Iterator[Finding]:
+    """Whether right markers lie to the right of their left ones, seen along the pelvis."""
+    if trial.pelvis is None:
+        return
+    wrong: list[str] = []
+    when: list[slice] = []
+    farthest = 0.0
+    for name, other in _namesakes(trial):
+        lateral = np.einsum("fi,fi->f", trial.path(name) - trial.path(other), trial.pelvis.rotation[:, :, 2])
+        known = np.isfinite(lateral) & trial.pelvis.determined
+        bad = known & (lateral < -WRONG_SIDE_M)
+        if known.sum() >= 3 and bad.sum() > 0.5 * known.sum():
+            away = -float(np.median(lateral[bad]))
+            wrong.append(f"'{name}' and '{other}' by {1e3 * away:.0f} mm")
+            farthest = max(farthest, away)
+            when = runs(bad)
+    if wrong:
+        crossed = trial.is_isolated and farthest < CROSSED_M
+        yield trial.finding(
+            Severity.WARNING if crossed else Severity.ERROR,
+            "sides",
+            f"right markers lie to the left of their left ones: {listed(wrong)} ({spans(trial.recording.time, when)})",
+            "exchange the labels of right and left in the file",
+            cause="" if crossed else "right and left are exchanged in the labels",
+            weight=10.0,
+            code=Code.SIDES_EXCHANGED,
+        )
+
+
+def _namesakes(trial: TrialEvidence) -> Iterator[tuple[str, str]]:
+    """Markers of the right side of pelvis and legs that have a namesake on the left, in this trial."""
+    tracking = trial.marker_set.tracking
+    pairs = [*permutations(tracking.get("pelvis", ()), 2)]
+    for segment in LEGS:
+        # A built-in pattern with {S} or {s} gives both sides in one order; a user's own lists may differ.
+        pairs += zip(tracking.get(f"{segment}_r", ()), tracking.get(f"{segment}_l", ()), strict=False)
+    yield from ((a, b) for a, b in pairs if a in trial.place and b in trial.place and is_right_of(a, b))
+
+
+def is_right_of(a: str, b: str) -> bool:
+    """Whether two labels differ only by R and L at one place."""
+    different = [(x, y) for x, y in zip(a.lower(), b.lower(), strict=False) if x != y]
+    return len(a) == len(b) and different == [("r", "l")]
+
+
+def sides_exchanged(recording: Recording) -> Recording:
+    """The recording with every label that names a side given to its namesake."""
+    labels = recording.labels
+    other = {a: b for a in labels for b in labels if is_right_of(a, b) or is_right_of(b, a)}
+    return replace(recording, labels=tuple(other.get(label, label) for label in labels))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from itertools import combinations
 from typing import NamedTuple, TypeAlias
 
@@ -18,6 +19,14 @@ import numpy as np
 from gaitcal.arrays import Array, cross
 from gaitcal.faults.force_evidence import FORCE_UNITS, ForceEvidence
 from gaitcal.faults.plate_forces import PlateForces, joined, rotation
+
+LATE_S = tuple((float(s),) for s in np.arange(-0.32, 0.33, 0.04))
+TURNS = tuple((float(a),) for a in np.deg2rad([0.0, 45.0, 90.0, 135.0, 180.0, -135.0, -90.0, -45.0]))
+NO_WALKS_FREE_MOMENT, NO_WALKS_CENTRE_M = 0.3, 5.0
+"""A moment of 0.3 of body weight times height, and a centre of pressure 5 m away: no walk has it, and only then are
+units of length asked for. A free moment is about 0.003 of body weight times height."""
+OTHER_UNIT_SHARE = 0.5
+"""Of body weight: plates that carry less at most may be in another unit."""
 
 
 class Kind(Enum):
@@ -52,7 +61,7 @@ class Corrected(NamedTuple):
 
     wrenches: Array
     """(plates, k, 6)."""
-    need: Array | None = None
+    required_wrench: Array | None = None
     """(k, 6) where the fault is not one of the plates."""
     offsets: Array | None = None
     """(plates,) N taken away from the vertical force throughout."""
@@ -72,11 +81,10 @@ class Cause:
     undo: Undo
     parameters: int = 0
     """How many coefficients it has."""
-    linear: bool = True
     starts: tuple[tuple[float, ...], ...] = ()
-    """Where the coefficients of a cause that is not linear are sought from."""
-    witnessed: bool = False
-    """Whether its size is sought with the witnesses as well (`force_witnesses.py`), which are linear in it."""
+    """Where the coefficients of a cause that is not linear are sought from; none: it is linear."""
+    by_side_evidence: bool = False
+    """Whether its size is sought by the side evidence as well (`plate_forces.py`), which is linear in it."""
     unit: str = ""
     """The unit that the file has, for causes about units."""
 
@@ -86,62 +94,72 @@ class Cause:
         return self.kind, self.plates, self.unit
 
 
-LATE_S = tuple((float(s),) for s in np.arange(-0.32, 0.33, 0.04))
-TURNS = tuple((float(a),) for a in np.deg2rad([0.0, 45.0, 90.0, 135.0, 180.0, -135.0, -90.0, -45.0]))
-LARGE, FAR_M = 0.3, 5.0
-"""A moment of 0.3 of body weight times height, and a centre of pressure 5 m away: no walk has it, and only then are
-units of length asked for. A free moment is about 0.003 of body weight times height."""
-LIGHT_UNIT = 0.5
-"""Of body weight: plates that carry less at most may be in another unit."""
+def _of_force(change: OnePlate) -> tuple[OnePlate, OnePlate]:
+    """A change of the force that keeps the centre of pressure, and one that keeps the moments."""
+    return (lambda p, x: p.centre_kept(change(p, x)), lambda p, x: p.moments_kept(change(p, x)))
 
-BY_PLATE: tuple[tuple[Kind, int, OnePlate], ...] = (
-    (Kind.PLACE, 2, lambda p, x: p.moved(-x)),
-    (Kind.GAIN, 1, lambda p, x: (1.0 + x[0]) * p.wrench),
-    (Kind.GAIN, 1, lambda p, x: p.moments_kept((1.0 + x[0]) * p.force)),
-    (Kind.VERTICAL_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0, 1.0 + x[0], 1.0])),
-    (Kind.VERTICAL_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0, 1.0 + x[0], 1.0])),
-    (Kind.HORIZONTAL_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0 + x[0], 1.0, 1.0 + x[0]])),
-    (Kind.HORIZONTAL_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0 + x[0], 1.0, 1.0 + x[0]])),
-    (Kind.FORE_AFT_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0 + x[0], 1.0, 1.0])),
-    (Kind.FORE_AFT_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0 + x[0], 1.0, 1.0])),
-    (Kind.SIDEWAYS_GAIN, 1, lambda p, x: p.centre_kept(p.force * [1.0, 1.0, 1.0 + x[0]])),
-    (Kind.SIDEWAYS_GAIN, 1, lambda p, x: p.moments_kept(p.force * [1.0, 1.0, 1.0 + x[0]])),
-    (Kind.FREE_MOMENT, 1, lambda p, x: p.centre_kept(p.force, (1.0 + x[0]) * p.free)),
-    (Kind.SIGN_FORE_AFT, 0, lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, 1.0])),
-    (Kind.SIGN_FORE_AFT, 0, lambda p, x: p.moments_kept(p.force * [-1.0, 1.0, 1.0])),
-    (Kind.SIGN_SIDEWAYS, 0, lambda p, x: p.centre_kept(p.force * [1.0, 1.0, -1.0])),
-    (Kind.SIGN_SIDEWAYS, 0, lambda p, x: p.moments_kept(p.force * [1.0, 1.0, -1.0])),
-    (Kind.SIGN_HORIZONTAL, 0, lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, -1.0])),
-    (Kind.SIGN_HORIZONTAL, 0, lambda p, x: p.moments_kept(p.force * [-1.0, 1.0, -1.0])),
+
+def _gain(*axes: float) -> tuple[OnePlate, OnePlate]:
+    return _of_force(lambda p, x: p.force * (1.0 + x[0] * np.array(axes)))
+
+
+def _sign(*axes: float) -> tuple[OnePlate, OnePlate]:
+    return _of_force(lambda p, x: p.force * axes)
+
+
+LINEAR: tuple[tuple[Kind, int, tuple[OnePlate, ...]], ...] = (
+    (Kind.PLACE, 2, (lambda p, x: p.moved(-x),)),
+    (Kind.GAIN, 1, (lambda p, x: (1.0 + x[0]) * p.wrench, lambda p, x: p.moments_kept((1.0 + x[0]) * p.force))),
+    (Kind.VERTICAL_GAIN, 1, _gain(0.0, 1.0, 0.0)),
+    (Kind.HORIZONTAL_GAIN, 1, _gain(1.0, 0.0, 1.0)),
+    (Kind.FORE_AFT_GAIN, 1, _gain(1.0, 0.0, 0.0)),
+    (Kind.SIDEWAYS_GAIN, 1, _gain(0.0, 0.0, 1.0)),
+    (Kind.FREE_MOMENT, 1, (lambda p, x: p.centre_kept(p.force, (1.0 + x[0]) * p.free),)),
+    (Kind.SIGN_FORE_AFT, 0, _sign(-1.0, 1.0, 1.0)),
+    (Kind.SIGN_SIDEWAYS, 0, _sign(1.0, 1.0, -1.0)),
+    (Kind.SIGN_HORIZONTAL, 0, _sign(-1.0, 1.0, -1.0)),
     # on reading, a force that points down is turned round as a whole: only the vertical column was wrong
-    (Kind.SIGN_VERTICAL, 0, lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, -1.0], -p.free)),
-    (Kind.SIGN_VERTICAL, 0, lambda p, x: p.moments_kept(p.force * [-1.0, 1.0, -1.0], -1.0)),
-    (Kind.AXES, 0, lambda p, x: p.centre_kept(p.force[:, ::-1])),
-    (Kind.AXES, 0, lambda p, x: p.moments_kept(p.force[:, ::-1])),
-    (Kind.AXES, 0, lambda p, x: p.centre_kept(p.force[:, ::-1] * [1.0, 1.0, -1.0])),
-    (Kind.AXES, 0, lambda p, x: p.centre_kept(p.force[:, ::-1] * [-1.0, 1.0, 1.0])),
+    (
+        Kind.SIGN_VERTICAL,
+        0,
+        (
+            lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, -1.0], -p.free),
+            lambda p, x: p.moments_kept(p.force * [-1.0, 1.0, -1.0], -1.0),
+        ),
+    ),
+    (
+        Kind.AXES,
+        0,
+        (
+            *_of_force(lambda p, x: p.force[:, ::-1]),
+            lambda p, x: p.centre_kept(p.force[:, ::-1] * [1.0, 1.0, -1.0]),
+            lambda p, x: p.centre_kept(p.force[:, ::-1] * [-1.0, 1.0, 1.0]),
+        ),
+    ),
 )
-"""Kind, number of coefficients, (plate, coefficients) -> (k, 6) wrench without the fault: linear ones."""
+"""Kind, number of coefficients, (plate, coefficients) -> (k, 6) wrench without the fault, in one way or another."""
 
 
 def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
     """All causes that are worth trying on trials with the same plates."""
     names = tuple(dict.fromkeys(plate.name for trial in trials for plate in trial.plates))
-    yield Cause(kind=Kind.CLOCK, undo=_later, parameters=1, linear=False, starts=LATE_S)
+    yield Cause(kind=Kind.CLOCK, undo=_later, parameters=1, starts=LATE_S)
     yield Cause(kind=Kind.TRUNK, undo=_other_trunk, parameters=2)
     for which in ((), *((name,) for name in names if len(names) > 1)):
-        for kind, parameters, change in BY_PLATE:
-            undo = _on_plates(change, which)
-            yield Cause(kind=kind, plates=which, undo=undo, parameters=parameters, witnessed=kind is Kind.PLACE)
-        yield Cause(
-            kind=Kind.YAW, plates=which, undo=_on_plates(_yawed, which), parameters=1, linear=False, starts=TURNS
-        )
-        yield Cause(kind=Kind.OFFSET, plates=which, undo=_without_offset(which), parameters=1, witnessed=True)
-        tilted = _on_plates(_tilted if which else _tilted_in_the_room, which)
-        yield Cause(kind=Kind.TILT, plates=which, undo=tilted, parameters=2, linear=False, starts=((0.0, 0.0),))
-    yield Cause(kind=Kind.YAW, undo=_on_plates(_yawed_in_the_room, ()), parameters=1, linear=False, starts=TURNS)
-    yield Cause(kind=Kind.AXES, undo=_on_plates(_columns_exchanged, ()))
-    yield Cause(kind=Kind.MARKERS_TILTED, undo=_markers_upright, parameters=2, linear=False, starts=((0.0, 0.0),))
+        on = partial(_on_plates, which)
+        for kind, parameters, changes in LINEAR:
+            for change in changes:
+                undo, place = on(change), kind is Kind.PLACE
+                yield Cause(kind=kind, plates=which, undo=undo, parameters=parameters, by_side_evidence=place)
+        yield Cause(kind=Kind.YAW, plates=which, undo=on(_yawed), parameters=1, starts=TURNS)
+        offset = _without_offset(which)
+        yield Cause(kind=Kind.OFFSET, plates=which, undo=offset, parameters=1, by_side_evidence=True)
+        tilted = on(_tilted if which else _tilted_in_the_room)
+        yield Cause(kind=Kind.TILT, plates=which, undo=tilted, parameters=2, starts=((0.0, 0.0),))
+    on = partial(_on_plates, ())
+    yield Cause(kind=Kind.YAW, undo=on(_yawed_in_the_room), parameters=1, starts=TURNS)
+    yield Cause(kind=Kind.AXES, undo=on(_columns_exchanged))
+    yield Cause(kind=Kind.MARKERS_TILTED, undo=_markers_upright, parameters=2, starts=((0.0, 0.0),))
     for one, other in combinations(names, 2):
         yield Cause(kind=Kind.EXCHANGED, plates=(one, other), undo=_exchanged(one, other))
     yield from _units(trials)
@@ -149,22 +167,21 @@ def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
 
 def _units(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
     """Units that the files may be in, where a glance at their numbers allows it."""
+    on = partial(_on_plates, ())
     most = max(float(trial.wrenches[:, :, 1].sum(axis=0).max()) / trial.weight for trial in trials)
-    if most < LIGHT_UNIT:
-        for unit, newtons in FORCE_UNITS.items():
-            if newtons != 1.0:
-                for change in _in_unit(newtons):
-                    yield Cause(kind=Kind.FORCE_UNIT, undo=_on_plates(change, ()), unit=unit)
+    for unit, newtons in FORCE_UNITS.items() if most < OTHER_UNIT_SHARE else ():
+        for change in _in_unit(newtons) if newtons != 1.0 else ():
+            yield Cause(kind=Kind.FORCE_UNIT, undo=on(change), unit=unit)
     pairs = [(trial, plate) for trial in trials for plate in trial.plates]
     free = max(float(np.abs(plate.free).max()) / trial.bwh for trial, plate in pairs)
     away = max(float(np.abs(plate.centre[:, [0, 2]]).max()) for _, plate in pairs)
-    if free > LARGE:
-        yield Cause(kind=Kind.MOMENT_UNIT, undo=_on_plates(lambda p, x: p.centre_kept(p.force, 1e-3 * p.free), ()))
-    if free > LARGE or away > FAR_M:
-        yield Cause(kind=Kind.MOMENT_UNIT, undo=_on_plates(lambda p, x: p.moments_kept(p.force, 1e-3), ()))
-    if away > FAR_M:
+    if free > NO_WALKS_FREE_MOMENT:
+        yield Cause(kind=Kind.MOMENT_UNIT, undo=on(lambda p, x: p.centre_kept(p.force, 1e-3 * p.free)))
+    if free > NO_WALKS_FREE_MOMENT or away > NO_WALKS_CENTRE_M:
+        yield Cause(kind=Kind.MOMENT_UNIT, undo=on(lambda p, x: p.moments_kept(p.force, 1e-3)))
+    if away > NO_WALKS_CENTRE_M:
         for unit, metres in (("mm", 1e-3), ("cm", 1e-2)):
-            yield Cause(kind=Kind.CENTRE_UNIT, undo=_on_plates(_nearer(metres), ()), unit=unit)
+            yield Cause(kind=Kind.CENTRE_UNIT, undo=on(_nearer(metres)), unit=unit)
 
 
 def _in_unit(newtons: float) -> tuple[OnePlate, ...]:
@@ -180,7 +197,7 @@ def _nearer(metres: float) -> OnePlate:
     return lambda p, x: p.nearer(metres)
 
 
-def _on_plates(change: OnePlate, which: tuple[str, ...]) -> Undo:
+def _on_plates(which: tuple[str, ...], change: OnePlate) -> Undo:
     """`change` on the plates named, or on all."""
 
     def undo(trial: ForceEvidence, x: Array) -> Corrected:
@@ -210,7 +227,7 @@ def _later(trial: ForceEvidence, x: Array) -> Corrected:
 
 def _other_trunk(trial: ForceEvidence, x: Array) -> Corrected:
     """The trunk's mass centre lies x m (forward, right) from where the model has it."""
-    return Corrected(trial.wrenches, trial.need + trial.trunk @ x)
+    return Corrected(trial.wrenches, trial.required_wrench + trial.trunk @ x)
 
 
 def _yawed(plate: PlateForces, x: Array) -> Array:
@@ -239,8 +256,9 @@ def _markers_upright(trial: ForceEvidence, x: Array) -> Corrected:
     turn = rotation(trial.room[:, [0, 2]] @ x)
     up = np.array([0.0, trial.weight_of_model, 0.0])
     lean = turn @ up - up
-    need = trial.need + np.hstack([np.tile(lean, (len(trial.time), 1)), cross(trial.mass_centre, lean)])
-    return Corrected(np.stack([plate.turned_in_the_room(turn) for plate in trial.plates]), need)
+    leaning = np.hstack([np.tile(lean, (len(trial.time), 1)), cross(trial.mass_centre, lean)])
+    plates = [plate.turned_in_the_room(turn) for plate in trial.plates]
+    return Corrected(np.stack(plates), trial.required_wrench + leaning)
 
 
 def _exchanged(one: str, other: str) -> Undo:

@@ -1,8 +1,8 @@
 """What motion and force plates of one trial say against each other at the pelvis, before any force touched a parameter.
 
-    r = need - X(p) sum_k w_k,          X(p) [F; M] = [F; M - p x F],   p the origin of the pelvis
+    r = required - X(p) sum_k w_k,          X(p) [F; M] = [F; M - p x F],   p the origin of the pelvis
 
-`need` is the wrench at the pelvis that motion and nominal masses ask for, w_k the wrench of plate k about the
+`required` is the wrench at the pelvis that motion and nominal masses ask for, w_k the wrench of plate k about the
 laboratory origin. Plates are filtered as the motion is, so that both hold the same oscillations. Only the sum of the
 plates enters: which foot a plate is given to cannot be judged here.
 
@@ -38,8 +38,8 @@ from gaitcal.dynamics.expected_residual import BASELINE, TAU
 from gaitcal.dynamics.foot_contact import SHORTEST, UNDER_FOOT, FootPoints, distance_to_line
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
-from gaitcal.faults.force_witnesses import EMPTY_N, Sole, empty_reading, soles_of, under_feet
 from gaitcal.faults.plate_forces import PlateForces
+from gaitcal.faults.plate_forces import EMPTY_N, PlateForces, Sole, empty_reading, soles_of, under_feet
 from gaitcal.io.axes import ABOUT_Y
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, filter_plate, filterable, resample_wrench
 from gaitcal.io.intervals import duration, runs
@@ -56,6 +56,23 @@ WALKING = (0.75, 2.2)
 """Body weights that the plates carry at most while somebody walks or runs slowly."""
 FORCE_UNITS: dict[str, float] = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}
 """N in a unit of force."""
+STEP_S = 0.02
+"""Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz."""
+MOST_FRAMES = 300
+"""Of one trial; a longer one is looked at in larger steps."""
+FEWEST_FRAMES = 10
+"""Below a fifth of a second nothing can be told."""
+GRID_S = 0.01
+"""Times at which a filtered plate is kept."""
+LEAST_LOAD = 0.05
+"""Of the load of the heaviest plate: one that carries less in valid frames takes no part."""
+MASS_SHARE, MOMENT_SHARE = 0.10, 0.20
+"""Standard deviations of a segment's mass and moments of inertia, as shares: what tables of body segments differ by."""
+CENTRE_M = {"head_trunk": 0.025, "pelvis": 0.020, "thigh": 0.012, "foot": 0.008}
+CENTRE_OTHER_M, CENTRE_HEIGHT_M = 0.010, 1.75
+"""m, standard deviations of a mass centre in a person of that height."""
+BROKEN_S = 0.06
+"""Frames further apart know nothing of each other."""
 
 
 def as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> tuple[ForcePlate, ...]:
@@ -94,12 +111,6 @@ def _common(one: slice, other: slice) -> float:
     return float(max(0, both) / (max(one.stop, other.stop) - min(one.start, other.start)))
 
 
-def side_carried(standing: IntArray) -> int | None:
-    """The foot that a plate carries for most of the time."""
-    counts = [int((standing == k).sum()) for k in range(len(FEET))]
-    return int(np.argmax(counts)) if max(counts) else None
-
-
 def off_feet(plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, feet: FootPoints) -> bool:
     """Whether the load of a plate is not under the foot (plates, nf) that stands when it is loaded."""
     for plate, row in zip(plates, standing, strict=True):
@@ -112,24 +123,6 @@ def off_feet(plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, fe
                 if np.average(away, weights=wrench[on, 1]) > UNDER_FOOT:
                     return True
     return False
-
-
-STEP_S = 0.02
-"""Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz."""
-MOST_FRAMES = 300
-"""Of one trial; a longer one is looked at in larger steps."""
-FEWEST_FRAMES = 10
-"""Below a fifth of a second nothing can be told."""
-GRID_S = 0.01
-"""Times at which a filtered plate is kept."""
-LIGHT = 0.05
-"""Of the load of the heaviest plate: one that carries less in valid frames takes no part."""
-
-MASS_SHARE, MOMENT_SHARE = 0.10, 0.20
-"""Standard deviations of a segment's mass and moments of inertia, as shares: what tables of body segments differ by."""
-CENTRE_M = {"head_trunk": 0.025, "pelvis": 0.020, "thigh": 0.012, "foot": 0.008}
-CENTRE_OTHER_M, CENTRE_HEIGHT_M = 0.010, 1.75
-"""m, standard deviations of a mass centre in a person of that height."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,14 +140,14 @@ class ForceEvidence:
     """Joint parameters calibrated or not, inertial ones nominal."""
     pelvis: Array
     """(k, 3) m, its origin."""
-    need: Array
+    required_wrench: Array
     """(k, 6) N, N·m about the pelvis: what the motion asks for."""
     mass_centre: Array
     """(k, 3) m, of the body, from the pelvis origin."""
     spread: Array
-    """(k, 6, n) change of `need` with one standard deviation of each of n unknown inertial parameters."""
+    """(k, 6, n) change of `required_wrench` with one standard deviation of each of n unknown inertial parameters."""
     trunk: Array
-    """(k, 6, 2) change of `need` per m of the trunk's mass centre forward and to the right."""
+    """(k, 6, 2) change of `required_wrench` per m of the trunk's mass centre forward and to the right."""
     trunk_seen: bool
     """Whether markers determine how the trunk turns."""
     plates: tuple[PlateForces, ...]
@@ -188,19 +181,20 @@ class ForceEvidence:
         """(plates, k, 6) about the laboratory origin, as measured."""
         return np.stack([plate.wrench for plate in self.plates])
 
-    def residual(self, wrenches: Array, need: Array | None = None) -> Array:
+    def residual(self, wrenches: Array, required_wrench: Array | None = None) -> Array:
         """(k, 6) what plates with wrenches (plates, k, 6) leave unexplained at the pelvis."""
         total = wrenches.sum(axis=0)
         about_pelvis = total[:, 3:] - cross(self.pelvis, total[:, :3])
-        out: Array = (self.need if need is None else need) - np.hstack([total[:, :3], about_pelvis])
+        required = self.required_wrench if required_wrench is None else required_wrench
+        out: Array = required - np.hstack([total[:, :3], about_pelvis])
         return out
 
     @cached_property
-    def usual(self) -> Array:
+    def baseline(self) -> Array:
         """(n,) z of the same with the plates as measured."""
-        return self.witnesses(self.wrenches, np.zeros(len(self.plates)))
+        return self.side_evidence(self.wrenches, np.zeros(len(self.plates)))
 
-    def witnesses(self, wrenches: Array, taken_away: Array) -> Array:
+    def side_evidence(self, wrenches: Array, taken_away: Array) -> Array:
         """(n,) z of feet and empty plates for wrenches (plates, k, 6), offsets (plates,) N taken away."""
         heights = np.array([plate.middle[1] for plate in self.plates])
         feet = under_feet(wrenches, self.soles, heights, self.weight)
@@ -234,9 +228,8 @@ def force_evidence(
     frames = _chosen(time, reactions.valid)
     points = foot_points(model, motion, parameters)
     if seen is not plates or off_feet(seen, feet, time, points):
-        by_time = {
-            p.name: SIDES[side] for p, row in zip(seen, feet, strict=True) if (side := side_carried(row)) is not None
-        }
+        counts = [[int((row == k).sum()) for k in range(len(FEET))] for row in feet]
+        by_time = {p.name: SIDES[int(np.argmax(n))] for p, n in zip(seen, counts, strict=True) if any(n)}
         assigned = {**by_time, **trial.plates}
         for known in (seen, tuple(replace(plate, corners=None) for plate in seen)):
             again = replace(recording, plates=known)
@@ -247,14 +240,18 @@ def force_evidence(
     if len(frames) < FEWEST_FRAMES:
         return None
     loads = [float(np.abs(np.nan_to_num(resample_wrench(p, time[frames]))[:, 1]).max()) for p in plates]
-    heavy = [i for i, load in enumerate(loads) if load > LIGHT * max(loads)]
+    heavy = [i for i, load in enumerate(loads) if load > LEAST_LOAD * max(loads)]
     if not heavy:
         return None
     standing = feet[heavy][:, frames]
     soles = soles_of(standing, frames, points)
+    gone = np.isnan(recording.markers[:, [k for k, m in enumerate(recording.labels) if m in model.markers.labels], 0])
+    gone = gone[:, ~gone.all(axis=0)]
     q, v, a = motion.q[frames], motion.velocity[frames], motion.acceleration[frames]
     dynamics = Dynamics(parameters)
-    need = pelvis_residual(q, dynamics.forces(q, v, a, np.zeros((len(q), len(FEET), 6))))
+    required = pelvis_residual(q, dynamics.forces(q, v, a, np.zeros((len(q), len(FEET), 6))))
+    linkage, placed = dynamics.linkage.model, with_reactions(dynamics.linkage, q)
+    data = linkage.createData()
     spread, trunk = inertial_spread(dynamics.root_regressor(q, v, a), parameters.inertial, model.subject.height)
     return ForceEvidence(
         name=trial.name,
@@ -263,27 +260,22 @@ def force_evidence(
         q=q,
         parameters=parameters,
         pelvis=q[:, :3],
-        need=need,
-        mass_centre=_mass_centre(dynamics, q) - q[:, :3],
+        required_wrench=required,
+        mass_centre=np.array([pin.centerOfMass(linkage, data, row) for row in placed]) - q[:, :3],
         spread=spread,
         trunk=trunk,
         trunk_seen=not any(name.startswith("lumbar") for name in motion.guessed),
-        plates=tuple(_plate_forces(plates[i], motion, frames, _under(soles, k)) for k, i in enumerate(heavy)),
+        plates=tuple(
+            _plate_forces(plates[i], motion, frames, [sole for sole in soles if sole.plate == k])
+            for k, i in enumerate(heavy)
+        ),
         feet=standing,
         soles=soles,
         empty=tuple(empty_reading(plates[i], weight) for i in heavy),
         weight=weight,
         height=model.subject.height,
-        missing=_missing(recording, model),
+        missing=float(gone.mean()) if gone.size else 0.0,
     )
-
-
-def _missing(recording: Recording, model: SubjectModel) -> float:
-    """Of the markers of the model that are seen in some frames."""
-    known = [i for i, label in enumerate(recording.labels) if label in model.markers.labels]
-    gone = np.isnan(recording.markers[:, known, 0])
-    seen = ~np.all(gone, axis=0)
-    return float(gone[:, seen].mean()) if seen.any() else 0.0
 
 
 def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[Array, Array]:
@@ -327,24 +319,8 @@ def _chosen(time: Array, valid: BoolArray) -> IntArray:
     return np.array(chosen[::every], dtype=np.int64)
 
 
-def _mass_centre(dynamics: Dynamics, q: Array) -> Array:
-    """(k, 3) m."""
-    model = dynamics.linkage.model
-    data = model.createData()
-    return np.array([pin.centerOfMass(model, data, row) for row in with_reactions(dynamics.linkage, q)])
-
-
-def _under(soles: tuple[Sole, ...], plate: int) -> Array | None:
-    """(3,) m, on the floor, the middle of the feet on a plate; None where none is told to stand on it."""
-    points = [0.5 * (sole.heel + sole.toe) for sole in soles if sole.plate == plate]
-    if not points:
-        return None
-    x, z = np.concatenate(points).mean(axis=0)
-    return np.array([x, 0.0, z])
-
-
-def _plate_forces(plate: ForcePlate, motion: Motion, frames: IntArray, under_foot: Array | None) -> PlateForces:
-    """The plate filtered as the motion is; its middle that of its corners, or else of the feet on it."""
+def _plate_forces(plate: ForcePlate, motion: Motion, frames: IntArray, soles: Sequence[Sole]) -> PlateForces:
+    """The plate filtered as the motion is; its middle that of its corners, or else, on the floor, of the feet on it."""
     hz = motion.cutoff_hz
     smooth = filter_plate(plate, hz) if filterable(plate, hz) else plate
     until = float(plate.time[0]), float(plate.time[-1])
@@ -352,12 +328,11 @@ def _plate_forces(plate: ForcePlate, motion: Motion, frames: IntArray, under_foo
     path = CubicSpline(grid, np.nan_to_num(resample_wrench(smooth, grid)))
     corners = plate.corners
     place = corners.mean(axis=0) if corners is not None and np.isfinite(corners).all() else None
-    middle = under_foot if place is None else place
+    middle = place
+    if place is None and soles:
+        x, z = np.concatenate([0.5 * (sole.heel + sole.toe) for sole in soles]).mean(axis=0)
+        middle = np.array([x, 0.0, z])
     return PlateForces.of(plate.name, path, until, motion.time[frames], middle, place)
-
-
-BROKEN_S = 0.06
-"""Frames further apart know nothing of each other."""
 
 
 class ForceResidual:

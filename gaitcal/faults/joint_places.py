@@ -1,4 +1,4 @@
-"""Does a fitted joint of a leg lie where people have it?
+"""Do the joints of the legs lie where people have them: those that a fit found, and hip centres that a file gives?
 
 Each segment beside a joint places it by some parameters theta: the pelvis a hip's centre, the thigh a knee's axis by
 two positions and two turns. Landmarks and what is known of people expect theta_0, the nominal values and the mean of
@@ -8,15 +8,11 @@ the prior. With d = theta - theta_0, of n parameters,
 
 P the scatter of people about theta_0, in which that of palpation and regressions is (`joint_prior.py`), and E what
 noise and skin of the fit's own markers move theta by. A fit that leans on a prior has theta = theta_0 + K (true -
-theta_0 + e), K at most 1, and E = K cov(e) K^T, so that cov(d) = K P K^T + E is at most P + E: the prior that holds a
-joint accuses nobody, and a fit without one is judged alike. Two hips that are each a little too far out are together
-where nobody has them: the distance between them is judged in the same way.
+theta_0 + e), K at most 1, and E = K cov(e) K^T, so that cov(d) = K P K^T + E is at most P + E: a fit without a prior is
+judged alike. The distance between the hips is judged in the same way. A doubted joint is some four scatters off; from
+`UNUSUAL` on, some three, it is named in a note.
 
-A joint that is doubted is some four scatters off. From `UNUSUAL` on, some three, it is named in a note, which doubts
-nothing: 17 places are looked at, and healthy joints lie so far, too, beside those that skin has moved by 30 mm.
-
-A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's, as a prior made
-wide to let a joint go does not make people scatter more.
+A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's.
 """
 
 from __future__ import annotations
@@ -31,15 +27,17 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import COVARIANCE
 from gaitcal.codes import Code
+from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.verdict import PLACES
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.moments import joint_words
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
+from gaitcal.model.segment_frames import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.study.joint_prior import JointPrior
 
-TOPIC = "joint places"
 RARE = 1e-3
 """Of all people: who has a joint there, or who is told so wrongly at most, for each place that is looked at."""
 UNUSUAL = 0.05
@@ -49,7 +47,7 @@ CT_RATIO = "0.65 to 0.82"
 LEAST_SHARE = 0.3
 """Of the largest offset in units of its scatter: what is smaller is not told."""
 NOMINAL = "nominal/"
-"""Beginning of the names of an influence's sources that are no markers but the prior's own error."""
+"""Beginning of the names of error sources that are no markers but the prior's own error."""
 _LANDMARKS = {
     "hip": "the pelvis's landmarks",
     "knee": "the epicondyles",
@@ -67,18 +65,18 @@ _SEEN_FROM = {"front": "the front", "trans": "above", "sag": "the side"}
 
 
 def joint_place_findings(
-    model: SubjectModel, fitted: Parameters, influence: ErrorSources, prior: JointPrior, isolated: Collection[str] = ()
+    model: SubjectModel, fitted: Parameters, errors: ErrorSources, prior: JointPrior, isolated: Collection[str] = ()
 ) -> Iterator[Finding]:
     """Joints of the legs that lie where fewer than `RARE` of all people have them, each once; notes from `UNUSUAL` on.
 
     Parameters
     ----------
     model : the nominal one, with the landmarks of the static trial.
-    influence : errors of the fitted joint parameters.
+    errors : of the fitted joint parameters.
     prior : what is expected of this person, of all joint parameters.
     isolated : joints (`knee_r`, ...) that have an isolated trial of their own.
     """
-    places = _Places(model, fitted, influence, prior)
+    places = _Places(model, fitted, errors, prior)
     hip_told = False
     for side in SIDES:
         for joint in (f"{name}_{side}" for name in LEG_JOINTS):
@@ -130,15 +128,15 @@ class Place:
 class _Places:
     """Where the joints of one fit lie against what is expected."""
 
-    def __init__(self, model: SubjectModel, fitted: Parameters, influence: ErrorSources, prior: JointPrior) -> None:
+    def __init__(self, model: SubjectModel, fitted: Parameters, errors: ErrorSources, prior: JointPrior) -> None:
         expected = model.nominal.joint.copy()
         expected[[JP_INDEX[name] for name in prior.names]] += prior.mean
         self._offset = fitted.joint - expected
-        own = [k for k, name in enumerate(influence.clusters) if not name.startswith(NOMINAL)]
+        own = [k for k, name in enumerate(errors.clusters) if not name.startswith(NOMINAL)]
         self._moves = np.zeros((len(JP_NAMES), len(own)))
-        known = [(JP_INDEX[name], row) for row, name in enumerate(influence.free) if name in JP_INDEX]
+        known = [(JP_INDEX[name], row) for row, name in enumerate(errors.free) if name in JP_INDEX]
         for at, row in known:
-            self._moves[at] = influence.parameters[row, own]
+            self._moves[at] = errors.parameters[row, own]
 
     def of(self, joint: str) -> Iterator[Place]:
         """A joint as each segment beside it has it."""
@@ -165,12 +163,13 @@ class _Places:
 def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: bool) -> Finding:
     kind, side = joint.split("_")
     least = min(place.probability for place in views)
+    few = round(1 / (RARE if least < RARE else UNUSUAL))
     return Finding(
-        severity=_severity(least),
-        topic=TOPIC,
+        severity=Severity.WARNING if least < RARE else Severity.INFO,
+        topic=PLACES,
         where=STUDY,
         leg=side,
-        cause=f"the {joint_words(joint)} joint lies where {_fewer(least)} people have one",
+        cause=f"the {joint_words(joint)} joint lies where fewer than 1 in {few} people have one",
         found=f"it lies, from where {_LANDMARKS[kind]} have it, {'; '.join(place.words for place in views)}; "
         f"{_odds(least)} so far{_few_markers(model, joint)}",
         cure=_cure(kind, isolated) if least < RARE else "",
@@ -184,8 +183,8 @@ def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
     deviation, error = (1e3 * float(np.sqrt(of[0, 0])) for of in (place.scatter, place.error))
     others = f"{'further apart' if place.offset[0] > 0 else 'nearer together'} than"
     return Finding(
-        severity=_severity(place.probability),
-        topic=TOPIC,
+        severity=Severity.WARNING if place.probability < RARE else Severity.INFO,
+        topic=PLACES,
         where=STUDY,
         cause=f"the hips lie {others} {'999 in 1000' if place.probability < RARE else '19 in 20'} people's",
         found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; {_LANDMARKS['hip']} have them {nominal:.0f} mm apart, "
@@ -209,14 +208,6 @@ def _over_spines(model: SubjectModel, gap_mm: float) -> str:
 def _weight(places: Sequence[Place]) -> float:
     """How many times the limit."""
     return max(float(np.sqrt(place.square / chdtri(len(place.offset), RARE))) for place in places)
-
-
-def _severity(probability: float) -> Severity:
-    return Severity.WARNING if probability < RARE else Severity.INFO
-
-
-def _fewer(probability: float) -> str:
-    return f"fewer than 1 in {round(1 / (RARE if probability < RARE else UNUSUAL))}"
 
 
 def _odds(probability: float) -> str:
@@ -263,3 +254,34 @@ def _cure(kind: str, isolated: bool) -> str:
         trial = 'an isolated trial of the joint (role "joint") tells more'
     keep = "where imaging shows it there, say so ([calibration] joint_prior); jp = false keeps the nominal joints"
     return f"look at {_MARKERS[kind]} in the static trial; {skin}; {trial}; {keep}"
+
+
+def given_hips(trial: TrialEvidence) -> Iterator[Finding]:
+    """Given hip centres far from where the pelvis's markers tell, or of which one lies otherwise than the other."""
+    if not trial.makes_model or trial.model is None or trial.settings.hip_rule != HipCentre.GIVEN.value:
+        return
+    p = {name: at for name, (_, at) in trial.model.landmarks.items()}
+    between = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
+    width = PelvicWidth(between, trial.subject.asis_distance).of(HipCentre.HARRINGTON)
+    depth = float(np.linalg.norm(0.5 * (p["asis_r"] + p["asis_l"]) - p["sacrum"]))
+    gaps = {
+        side: float(np.linalg.norm(p[f"hjc_{side}"] - hip_centre(HipCentre.HARRINGTON, width, depth, side)))
+        for side in SIDES
+    }
+    uneven = p["hjc_r"] - [1.0, 1.0, -1.0] * p["hjc_l"]  # in the mirror
+    apart, off = float(np.linalg.norm(uneven)), max(gaps.values())
+    too_far = max(off / (DOUBTED_GIVEN * between), apart / (UNEVEN_GIVEN * between))
+    if too_far <= 1.0:
+        return
+    ahead, up, outwards = 1e3 * uneven
+    allowed = [1e3 * share * between for share in (DOUBTED_GIVEN, UNEVEN_GIVEN)]
+    yield trial.warning(
+        "hip centres",
+        f"{1e3 * gaps['r']:.0f} mm (right) and {1e3 * gaps['l']:.0f} mm (left) from where Harrington 2007 has them, "
+        f"usual is up to {allowed[0]:.0f}; the right one lies {ahead:+.0f} mm forward, {up:+.0f} mm up and "
+        f"{outwards:+.0f} mm outwards of the left one's mirror image, usual is up to {allowed[1]:.0f}",
+        "look where that program has them from, or take hip_centre = 'harrington' under [calibration]",
+        cause="the hip centres of the file are not where hips usually are",
+        weight=too_far,
+        code=Code.GIVEN_HIPS,
+    )

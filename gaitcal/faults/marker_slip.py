@@ -1,10 +1,11 @@
-"""Markers that leave their place in the segment for a while, and paths that software made up over a gap.
+"""Markers that leave their place in the segment for a while, and paths that software held or made up over a gap.
 
 A marker's distance from its mean place in the trial (`Cluster.strayed`) shows when it is elsewhere. Where it slips from
 one frame to the next and stays there, the whole cluster's fit jumps: the means of its markers' places over a quarter of
 a second before and after differ as much as the two frames do, which skin never does; the marker that slipped is the one
 that jumps in the laboratory. A path that is held still, or drawn as a straight line from one frame to another, has no
-second difference while the others go their way.
+second difference while the others go their way. A position repeated bit for bit while others move, or a coordinate that
+never changes, needs no static trial to be told.
 """
 
 from __future__ import annotations
@@ -17,19 +18,20 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
-from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.evidence import TrialEvidence, side_of
 from gaitcal.faults.exchanged import undone
-from gaitcal.findings import Finding, Severity
+from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.intervals import runs, spans
+from gaitcal.runtime import remembered
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
 """Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its markers stray
 farther."""
-USUAL = 5.0
+TIMES_BASELINE = 5.0
 """Times the marker's usual distance, if that is more."""
 SHORTEST_FRAMES, SHORTEST_S = 5, 0.05
-FAR_M = 0.025
-SURE_FAR_M = {"pelvis": 0.015, "thigh": 0.015, "shank": 0.015, "foot": 0.025}
+REFUSED_M = 0.025
+REFUSED_SURE_M = {"pelvis": 0.015, "thigh": 0.015, "shank": 0.015, "foot": 0.025}
 """The same where it slipped or its path was made up, which skin never does."""
 LONG_S = 0.1
 """So far for so long moves the joints' angles by more than their error bars: an error."""
@@ -42,9 +44,9 @@ MOST_JUMPS = 3
 """Of one marker, whether it stays or comes back at once: more are cameras that lose it."""
 SLIP_S, SLIP_FRAMES = 0.25, 8
 """Stretch of the means before and after, and fewest frames of it."""
-ALONE = 2.0
+TIMES_OTHERS = 2.0
 """Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole."""
-SLIP_USUAL = 6.0
+SLIP_TIMES_BASELINE = 6.0
 """Times the usual change from frame to frame."""
 SLIP_RATE = 0.6
 """m/s of the same: skin goes on moving between two frames, and slow cameras see it jump."""
@@ -54,7 +56,7 @@ once, skin deforms over several frames."""
 SHORTEST_STAY_S = 0.15
 SLIP_STAYS = 0.6
 """Share of a change that must last."""
-LIGHTLY = 0.05
+SLIPPED_WEIGHT = 0.05
 """Weight of a marker that slipped, where the two others alone do not tell how the segment lies."""
 STILL_M = 2e-5
 """Second difference of a path that nobody measured: half the noise of good cameras."""
@@ -64,6 +66,14 @@ BENT_M = 8e-3
 """How far the path of another marker of the segment must bend meanwhile."""
 WRONG_M = 4e-3
 """Beyond the usual distance, from which a made-up path is told."""
+
+HALF = 0.5
+"""Share of the markers."""
+FROZEN_S = 0.1
+"""A position repeated bit for bit for so long, while others move, is held by software."""
+MOVED_M = 0.01
+"""How far the others must have moved meanwhile: somebody who stands still repeats rounded positions honestly. As far
+must a marker have moved in one coordinate for another, which never changes, to be odd."""
 
 
 @dataclass(frozen=True)
@@ -86,67 +96,53 @@ def marker_slip(trial: TrialEvidence) -> Iterator[Finding]:
     found = stretches(trial)
     if found and (mended := undone(trial)) is not trial:  # exchanges are told by a check of their own
         found = stretches(mended)
+    time = trial.recording.time
     for label, of_marker in found.items():
-        yield _finding(trial, label, of_marker)
+        frames = [s.frames for s in of_marker]
+        worst = max(of_marker, key=lambda s: s.distance)
+        part = worst.cluster.segment
+        what = f"marker '{label}' {'slipped' if any(s.slipped for s in of_marker) else 'left its place'} on {part}"
+        if worst.straight:
+            what = f"the path of marker '{label}' on {part} was held or drawn as a straight line over a gap"
+        cure = f'export gaps as gaps, or weights = {{ "{worst.label}" = 0 }} under [markers]'
+        if worst.cluster.own < FEWEST:
+            cure = "or export gaps as gaps: without this marker the other does not tell how the segment lies"
+        yield trial.finding(
+            Severity.ERROR if any(_harmful(s, time) for s in of_marker) else Severity.WARNING,
+            "left its place",
+            f"up to {1e3 * worst.distance:.0f} mm away in {sum(f.stop - f.start for f in frames)} frames, "
+            f"{spans(time, frames)}",
+            f"leave that part out with time = [start, end], {cure}",
+            cause=what,
+            leg=side_of(part),
+            weight=worst.distance / AWAY_M[worst.cluster.part],
+            code=Code.MARKER_LEFT_PLACE,
+        )
 
 
+def _harmful(stretch: Stretch, time: Array) -> bool:
+    sure = stretch.slipped or stretch.straight
+    lasts = float(time[min(stretch.frames.stop, len(time) - 1)] - time[stretch.frames.start])
+    return stretch.distance > (REFUSED_SURE_M[stretch.cluster.part] if sure else REFUSED_M) and lasts >= LONG_S
+
+
+@remembered
 def stretches(trial: TrialEvidence) -> dict[str, list[Stretch]]:
     """Marker -> where it is elsewhere."""
     found: dict[str, list[Stretch]] = {}
     for cluster in trial.clusters.values():
         for stretch in (*made_up(trial, cluster), *slipped(trial, cluster), *strayed(trial, cluster)):
-            here = found.setdefault(stretch.label, [])
-            if not any(_overlap(stretch.frames, other.frames) for other in here):
+            here, at = found.setdefault(stretch.label, []), stretch.frames
+            if not any(at.start < other.frames.stop and other.frames.start < at.stop for other in here):
                 here.append(stretch)
     return found
-
-
-def _finding(trial: TrialEvidence, label: str, found: list[Stretch]) -> Finding:
-    time = trial.recording.time
-    worst = max(found, key=lambda s: s.distance)
-    frames = sum(s.frames.stop - s.frames.start for s in found)
-    part = worst.cluster.segment
-    slip = any(s.slipped for s in found)
-    bad = any(s.distance > _far(s) and _seconds(time, s.frames) >= LONG_S for s in found)
-    what = f"marker '{label}' {'slipped' if slip else 'left its place'} on {part}"
-    if worst.straight:
-        what = f"the path of marker '{label}' on {part} was held or drawn as a straight line over a gap"
-    return trial.finding(
-        Severity.ERROR if bad else Severity.WARNING,
-        "left its place",
-        f"up to {1e3 * worst.distance:.0f} mm away in {frames} frames, {spans(time, [s.frames for s in found])}",
-        _cure(worst),
-        cause=what,
-        leg=part[-1] if part.endswith(("_r", "_l")) else "",
-        weight=worst.distance / AWAY_M[worst.cluster.part],
-        code=Code.MARKER_LEFT_PLACE,
-    )
-
-
-def _far(stretch: Stretch) -> float:
-    return SURE_FAR_M[stretch.cluster.part] if stretch.slipped or stretch.straight else FAR_M
-
-
-def _cure(stretch: Stretch) -> str:
-    part = "leave that part out with time = [start, end], "
-    if stretch.cluster.own < FEWEST:
-        return part + "or export gaps as gaps: without this marker the other does not tell how the segment lies"
-    return part + f'export gaps as gaps, or weights = {{ "{stretch.label}" = 0 }} under [markers]'
-
-
-def _seconds(time: Array, frames: slice) -> float:
-    return float(time[min(frames.stop, len(time) - 1)] - time[frames.start])
-
-
-def _overlap(a: slice, b: slice) -> bool:
-    return bool(a.start < b.stop and b.start < a.stop)
 
 
 def strayed(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     """Stretches in which a marker is far from its mean place, and more so than it usually is."""
     distance = np.nan_to_num(cluster.strayed[:, : cluster.own])
-    usual = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
-    limit = usual + np.maximum(cluster.size * AWAY_M[cluster.part], USUAL * usual)
+    baseline = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
+    limit = baseline + np.maximum(cluster.size * AWAY_M[cluster.part], TIMES_BASELINE * baseline)
     beyond: BoolArray = np.any(distance > limit, axis=1)
     for run in runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * trial.recording.rate))):
         k = _culprit(trial, cluster, run)
@@ -165,7 +161,7 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
     away = away[frames]
     step = np.linalg.norm(np.diff(away, axis=0), axis=2).max(axis=1)
     least = cluster.size * SLIP_M
-    limit = max(least, SLIP_RATE / rate, SLIP_USUAL * float(np.median(step)))
+    limit = max(least, SLIP_RATE / rate, SLIP_TIMES_BASELINE * float(np.median(step)))
     slips: list[tuple[int, int, float]] = []
     sudden = np.flatnonzero(step > limit).tolist()
     jumpers = [int(np.argmax(_jumps(trial, cluster, int(frames[f + 1])))) for f in sudden]
@@ -178,7 +174,7 @@ def slipped(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
             continue
         edge = int(frames[f + 1])
         jumps = _jumps(trial, cluster, edge)
-        if jumpers.count(k) > MOST_JUMPS or jumps[k] < ALONE * float(np.delete(jumps, k).max()):
+        if jumpers.count(k) > MOST_JUMPS or jumps[k] < TIMES_OTHERS * float(np.delete(jumps, k).max()):
             continue
         shape = cluster.shape[: cluster.own]
         slips.append((edge, k, _alone(cluster, k, shape + before.mean(axis=0), shape + after.mean(axis=0))))
@@ -199,7 +195,7 @@ def _alone(cluster: Cluster, k: int, before: Array, after: Array) -> float:
     rest = [i for i in range(cluster.own) if i != k]
     turn, shift = alignment(after[rest], before[rest])
     if len(rest) < FEWEST:  # two points leave a turn about their line free: the smallest way that explains it
-        turn, shift = alignment(after, before, np.where(np.arange(cluster.own) == k, LIGHTLY, 1.0))
+        turn, shift = alignment(after, before, np.where(np.arange(cluster.own) == k, SLIPPED_WEIGHT, 1.0))
     return float(np.linalg.norm(turn @ after[k] + shift - before[k]))
 
 
@@ -247,17 +243,62 @@ def made_up(trial: TrialEvidence, cluster: Cluster) -> Iterator[Stretch]:
         return
     second = np.linalg.norm(x[2:] - 2 * x[1:-1] + x[:-2], axis=2)
     for k, label in enumerate(cluster.labels[: cluster.own]):
-        usual = float(np.nanmedian(cluster.strayed[:, k]))
+        baseline = float(np.nanmedian(cluster.strayed[:, k]))
         for run in runs(second[:, k] < STILL_M, STRAIGHT_FRAMES):
             frames = slice(run.start, run.stop + 2)
             away = float(np.nan_to_num(cluster.strayed[frames, k]).max())
-            if away < usual + WRONG_M or _bend(x[frames, k]) > STRAIGHT_M:
+            if away < baseline + WRONG_M or bend(x[frames, k]) > STRAIGHT_M:
                 continue
-            if max(_bend(x[frames, i]) for i in range(len(columns)) if i != k) > BENT_M:
+            if max(bend(x[frames, i]) for i in range(len(columns)) if i != k) > BENT_M:
                 yield Stretch(cluster, label, frames, _farthest(cluster, k, frames), straight=True)
 
 
-def _bend(path: Array) -> float:
+def bend(path: Array) -> float:
     """m, largest distance of a path (n, 3) from even motion along the line between its ends."""
     line = path[0] + np.linspace(0.0, 1.0, len(path))[:, None] * (path[-1] - path[0])
     return float(np.nan_to_num(np.linalg.norm(path - line, axis=1)).max())
+
+
+def frozen(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers that repeat their position bit for bit while the others move."""
+    x = trial.recording.markers
+    if len(x) < 5:
+        return
+    same = (x[1:] == x[:-1]).all(axis=2)
+    shortest = max(4, round(FROZEN_S * trial.recording.rate))
+    labels, when = [], []
+    for label in trial.present:
+        held = [run for run in runs(same[:, trial.place[label]], shortest) if _others_move(x, run)]
+        if held:
+            labels.append(label)
+            when += held
+    if labels:
+        yield trial.warning(
+            "frozen",
+            f"positions repeated bit for bit while others move: {listed(labels)} ({spans(trial.recording.time, when)})",
+            "software held the last value over a gap: export gaps as gaps, or give the marker no weight",
+            code=Code.FROZEN_MARKER,
+        )
+
+
+def _others_move(x: Array, run: slice) -> bool:
+    """Whether most of the markers (nf, nm, 3) are elsewhere at the end of a run of steps than at its beginning."""
+    moved = np.linalg.norm(x[run.stop] - x[run.start], axis=1)
+    return bool(np.median(moved[np.isfinite(moved)]) > MOVED_M) if np.isfinite(moved).any() else False
+
+
+def flat(trial: TrialEvidence) -> Iterator[Finding]:
+    """Markers with a coordinate that never changes."""
+    labels = []
+    for label in trial.present:
+        x = trial.path(label)[trial.seen[:, trial.place[label]]]
+        if len(x) <= 10:
+            continue
+        way = np.ptp(x, axis=0)
+        # A segment that is held still moves by rounding alone: there a coordinate without a change says nothing.
+        if (way == 0).any() and way.max() > MOVED_M:
+            labels.append(label)
+    if 0 < len(labels) < HALF * len(trial.present):
+        found = f"one coordinate never changes: {listed(labels)}"
+        cure = "a column of the file is constant: export the trial again"
+        yield trial.warning("frozen", found, cure, code=Code.CONSTANT_COORDINATE)

@@ -4,38 +4,43 @@ A leg brakes when it touches down and drives when it leaves, and both legs push 
 steps say the opposite, a column of forces has the wrong sign. Where the centres of pressure of both feet lie off their
 feet to the same side of the room, the plates lie elsewhere.
 
-Whether the free moments of the plates have the sign that those of walking people have.
-
-The moment T about the vertical through the centre of pressure holds the foot against turning inwards in the first half
-of stance and outwards in the second (Almosnino et al., BMC Sports Sci Med Rehabil 1:19, 2009: 11 people, feet turned
-in, straight and out). With T along the vertical upwards, s = 1 on the right foot and -1 on the left, t from 0 to 1
-over a step and W H body weight times height, each whole step says
+The free moment T about the vertical through the centre of pressure holds the foot against turning inwards in the first
+half of stance and outwards in the second (Almosnino et al., BMC Sports Sci Med Rehabil 1:19, 2009: 11 people, feet
+turned in, straight and out). With T along the vertical upwards, s = 1 on the right foot and -1 on the left, t from 0 to
+1 over a step and W H body weight times height, each whole step says
 
     d = s (mean of T over LATE - mean of T over EARLY) / (W H)
 
 which is positive. Its mean x over the steps of each leg, and then over the legs that have any, is N(MEAN, v) with
 v = PERSON^2 + LEG^2 / legs, and N(-MEAN, v) where the sign is wrong. The evidence for that is -2 MEAN x / v nats.
+
+Mass: over a stretch in which every foot on the ground is on a plate, from ta to tb, the vertical force changes the
+body's momentum: mean force = m (g + (v_b - v_a) / (t_b - t_a)). The pelvis stands for the mass centre, so that the
+velocities are a little wrong; the longer the stretch, the less that matters.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
-from gaitcal.arrays import Array, cross
+from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import UNDER_FOOT
 from gaitcal.dynamics.plate_errors import OUTSIDE_SHARE, share_outside
-from gaitcal.faults.contacts import Feet, Step, feet_of, steps
+from gaitcal.dynamics.foot_contact import near
+from gaitcal.dynamics.plate_errors import OUTSIDE_SHARE, share_outside
 from gaitcal.faults.evidence import TrialEvidence
+from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of
 from gaitcal.findings import Finding
-from gaitcal.io.axes import PROGRESSION_M, net_progression
 from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N, resample_wrench
 from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import ForcePlate
+from gaitcal.io.still import still_window
+from gaitcal.model.subject_model import GRAVITY
 
 OFFSET_N = 15.0
 """Reading of an empty plate that a file of forces should not have."""
@@ -57,9 +62,30 @@ OUTWARD = 0.01
 BESIDE_M = 0.025
 """How far the centres of pressure of both feet must lie to one side; on real walks they lie 13 to 22 mm beside the line
 from heel to toe, to either side."""
-PLATES_ELSEWHERE = "the plates, or the markers, are not where the file has them"
 LOADED_SHARE = 0.5
 """Of body weight: a foot that carries as much lies flat."""
+EARLY, LATE = (0.10, 0.40), (0.55, 0.95)
+"""Of a step; impact and lifting off, whose centres of pressure are uncertain, are left out."""
+MEAN, PERSON, LEG = 3.5e-3, 1.0e-3, 1.8e-3
+"""Of body weight times height. Straight walks of eight recorded people, four of them children: 1.9 to 4.4 a person,
+3.5 with SD 0.8; 1.3 to 6.1 a step. Turns: -1.5 to 12.8 a step, 1.9 to 6.8 in the mean of both legs. Simulated: 0.6
+and 2.1 on two people of OpenSim's, 7 to 9 where the body is made to walk without a residual."""
+ODDS = 1000.0
+"""From which a wrong sign is told: one laboratory in 100 has one, and ten such warnings to a false one."""
+CARRIED = (0.9, 1.5)
+"""Of body weight: the largest vertical force of a foot that carries the body alone, and does not run."""
+MASS_DIFFERENCE = 0.05
+"""Of the mass, from which it is told; over strides, beside what the velocities may be wrong by."""
+STANCE_SHARE = (0.55, 1.25)
+"""Mean vertical force over a stance phase of walking, in body weights: about 0.8."""
+PEAK = 3.0
+SHORTEST_S = 0.5
+"""About a step: over less, the pelvis is no measure of the mass centre."""
+PELVIS_M_S = 0.4
+"""By which the change of the pelvis' velocity may differ from that of the mass centre: 8 % of the mass over 0.5 s, as
+`pig_c3d` differs over its single step, 2 % over two strides."""
+VELOCITY_S = 0.1
+"""Stretch over which the velocity at either end is fitted."""
 
 _ALARMING = re.compile(r"left out|never empty|outside its corners|no numbers")
 
@@ -69,19 +95,15 @@ def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
     for note in trial.recording.notes:
         if not re.match(r"Plate |\d+ force plate", note) or "holds the columns" in note:
             continue
-        if _ALARMING.search(note) and trial.is_gait:
-            cure = "check FORCE_PLATFORM in the file; forces of this plate are not to be trusted without"
-            if "never empty" in note:
-                cure = "record some seconds with nobody on the plate, or remove its offset before export"
-            yield trial.warning(
-                "plates",
-                note.rstrip("."),
-                cure,
-                cause="a force plate is not described as it should be",
-                code=Code.PLATE_DESCRIPTION,
-            )
-        else:
-            yield trial.info("plates", note.rstrip("."), code=Code.PLATE_DESCRIPTION)
+        found = note.rstrip(".")
+        if not (_ALARMING.search(note) and trial.is_gait):
+            yield trial.info("plates", found, code=Code.PLATE_DESCRIPTION)
+            continue
+        cure = "check FORCE_PLATFORM in the file; forces of this plate are not to be trusted without"
+        if "never empty" in note:
+            cure = "record some seconds with nobody on the plate, or remove its offset before export"
+        cause = "a force plate is not described as it should be"
+        yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_DESCRIPTION)
 
 
 def signals(trial: TrialEvidence) -> Iterator[Finding]:
@@ -90,8 +112,7 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
         force = plate.force[np.isfinite(plate.force).all(axis=1)]
         if not len(force):
             continue
-        up = force[:, 1]
-        name = f"plate {plate.name}"
+        up, name = force[:, 1], f"plate {plate.name}"
         if (pulled := int((up < -BODY_N).sum())) > 0:
             found = f"{name}: pulls the body down with up to {-up.min():.0f} N in {pulled} samples; it can only push"
             cure = "check the sign and the offset of its channels"
@@ -100,10 +121,8 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
         empty &= np.abs(up - np.median(up[empty])) < QUIET_N if empty.any() else False
         if empty.mean() > 0.1 and abs(rest := float(np.median(up[empty]))) > OFFSET_N:
             found = f"{name}: reads {rest:.0f} N where nobody stands on it"
-            cure = "remove the offset of the empty plate"
-            yield trial.warning(
-                "plates", found, cure, cause=f"{name} is not at zero when empty", code=Code.PLATE_OFFSET
-            )
+            cause, cure = f"{name} is not at zero when empty", "remove the offset of the empty plate"
+            yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_OFFSET)
         yield from _clipped(trial, plate)
         loaded = up > BODY_N
         yield from _dead(trial, plate, force[loaded])
@@ -111,38 +130,31 @@ def signals(trial: TrialEvidence) -> Iterator[Finding]:
             ratio = float(np.median(np.hypot(force[loaded, 0], force[loaded, 2]) / up[loaded]))
             if ratio > ASLANT:
                 found = f"{name}: its horizontal force is {ratio:.2f} times the vertical one"
-                cure = "are its axes those of the file, y up?"
-                yield trial.warning(
-                    "plates", found, cure, cause=f"the axes of {name} are not those of the room", code=Code.PLATE_AXES
-                )
+                cause, cure = f"the axes of {name} are not those of the room", "are its axes those of the file, y up?"
+                yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_AXES)
 
 
 def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Finding]:
     """Horizontal components that never change while somebody walks on the plate, `loaded` (n, 3) N."""
     if not trial.is_gait or len(loaded) < DEAD_SAMPLES:
         return
-    still = [name for axis, name in ((0, "x"), (2, "z")) if np.ptp(loaded[:, axis]) <= DEAD_N]
+    still = {name: loaded[0, axis] for axis, name in ((0, "Fx"), (2, "Fz")) if np.ptp(loaded[:, axis]) <= DEAD_N}
     if still:
-        missing = " and ".join(f"F{name}" for name in still)
-        yield trial.warning(
-            "plates",
-            f"plate {plate.name}: {missing} stays at {loaded[0, 0 if still[0] == 'x' else 2]:.0f} N in all "
-            f"{len(loaded)} samples under load; walking moves it by some 100 N (fore-aft) and 40 N (sideways)",
-            "look for the channel, its cable and its column in the file; without it leave the plate out of torques",
-            cause=f"a horizontal force of plate {plate.name} is missing: {missing} is constant",
-            code=Code.DEAD_CHANNEL,
-        )
+        missing = " and ".join(still)
+        found = f"plate {plate.name}: {missing} stays at {next(iter(still.values())):.0f} N in all "
+        found += f"{len(loaded)} samples under load; walking moves it by some 100 N (fore-aft) and 40 N (sideways)"
+        cure = "look for the channel, its cable and its column in the file; without it leave the plate out of torques"
+        cause = f"a horizontal force of plate {plate.name} is missing: {missing} is constant"
+        yield trial.warning("plates", found, cure, cause=cause, code=Code.DEAD_CHANNEL)
 
 
 def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
     """Components of the force that stay at their largest value."""
     for axis, name in enumerate("xyz"):
-        values = plate.force[:, axis]
-        size = np.abs(np.nan_to_num(values))
-        if (top := float(size.max())) < CLIPPED_N:
-            continue
-        held = runs(size >= top * (1 - 1e-9), CLIPPED)
+        size = np.abs(np.nan_to_num(plate.force[:, axis]))
+        top = float(size.max())
         # Smooth data may rest at its peak for a sample or two, never for five.
+        held = runs(size >= top * (1 - 1e-9), CLIPPED) if top >= CLIPPED_N else []
         if held:
             yield trial.warning(
                 "plates",
@@ -157,58 +169,79 @@ def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
 def corners(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether centres of pressure lie on their plate."""
     for plate in trial.recording.plates:
-        if plate.corners is None:
-            continue
-        share, farthest = share_outside(plate, plate.corners, BODY_N)
+        share, farthest = (0.0, 0.0) if plate.corners is None else share_outside(plate, plate.corners, BODY_N)
         if share > OUTSIDE_SHARE:
-            yield trial.warning(
-                "plates",
-                f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load lies over "
-                f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * farthest:.0f} mm)",
-                "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL",
-                cause=f"the corners of plate {plate.name} do not hold its centre of pressure",
-                code=Code.PLATE_CORNERS,
-            )
+            found = f"plate {plate.name}: the centre of pressure of {100 * share:.0f} % of its load lies over "
+            found += f"{1e3 * OUTSIDE_M:.0f} mm outside its corners (up to {1e3 * farthest:.0f} mm)"
+            cure = "check FORCE_PLATFORM:CORNERS, ORIGIN and CHANNEL"
+            cause = f"the corners of plate {plate.name} do not hold its centre of pressure"
+            yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_CORNERS)
+
+
+def covered(trial: TrialEvidence) -> Iterator[Finding]:
+    """How the clocks of markers and forces overlap."""
+    time = trial.recording.time
+    for plate in trial.recording.plates if trial.is_gait else ():
+        if min(time[-1], plate.time[-1]) <= max(time[0], plate.time[0]):
+            found = f"plate {plate.name}: forces from {plate.time[0]:g} to {plate.time[-1]:g} s, "
+            found += f"markers from {time[0]:g} to {time[-1]:g} s"
+            yield trial.error("time", found, "give the forces of this very trial", code=Code.OTHER_TIMES)
+            return
+
+
+def _long_steps(trial: TrialEvidence) -> tuple[Step, ...]:
+    """Steps of a walk that are long enough and under a foot."""
+    if trial.pelvis is None:
+        return ()
+    time = trial.recording.time
+    return tuple(s for s in steps_of(trial) if s.under_foot and duration(time, s.frames) >= STANCE_S)
+
+
+def _directions(trial: TrialEvidence) -> tuple[Array, Array]:
+    """(2,) unit vectors in x and z, forward and right: along the way of the body, or where the pelvis faces."""
+    way = trial.facing if trial.on_the_spot and trial.facing is not None else trial.way
+    forward = way / max(float(np.linalg.norm(way)), 1e-12)
+    return forward, np.array([-forward[1], forward[0]])
 
 
 def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether legs brake before they drive, and push inwards."""
-    walk = _walk(trial)
-    if walk is None:
+    steps, time = _long_steps(trial), trial.recording.time
+    if not steps:
         return
+    forward, right = _directions(trial)
     drift, outward = [], []
-    for step in walk.steps:
-        force = np.nan_to_num(resample_wrench(step.plate, walk.feet.time))[step.frames][:, [0, 2]]
-        along = force @ walk.forward
-        if step.frames.start > 0 and step.frames.stop < len(walk.feet.time):
+    for step in steps:
+        force = np.nan_to_num(resample_wrench(step.plate, time))[step.frames][:, [0, 2]]
+        along = force @ forward
+        if step.frames.start > 0 and step.frames.stop < len(time):
             drift.append(float(along @ np.linspace(-1.0, 1.0, len(along)) / max(np.abs(along).sum(), 1e-9)))
-        outward.append(float((force @ walk.right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight)
-    wrong, which = [], []
+        outward.append(float((force @ right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight)
+    wrong = {}
     if drift and max(drift) < DRIVING:
-        wrong.append(f"along the walk they drive first and brake later (drift {np.mean(drift):.2f}, usual 0.4 to 0.6)")
-        which.append("fore-aft")
+        words = f"along the walk they drive first and brake later (drift {np.mean(drift):.2f}, usual 0.4 to 0.6)"
+        wrong["fore-aft"] = words
     if min(outward) > OUTWARD:
-        which.append("sideways")
-        wrong.append(
-            f"sideways they push outwards, {np.mean(outward):.2f} body weights on average (usual -0.06 to -0.03)"
-        )
+        words = f"sideways they push outwards, {np.mean(outward):.2f} body weights on average (usual -0.06 to -0.03)"
+        wrong["sideways"] = words
     if wrong:
-        cause = f"the {which[0]} force of all plates has the wrong sign"
+        cause = f"the {next(iter(wrong))} force of all plates has the wrong sign"
         cure = "turn the sign of that column of the forces"
         if len(wrong) > 1:
             cause = "both horizontal forces of all plates have the wrong sign"
             cure += "; where a note says that a plate was turned round: of the vertical column alone"
-        found = f"in {len(walk.steps)} steps: {'; '.join(wrong)}"
+        found = f"in {len(steps)} steps: {'; '.join(wrong.values())}"
         yield trial.warning("forces", found, cure, cause=cause, code=Code.FORCE_SIGN)
 
 
 def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the centres of pressure of both feet lie off their feet to the same side of the room."""
-    walk = _walk(trial)
-    if walk is None:
+    feet = feet_of(trial)
+    if feet is None:
         return
-    feet, shifts = walk.feet, dict[int, list[float]]({0: [], 1: []})
-    for step in walk.steps:
+    shifts: tuple[list[float], list[float]] = ([], [])
+    for step in _long_steps(trial):
+        _, right = _directions(trial)
         flat = feet.seen[step.frames, step.foot] & (step.load > LOADED_SHARE * trial.subject.weight)
         if flat.sum() < 3:
             continue
@@ -217,87 +250,36 @@ def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
         line = (toe - heel) / np.linalg.norm(toe - heel, axis=1, keepdims=True)
         across = np.stack([-line[:, 1], line[:, 0]], axis=1)
         away = np.sum((step.point[flat][:, [0, 2]] - heel) * across, axis=1)
-        shifts[step.foot].append(float(np.mean(away * np.sign(across @ walk.right))))
-    if not shifts[0] or not shifts[1]:
-        return
+        shifts[step.foot].append(float(np.mean(away * np.sign(across @ right))))
     every = np.array([*shifts[0], *shifts[1]])
-    if np.abs(every).min() > BESIDE_M and len(set(np.sign(every))) == 1:
-        means = [1e3 * float(np.mean(shifts[foot])) for foot in (0, 1)]
+    if all(shifts) and np.abs(every).min() > BESIDE_M and len(set(np.sign(every))) == 1:
+        means = [1e3 * abs(float(np.mean(of_foot))) for of_foot in shifts]
         yield trial.warning(
-            "plate to foot",
+            TOPIC,
             f"the centres of pressure lie to the {'right' if every[0] > 0 else 'left'} of the line heel-toe of both "
-            f"feet: {abs(means[0]):.0f} mm (right foot) and {abs(means[1]):.0f} mm (left foot)",
+            f"feet: {means[0]:.0f} mm (right foot) and {means[1]:.0f} mm (left foot)",
             "check the positions of the plates in the room (corners), and the origin of the markers",
             cause=PLATES_ELSEWHERE,
             code=Code.PLATES_ELSEWHERE,
         )
 
 
-@dataclass(frozen=True)
-class _Walk:
-    """A gait trial with steps that are long enough and under a foot."""
-
-    feet: Feet
-    steps: tuple[Step, ...]
-    forward: Array
-    """(2,) unit vector in x and z."""
-
-    @property
-    def right(self) -> Array:
-        """(2,) unit vector in x and z."""
-        return np.array([-self.forward[1], self.forward[0]])
-
-
-def _walk(trial: TrialEvidence) -> _Walk | None:
-    """None where there are no such steps."""
-    feet = feet_of(trial)
-    if feet is None or trial.pelvis is None:
-        return None
-    long = tuple(
-        step
-        for step in steps(trial, feet)
-        if step.distance < UNDER_FOOT and duration(feet.time, step.frames) >= STANCE_S
-    )
-    return _Walk(feet, long, _forward(trial)) if long else None
-
-
-def _forward(trial: TrialEvidence) -> Array:
-    """(2,) unit vector in x and z: the way the body goes, or where the pelvis faces on a treadmill."""
-    way = net_progression(trial.recording)[[0, 2]]
-    if np.linalg.norm(way) < PROGRESSION_M and trial.pelvis is not None:
-        way = trial.pelvis.rotation[trial.pelvis.determined][:, [0, 2], 0].mean(axis=0)
-    out: Array = way / max(float(np.linalg.norm(way)), 1e-12)
-    return out
-
-
-EARLY, LATE = (0.10, 0.40), (0.55, 0.95)
-"""Of a step; impact and lifting off, whose centres of pressure are uncertain, are left out."""
-MEAN, PERSON, LEG = 3.5e-3, 1.0e-3, 1.8e-3
-"""Of body weight times height. Straight walks of eight recorded people, four of them children: 1.9 to 4.4 a person,
-3.5 with SD 0.8; 1.3 to 6.1 a step. Turns: -1.5 to 12.8 a step, 1.9 to 6.8 in the mean of both legs. Simulated: 0.6
-and 2.1 on two people of OpenSim's, 7 to 9 where the body is made to walk without a residual."""
-ODDS = 1000.0
-"""From which a wrong sign is told: one laboratory in 100 has one, and ten such warnings to a false one."""
-CARRIED = (0.9, 1.5)
-"""Of body weight: the largest vertical force of a foot that carries the body alone, and does not run."""
-
-
 def free_moment(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether free moments hold the feet against turning, or turn them on."""
-    feet = feet_of(trial)
-    if feet is None or not trial.recording.plates or not _forwards(trial):
+    # on a treadmill, or where the body goes where the pelvis faces
+    if trial.facing is None or not (trial.on_the_spot or trial.way @ trial.facing > 0):
         return
     of_leg: dict[int, list[float]] = {}
-    for step in steps(trial, feet):
-        whole = step.frames.start > 0 and step.frames.stop < len(feet.time)
+    for step in steps_of(trial):
+        whole = step.frames.start > 0 and step.frames.stop < len(trial.recording.time)
         carried = float(step.load.max()) / trial.subject.weight
-        if whole and step.distance < UNDER_FOOT and CARRIED[0] < carried < CARRIED[1]:
+        if whole and step.under_foot and CARRIED[0] < carried < CARRIED[1]:
             of_leg.setdefault(step.foot, []).append(_held(trial, step))
     if not of_leg:
         return
     mean = float(np.mean([np.mean(found) for found in of_leg.values()]))
     evidence = -2.0 * MEAN * mean / (PERSON**2 + LEG**2 / len(of_leg))
-    if evidence < np.log(ODDS) or next(horizontal(trial), None) is not None:
+    if evidence < np.log(ODDS) or any(horizontal(trial)):
         return  # what turns horizontal forces round is told there, and may turn the moment round with them
     yield trial.warning(
         "forces",
@@ -311,7 +293,7 @@ def free_moment(trial: TrialEvidence) -> Iterator[Finding]:
 
 
 def _held(trial: TrialEvidence, step: Step) -> float:
-    """D of one step."""
+    """The d of one step."""
     wrench = np.nan_to_num(resample_wrench(step.plate, trial.recording.time))[step.frames]
     moment = (wrench[:, 3:] - cross(step.point, wrench[:, :3]))[:, 1]
     t = np.linspace(0.0, 1.0, len(moment))
@@ -320,10 +302,111 @@ def _held(trial: TrialEvidence, step: Step) -> float:
     return float(side * (late - early) / (trial.subject.weight * trial.subject.height))
 
 
-def _forwards(trial: TrialEvidence) -> bool:
-    """Whether the body goes where the pelvis faces, or nowhere, as on a treadmill."""
-    if trial.pelvis is None or not trial.pelvis.determined.any():
-        return False
-    way = net_progression(trial.recording)[[0, 2]]
-    faces = trial.pelvis.rotation[trial.pelvis.determined][:, [0, 2], 0].mean(axis=0)
-    return bool(way @ faces > 0) or float(np.linalg.norm(way)) < PROGRESSION_M
+def standing_mass(trial: TrialEvidence) -> Iterator[Finding]:
+    """Body mass against the force under the standing person."""
+    if not trial.is_static or trial.model is None or not trial.recording.plates:
+        return
+    window = still_window(trial.recording, trial.marker_set.labels)
+    total = 0.0
+    for plate in trial.recording.plates:
+        within = (plate.time >= window.start) & (plate.time <= window.stop) & np.isfinite(plate.force[:, 1])
+        total += float(np.median(plate.force[within, 1])) if within.any() else 0.0
+    mass, carried = trial.subject.mass, total / GRAVITY
+    words = f"the plates carry {total:.0f} N = {carried:.1f} kg while standing; subject.mass_kg is {mass:g}"
+    if carried < 0.5 * mass:
+        yield trial.info("body mass", f"{words}: a foot stood beside the plates", code=Code.BODY_MASS)
+    else:
+        cure = "correct mass_kg, if both feet stood on plates: torques and inertia follow from it"
+        yield _weighed(trial, words, cure, abs(carried / mass - 1) > MASS_DIFFERENCE)
+
+
+def _weighed(trial: TrialEvidence, words: str, cure: str, wrong: bool) -> Finding:
+    if not wrong:
+        return trial.info("body mass", words, code=Code.BODY_MASS)
+    return trial.warning("body mass", words, cure, cause="mass_kg is not what the plates weigh", code=Code.BODY_MASS)
+
+
+def step_loads(trial: TrialEvidence) -> Iterator[Finding]:
+    """Body weight against the mean and the largest force of whole steps."""
+    if not trial.is_gait:
+        return
+    weight, parts = trial.subject.weight, _parts(trial)
+    for plate in trial.recording.plates:
+        up = np.nan_to_num(plate.force[:, 1])
+        for run in runs(up > BODY_N, 2):
+            if duration(plate.time, run) < STANCE_S or run.start == 0 or run.stop == len(up):
+                continue  # a knock, or a step that the recording cuts off
+            begin, end = plate.time[run.start], plate.time[run.stop - 1]
+            if any(plate is own and start < end and begin < stop for own, start, stop in parts):
+                continue  # a part of the foot is elsewhere
+            share, peak = float(up[run].mean()) / weight, float(up[run].max()) / weight
+            if not (STANCE_SHARE[0] <= share <= STANCE_SHARE[1] and peak < PEAK):
+                found = f"plate {plate.name}, {spans(plate.time, [run])}: mean {share:.2f} and peak {peak:.2f} body "
+                found += f"weights of {trial.subject.mass:g} kg; a step of walking has about 0.8 and 1.1"
+                cure = "check mass_kg, the gain of the plate, and whether the whole foot was on it"
+                cause = f"steps on plate {plate.name} do not carry the body"
+                yield trial.warning("body mass", found, cure, cause=cause, code=Code.STEP_LOAD)
+
+
+def _parts(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:
+    """Loadings, plate and s from when to when, of feet on two plates at once, or partly beside theirs."""
+    found, time = steps_of(trial), trial.recording.time
+    parts = [step for step in found if step.under_foot and any(overhang(trial, step))]
+    for one, other in permutations(found, 2):
+        same = one.foot == other.foot and one.plate is not other.plate
+        if same and one.frames.start < other.frames.stop and other.frames.start < one.frames.stop:
+            parts.append(one)
+    return [(s.plate, float(time[s.frames.start]), float(time[s.frames.stop - 1])) for s in parts]
+
+
+def carried_mass(trial: TrialEvidence) -> Iterator[Finding]:
+    """The mass that the plates of a gait trial carry, against the subject's."""
+    feet = feet_of(trial)
+    if feet is None or trial.pelvis is None:
+        return
+    time, mass, weighings = feet.time, trial.subject.mass, []
+    for run in runs(_all_on_plates(trial, feet), 3):
+        if (length := duration(time, run)) >= SHORTEST_S and (carried := _mass(trial, run)) is not None:
+            weighings.append((run, length, carried))
+    if not weighings:
+        return
+    stretches, lengths, masses = zip(*weighings, strict=True)
+    mean = float(np.average(masses, weights=lengths))
+    words = f"while every foot is on a plate ({spans(time, stretches)}) the plates carry "
+    words += f"{mean:.1f} kg on average; subject.mass_kg is {mass:g}"
+    cure = "correct mass_kg, or the gain and offset of the plates: joint torques are wrong by the same share"
+    most = MASS_DIFFERENCE + PELVIS_M_S / (GRAVITY * float(np.sum(lengths)))
+    yield _weighed(trial, words, cure, abs(mean / mass - 1.0) > most)
+
+
+def _all_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
+    """(nf,) where some foot is loaded and no foot stands beside a plate or partly so."""
+    loaded = np.zeros((len(feet.time), 2), dtype=bool)
+    doubtful = np.zeros(len(feet.time), dtype=bool)
+    for step in steps_of(trial):
+        if step.under_foot:
+            loaded[step.frames, step.foot] = True
+        if not step.under_foot or any(overhang(trial, step)):
+            doubtful[step.frames] = True
+    doubtful = near(doubtful, feet.time)  # beside a plate a foot may bear before and after that plate is loaded
+    for foot in range(2):
+        beside = feet.resting[:, foot] & ~near(loaded[:, foot], feet.time)
+        doubtful |= near(beside, feet.time) | ~feet.seen[:, foot]
+    out: BoolArray = loaded.any(axis=1) & ~doubtful
+    return out
+
+
+def _mass(trial: TrialEvidence, run: slice) -> float | None:
+    """Mass (kg) that the plates carry in the frames `run`; None where the pelvis is not seen at both ends."""
+    time, pelvis, velocity = trial.recording.time, trial.pelvis, []
+    for moment in (float(time[run.start]), float(time[run.stop - 1])):
+        if pelvis is None:
+            return None
+        close = (np.abs(time - moment) <= 0.5 * VELOCITY_S + 1e-9) & pelvis.determined
+        if close.sum() < 3:
+            return None
+        velocity.append(float(np.polyfit(time[close] - moment, pelvis.origin[close, 1], 1)[0]))
+    force = sum(np.nan_to_num(resample_wrench(plate, time))[run, 1] for plate in trial.recording.plates)
+    length = duration(time, run)
+    mean = float(np.trapezoid(force, time[run])) / length
+    return mean / (GRAVITY + (velocity[1] - velocity[0]) / length)

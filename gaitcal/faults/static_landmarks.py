@@ -1,8 +1,7 @@
 """The landmarks of a static trial against the body of a person: exchanged, displaced, or of another height.
 
-Which fault of the landmarks of a static trial would explain that its measures are not those of a body.
-
-Every candidate changes the landmarks p to p' and is judged by J of `plan.py`:
+Which fault would explain that their measures are not those of a body? Every candidate changes the landmarks p to
+p' and is judged by J of `body_plan.py`:
 
     exchange    two landmarks, or two groups of them, carry each other's labels:  J(p')
     displaced   one landmark lies d elsewhere:  min over d of  J(p with p_k - d) + |d|^2 / D^2      (Gauss-Newton)
@@ -13,7 +12,7 @@ Candidates that cost hardly more than the best are told beside it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -21,10 +20,9 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.faults.body_plan import Measure, body_axes, cost, cost_of_build, measures
-from gaitcal.faults.body_size import HIP_HEIGHT, hip_height
+from gaitcal.faults.body_plan import Landmarks, Measure, body_axes, cost, cost_of_build, measures
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.faults.standing import standing_legs
+from gaitcal.faults.role import standing_legs
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import REQUIRED
@@ -57,7 +55,15 @@ STEPS = 6
 STEP_M = 1e-4
 
 LEG = ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe")
-Landmarks = Mapping[str, Array]
+HIP_HEIGHT = (0.48, 0.58)
+"""Height of the ASIS above the lateral malleoli, in body heights; five grown people stand between 0.516 and 0.539."""
+IMPOSSIBLE_Z = 5.5
+"""Standard deviations from which no body has such a length."""
+GROSS_M = 0.060
+"""A landmark this far off moves a joint centre by more than the 20 mm that its prior allows: the trial is refused."""
+EVIDENCE = 3
+"""Measures that are told as evidence."""
+_WAYS = (("back", "forward"), ("down", "up"), ("left", "right"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,13 +158,7 @@ def _candidates(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
     def sides(*names: str) -> tuple[tuple[str, str], ...]:
         return there(*((f"{name}_r", f"{name}_l") for name in names))
 
-    groups: list[tuple[str, ...]] = [(name,) for name in ("asis", *LEG)]
-    groups += [
-        ("knee_lat", "knee_med"),
-        ("ankle_lat", "ankle_med"),
-        ("heel", "toe"),
-        ("ankle_lat", "ankle_med", "heel", "toe"),
-    ]
+    groups: list[tuple[str, ...]] = [*((name,) for name in ("asis", *LEG)), LEG[:2], LEG[2:4], LEG[4:], LEG[2:]]
     groups += [("knee_med", "ankle_med"), LEG, ("asis", *LEG), LEG[:4]]
     found = [sides(*group) for group in groups]
     for joint in ("knee", "ankle"):
@@ -197,25 +197,21 @@ def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, 
     return name, float(r @ r), d if axes is None else d @ axes
 
 
-IMPOSSIBLE_Z = 5.5
-"""Standard deviations from which no body has such a length."""
-GROSS_M = 0.060
-"""A landmark this far off moves a joint centre by more than the 20 mm that its prior allows: the trial is refused."""
-EVIDENCE = 3
-"""Measures that are told as evidence."""
-_USED = ("asis", "sacrum", "knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe")
-_WAYS = (("back", "forward"), ("down", "up"), ("left", "right"))
-
-
 def proportions(trial: TrialEvidence) -> Iterator[Finding]:
     """Landmarks that carry each other's labels, or lie off their bones, in a static trial; a height that is wrong."""
     p = landmarks(trial)
     if not p:
         return
-    given = trial.subject.height
-    below = hip_height(trial)
+    given, below = trial.subject.height, hip_height(trial)
     if below is not None and below < 0:
-        yield _upside_down(trial, below)
+        yield trial.error(
+            "landmarks",
+            f"the ASIS lie {-below:.2f} m below the ankles",
+            "write the file with its vertical axis upwards",
+            cause="the vertical axis of the static trial points down",
+            weight=10.0,
+            code=Code.NOT_UPRIGHT,
+        )
         return
     if any(name not in p for name in REQUIRED):
         return  # told already as what keeps the nominal model from being made: the rest would be read askew without it
@@ -235,32 +231,26 @@ def proportions(trial: TrialEvidence) -> Iterator[Finding]:
         yield _height(trial, sound, factor, legs)
         found = list(faults(p, factor * given))
     for fault in found:
-        if isinstance(fault, Exchange):
-            yield _exchanged(trial, fault)
-        else:
-            yield _displaced(trial, fault)
+        yield _exchanged(trial, fault) if isinstance(fault, Exchange) else _displaced(trial, fault)
     if not found:
         yield from _impossible(trial, measures(sound, factor * given))
 
 
-def _upside_down(trial: TrialEvidence, below: float) -> Finding:
-    return trial.finding(
-        Severity.ERROR,
-        "landmarks",
-        f"the ASIS lie {-below:.2f} m below the ankles",
-        "write the file with its vertical axis upwards",
-        cause="the vertical axis of the static trial points down",
-        weight=10.0,
-        code=Code.NOT_UPRIGHT,
-    )
+def hip_height(trial: TrialEvidence) -> float | None:
+    """m, median height of the ASIS above the lateral malleoli."""
+    paths = [trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in SIDES]
+    if any(path is None for path in paths):
+        return None
+    up = np.array([path[:, 1] for path in paths if path is not None])
+    difference = 0.5 * (up[0] + up[1] - up[2] - up[3])
+    difference = difference[np.isfinite(difference)]
+    return float(np.median(difference)) if len(difference) else None
 
 
 def landmarks(trial: TrialEvidence) -> dict[str, Array]:
     """Landmark -> (3,) m, of pelvis and legs, mean of the still window of a static trial; empty where there is none."""
-    posture = trial.posture
-    if posture is None:
-        return {}
-    return {name: point for name, point in posture.items() if name == "sacrum" or name.rsplit("_", 1)[0] in _USED}
+    used = {"sacrum", *(f"{name}_{side}" for name in ("asis", *LEG) for side in SIDES)}
+    return {name: point for name, point in (trial.posture or {}).items() if name in used}
 
 
 def _exchanged(trial: TrialEvidence, fault: Exchange) -> Finding:
@@ -269,8 +259,7 @@ def _exchanged(trial: TrialEvidence, fault: Exchange) -> Finding:
     if {"asis_r", "heel_r", "knee_lat_r"} <= {name for pair in fault.pairs for name in pair}:
         words = f"right and left ({words}), or an axis is mirrored: they"
     swaps = ", ".join(f'"{a}" = "{b}", "{b}" = "{a}"' for a, b in pairs)
-    return trial.finding(
-        Severity.ERROR,
+    return trial.error(
         "landmarks",
         _evidence(fault.before),
         f"exchange the labels in this file or, where every trial that has them has them so, with [markers] rename = "
@@ -299,7 +288,7 @@ def _displaced(trial: TrialEvidence, fault: Displaced) -> Finding:
     )
 
 
-def _height(trial: TrialEvidence, p: Mapping[str, Array], factor: float, legs: float | None) -> Finding:
+def _height(trial: TrialEvidence, p: Landmarks, factor: float, legs: float | None) -> Finding:
     given = trial.subject.height
     lengths = [m for m in measures(p, given) if m.absolute and abs(m.z) > 1.0]
     found = ""
@@ -308,8 +297,7 @@ def _height(trial: TrialEvidence, p: Mapping[str, Array], factor: float, legs: f
         found = f"the ASIS stand {legs:.3f} m above the ankles; a height of {given:.2f} m lets expect "
         found += f"{low * given:.2f} to {high * given:.2f} m; "
     likely = f"all lengths together fit {factor * given:.2f} m" if factor != 1.0 else "other lengths do not decide"
-    return trial.finding(
-        Severity.WARNING,
+    return trial.warning(
         "height",
         f"{found}{likely}{'; ' + _evidence(lengths) if factor != 1.0 and lengths else ''}",
         "correct subject.height_m, or the unit or scale of the markers",
@@ -319,23 +307,17 @@ def _height(trial: TrialEvidence, p: Mapping[str, Array], factor: float, legs: f
     )
 
 
-def _impossible(trial: TrialEvidence, found: list[Measure]) -> Iterator[Finding]:
+def _impossible(trial: TrialEvidence, found: Sequence[Measure]) -> Iterator[Finding]:
     """Lengths that no body has, where no single fault explains them."""
     worst = [m for m in found if m.absolute and abs(m.z) > IMPOSSIBLE_Z]
     if worst:
         names = dict.fromkeys(name for m in worst for name in m.landmarks)
-        yield trial.finding(
-            Severity.ERROR,
-            "landmarks",
-            _evidence(worst),
-            f"look at {', '.join(label_words(trial, name) for name in names)}: labels, place, unit",
-            cause="the static trial shows lengths that nobody has",
-            weight=10.0,
-            code=Code.IMPOSSIBLE_LENGTHS,
-        )
+        cure = f"look at {', '.join(label_words(trial, name) for name in names)}: labels, place, unit"
+        cause = "the static trial shows lengths that nobody has"
+        yield trial.error("landmarks", _evidence(worst), cure, cause=cause, weight=10.0, code=Code.IMPOSSIBLE_LENGTHS)
 
 
-def _evidence(found: tuple[Measure, ...] | list[Measure]) -> str:
+def _evidence(found: Sequence[Measure]) -> str:
     worst = sorted(found, key=lambda m: -abs(m.z))
     return ", ".join(m.words for m in worst[:EVIDENCE])
 

@@ -4,42 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
-from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.faults import (
-    body_size,
-    contacts,
-    direction,
     exchanged,
-    hip_centres,
-    jumps,
-    knee_lines,
+    foot_on_plate,
+    joint_places,
+    knee_line,
     marker_slip,
     markers,
-    moving_joint,
-    one_marker,
-    outside_sole,
     plates,
+    role,
     sampling,
-    standing,
     static_consistency,
     static_landmarks,
 )
-from gaitcal.faults import jumps as frozen
-from gaitcal.faults import markers as lost_markers
-from gaitcal.faults import markers as marker_places
-from gaitcal.faults import plates as free_moment
-from gaitcal.faults import standing as posture
-from gaitcal.faults import standing as several_statics
+from gaitcal.faults.cluster import Stance
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.faults.stance import Stance
-from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
+from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
@@ -49,45 +36,42 @@ from gaitcal.study.study import Study, cleaned, completed_static
 from gaitcal.study.study_file import StudyFile, Trial, load_study_file
 from gaitcal.study.study_trial import StudyTrial, read_trial
 
-OTHER_RATE = 2.5
-"""Laboratories record at 50 and 100, or 100 and 200 Hz; a time column that is wrong may be wrong by more."""
-
 TrialCheck: TypeAlias = Callable[[TrialEvidence], Iterator[Finding]]
 
-UNIT_CHECKS: tuple[TrialCheck, ...] = (body_size.size, body_size.scale)
+UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consistency.scale)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     markers.strays,
     markers.missing,
-    lost_markers.rebuilt,
-    lost_markers.not_rebuilt,
+    markers.rebuilt,
+    markers.not_rebuilt,
     markers.too_few,
     markers.never_seen,
     markers.one_sacral,
     markers.unknown,
     markers.doubled,
     markers.bare_segments,
-    one_marker.followed,
-    direction.upright,
-    direction.heading,
-    direction.sides,
+    markers.followed,
+    role.upright,
+    role.heading,
+    exchanged.sides,
     exchanged.exchanged,
-    jumps.spikes,
-    jumps.seam,
+    sampling.spikes,
+    sampling.seam,
     markers.gaps,
-    frozen.frozen,
-    frozen.flat,
+    marker_slip.frozen,
+    marker_slip.flat,
     marker_slip.marker_slip,
-    moving_joint.declared_joint,
-    moving_joint.one_joint_alone,
-    standing.length,
-    standing.stillness,
+    role.declared_joint,
+    role.one_joint_alone,
+    role.length,
+    role.stillness,
     static_landmarks.proportions,
-    posture.standing_straight,
-    posture.standing_flat,
-    hip_centres.given,
-    marker_places.on_segments,
+    role.standing_straight,
+    role.standing_flat,
+    joint_places.given_hips,
+    markers.on_segments,
     sampling.rate,
     sampling.header_rate,
     sampling.speed,
@@ -95,27 +79,15 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     plates.told_on_reading,
     plates.signals,
     plates.corners,
-    body_size.standing,
-    body_size.stepping,
-    contacts.covered,
-    contacts.contacts,
+    plates.standing_mass,
+    plates.step_loads,
+    plates.covered,
+    foot_on_plate.contacts,
     plates.horizontal,
-    free_moment.free_moment,
+    plates.free_moment,
     plates.beside_feet,
-    body_size.carried_mass,
+    plates.carried_mass,
 )
-
-
-CONSEQUENCES = {
-    "landmarks": ("static trial", "posture", "sides", "axes", "marker places"),
-    "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time", "joint"),
-    "sides": ("exchanged", "heading", "plate to foot", "plates", "joint"),
-}
-"""Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by itself."""
-
-
-NO_BODY = ("units", "axes", "sides", "landmarks")
-"""Topics of errors of a trial that are told already and put its whole body in disorder against the other trials'."""
 
 
 @with_one_blas_thread
@@ -154,24 +126,24 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
     model: SubjectModel | None = None
     faults: tuple[Finding, ...] = ()
-    if not any(body_size.size(_evidence(study, cleaned(study).static, None))):
-        model, faults = standing.nominal_model_of(study)
+    if not any(static_consistency.size(_evidence(study, cleaned(study).static, None))):
+        model, faults = role.nominal_model_of(study)
     trials = evidence_of(study, model)
     findings: list[Finding] = []
     measured: list[TrialEvidence] = []
     for trial in trials:
         found = _check_trial(trial)
-        findings += _worst_first(_without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
-        if _shows_body(found):
+        findings += _worst_first(without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
+        if not any(f.topic in SPOILS_BODY and f.severity is Severity.ERROR for f in found):
             measured.append(trial)
     if study.static.name in [trial.name for trial in measured]:
         findings += static_consistency.static_consistency(measured)
     return (
         *findings,
-        *knee_lines.knee_lines(measured, findings),
-        *rates_differ(trials),
-        *same_recording(trials),
-        *several_statics.statics_agree(trials),
+        *knee_line.knee_lines(measured, findings),
+        *sampling.rates_differ(trials),
+        *sampling.same_recording(trials),
+        *role.statics_agree(trials),
     )
 
 
@@ -181,7 +153,7 @@ def check_further(
 ) -> tuple[Finding, ...]:
     """All findings on one further trial against a saved model and its marker set, the worst first."""
     evidence = TrialEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
-    found = _without_consequences(_check_trial(evidence))
+    found = without_consequences(_check_trial(evidence))
     return tuple(_worst_first([*found, *static_consistency.static_consistency((evidence,))]))
 
 
@@ -201,60 +173,13 @@ def _evidence(study: Study, trial: StudyTrial, model: SubjectModel | None) -> Tr
     return TrialEvidence.of(trial, marker_set, study.subject, study.settings, model)
 
 
-def _shows_body(found: Sequence[Finding]) -> bool:
-    return not any(finding.topic in NO_BODY and finding.severity is Severity.ERROR for finding in found)
-
-
 def _check_trial(trial: TrialEvidence) -> list[Finding]:
     units = [finding for check in UNIT_CHECKS for finding in check(trial)]
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]
     found = units + [finding for check in TRIAL_CHECKS for finding in check(trial)]
-    return [*found, *outside_sole.outside_sole(trial, found)]
+    return [*found, *foot_on_plate.outside_sole(trial, found)]
 
 
-def _without_consequences(findings: list[Finding]) -> list[Finding]:
-    """The findings of one trial without what only follows from others."""
-    causes = {f.topic for f in findings if f.severity is Severity.ERROR and f.cause}
-    follows = {topic for cause in causes for topic in CONSEQUENCES.get(cause, ())}
-    return [f for f in findings if f.topic not in follows]
-
-
-def _worst_first(findings: list[Finding]) -> list[Finding]:
+def _worst_first(findings: Sequence[Finding]) -> list[Finding]:
     return sorted(findings, key=lambda finding: finding.severity.rank)
-
-
-def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
-    """Trials whose frame rate is not that of the others."""
-    rates = {t.name: t.recording.rate for t in trials if len(t.recording.time) > 1}
-    common = float(np.median(list(rates.values()))) if rates else 0.0
-    odd = {name: rate for name, rate in rates.items() if abs(rate - common) > 0.01 * common}
-    if odd and len(odd) < 0.5 * len(rates):
-        far = any(not 1.0 / OTHER_RATE <= rate / common <= OTHER_RATE for rate in odd.values())
-        yield Finding(
-            severity=Severity.WARNING if far else Severity.INFO,
-            topic="sampling",
-            where=STUDY,
-            cause="trials of one study have different frame rates",
-            found=f"most have {common:.4g} Hz, but {', '.join(f'{name} {rate:.4g} Hz' for name, rate in odd.items())}",
-            cure="look whether their time columns are right" if far else "as it should be, if recorded or exported so",
-            code=Code.RATES_DIFFER,
-        )
-
-
-def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
-    """Trials whose markers are the same in every frame, whatever their files are called: one would count twice.
-
-    Parts of one long file, chosen by `time`, are trials of their own.
-    """
-    for one, other in combinations(trials, 2):
-        a, b = one.recording, other.recording
-        if a.labels != b.labels or not np.array_equal(a.markers[:1], b.markers[:1], equal_nan=True):
-            continue  # one frame is soon compared, and tells most apart
-        if np.array_equal(a.markers, b.markers, equal_nan=True):
-            yield other.error(
-                "trials",
-                f"holds the same {len(b.time)} frames as trial '{one.name}' ({one.source})",
-                "name the file of this trial, leave the trial out, or give each its part with time = [start, end]",
-                code=Code.SAME_RECORDING,
-            )

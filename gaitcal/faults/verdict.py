@@ -1,4 +1,7 @@
-"""The verdict: trustworthy, doubtful or refused, for the whole, each trial and each leg, with its reasons.
+"""What follows from what, and the verdict: trustworthy, doubtful or refused, with its reasons.
+
+What only follows from a fault that is told already is not told beside it (`without_consequences`): one fault, one
+finding.
 
 Findings of one cause become one reason, and the worst is told first. An error refuses, a warning makes doubtful, a note
 does neither. What is wrong with the static trial, an isolated trial or the study itself concerns every walk, since all
@@ -16,10 +19,66 @@ from enum import Enum
 
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.gait.moments import joint_words
 from gaitcal.model.linkage import SIDES
 
 SHOWN = 3
 """Pieces of evidence that a reason gives; how many more there are is said."""
+SPOILS = {
+    "landmarks": ("static trial", "posture", "sides", "axes", "marker places"),
+    "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time", "joint"),
+    "sides": ("exchanged", "heading", "plate to foot", "plates", "joint"),
+}
+"""Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by itself."""
+SPOILS_BODY = ("units", "axes", "sides", "landmarks")
+"""Topics of errors of a trial that put its whole body in disorder against the other trials'."""
+DISORDERS_PRESSURE = ("units", "axes", "sides", "exchanged", "time", "forces")
+"""Topics of warnings and errors about what puts centres of pressure off their feet by itself."""
+OF_FORCES = ("forces", "plates", "plate to foot", "body mass")
+"""Topics of what is wrong with the forces of a walk, by which no joint was found."""
+FORCES, PLACES, BOUNDS, MARKERS_AFTER_FIT = "forces", "joint places", "physical bounds", "markers after the fit"
+"""Topics of the force diagnosis and of what a finished fit says."""
+_UNEXPLAINED = (Code.UNEXPLAINED_RESIDUAL, Code.FORCES_CONTRADICT)
+_LABEL = re.compile(r"'([^']+)'")
+
+
+def touches_model(topic: str) -> bool:
+    """Whether a fault of one walk is in the joints as well."""
+    return topic not in OF_FORCES
+
+
+def without_consequences(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """The findings without those that only follow from a warning or an error among them."""
+    said = [f for f in findings if f.severity is not Severity.INFO]
+    return tuple(f for f in findings if not any(_follows(f, cause) for cause in said))
+
+
+def _follows(effect: Finding, cause: Finding) -> bool:
+    """The graph: whether one finding only follows from another, which is no note."""
+    here, error = cause.where == effect.where, cause.severity is Severity.ERROR
+    if here and error and cause.cause and effect.topic in SPOILS.get(cause.topic, ()):
+        return True
+    # where markers do not tell how a leg moves, its motion asks for torques and forces that nobody exerted
+    lost_leg = here and error and bool(cause.leg) and touches_model(cause.topic)
+    lost_leg &= cause.topic not in (BOUNDS, MARKERS_AFTER_FIT)
+    # a fault of the forces of this walk, or of all, is what motion and forces say against each other
+    of_forces = cause.topic == FORCES and cause.where in (effect.where, STUDY)
+    if effect.code is Code.FORCES_CONTRADICT:
+        return lost_leg or (of_forces and cause.code is not Code.FORCES_CONTRADICT)
+    if effect.code is Code.UNEXPLAINED_RESIDUAL:
+        another = cause.code is Code.FORCES_OF_ANOTHER and cause.where in (effect.where, STUDY)
+        return lost_leg or another or (of_forces and cause.code not in _UNEXPLAINED)
+    if effect.topic == BOUNDS:
+        return lost_leg and (effect.code is Code.FORCES_OF_ANOTHER or cause.leg == effect.leg)
+    if effect.topic == MARKERS_AFTER_FIT:  # of a marker that was named before the fit
+        labels = set(_LABEL.findall(effect.cause))
+        return here and cause.topic != MARKERS_AFTER_FIT and not labels.isdisjoint(_LABEL.findall(cause.cause))
+    # joints of another body lie elsewhere, and one that lies where nobody has it is beyond its bounds
+    if effect.topic == PLACES:
+        return cause.code is Code.OTHER_BODY
+    if effect.code is Code.JOINT_AT_BOUND:
+        return cause.topic == PLACES and f" {joint_words(effect.cause.split()[0])} " in cause.cause
+    return False
 
 
 class Judgement(Enum):
@@ -153,13 +212,6 @@ def stopping(findings: Sequence[Finding], walks: Sequence[str]) -> tuple[Finding
 
 
 _GOOD = Judgement.TRUSTWORTHY
-OF_FORCES = ("forces", "plates", "plate to foot", "body mass")
-"""Topics of what is wrong with the forces of a walk, by which no joint was found."""
-
-
-def touches_model(topic: str) -> bool:
-    """Whether a fault of one walk is in the joints as well."""
-    return topic not in OF_FORCES
 
 
 def _of_legs(findings: Iterable[Finding]) -> dict[str, Judgement]:

@@ -41,9 +41,8 @@ from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.faults.evidence import without_consequences
 from gaitcal.faults.study import check_study
-from gaitcal.faults.verdict import judge, stopping
+from gaitcal.faults.verdict import judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.anthropometry import child_spread
 from gaitcal.model.parameters import InertialSet, full_set, impossible_bodies, symmetric_set

@@ -4,7 +4,7 @@ Standing is: a still window; knees not bent far (the pelvis is nearly as high ab
 both feet at one height. A walk may hold a still window too; it is a worse static trial than one that only stands.
 Walking is seen by the feet: from the pelvis, along where it faces, one foot goes back while the other goes forth, over
 the ground or on a treadmill. One joint alone is seen by how far the joints turn about their mean postures
-(`faults/moving_joint.py`), while pelvis and other leg stay.
+(`faults/role.py`), while pelvis and other leg stay.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
-from gaitcal.faults.cluster import clusters_of
-from gaitcal.faults.evidence import LIGHT
-from gaitcal.faults.moving_joint import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
-from gaitcal.faults.stance import UP, Stance
-from gaitcal.faults.trial_body import links_of
+from gaitcal.faults.cluster import UP, Stance, clusters_of
+from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
+from gaitcal.faults.joint_link import links_of
+from gaitcal.faults.role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
@@ -244,8 +243,10 @@ def movement(
         return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")
     turns: dict[str, float] = {}
     if reference is not None:
-        clusters = clusters_of(recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > LIGHT)
-        turns = {joint: link.rms for joint, link in links_of(clusters, reference.centres, {}).items()}
+        clusters = clusters_of(
+            recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > NEGLIGIBLE_WEIGHT
+        )
+        turns = {joint: link.rms for joint, link in links_of(clusters, reference.centres).items()}
     pelvis = _middle(recording, marker_set, "pelvis")
     feet = [_middle(recording, marker_set, f"foot_{side}") for side in SIDES]
     walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))

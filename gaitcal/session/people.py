@@ -24,7 +24,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import other_side
-from gaitcal.faults.evidence import LIGHT
+from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import REQUIRED, MarkerSet
@@ -68,7 +68,7 @@ def worn_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[
     out: dict[str, list[str]] = {}
     for segment in LOWER_BODY:
         worn = (*marker_set.tracking.get(segment, ()), *marker_set.optional.get(segment, ()))
-        out[segment] = sorted(m for m in dict.fromkeys(worn) if m in there and marker_set.weight(m) > LIGHT)
+        out[segment] = sorted(m for m in dict.fromkeys(worn) if m in there and marker_set.weight(m) > NEGLIGIBLE_WEIGHT)
     return out
 
 

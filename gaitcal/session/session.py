@@ -20,13 +20,13 @@ from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
+from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.errors import InputError
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.faults.exchanged import by_jumps
+from gaitcal.faults.exchanged import exchanged_back
 from gaitcal.faults.force_diagnosis import ForceDiagnosis
 from gaitcal.findings import Finding
 from gaitcal.io.axes import turn_to_progression
-from gaitcal.io.intervals import runs, spans
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
@@ -147,8 +147,10 @@ def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] =
     settings, findings, trials = study.settings, list[Finding](), []
     for trial in cleaned(study).moving:
         if settings.robust != "none":
-            trial, found = _exchanged_back(trial, study, model)
-            findings += found
+            marker_set = study.marker_set.with_weights(study.weights)
+            evidence = TrialEvidence.of(trial, marker_set, study.subject, settings, model)
+            recording, found = exchanged_back(evidence)
+            trial, findings = replace(trial, recording=recording), [*findings, *found]
         trials.append(prepare_trial(trial, model, settings))
     return Session(
         model=model,
@@ -160,27 +162,6 @@ def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] =
         checked=checked,
         findings=tuple(findings),
     )
-
-
-def _exchanged_back(trial: StudyTrial, study: Study, model: SubjectModel) -> tuple[StudyTrial, list[Finding]]:
-    """A trial with labels that jumped onto each other exchanged back, and what was done.
-
-    A robust loss alone cannot do it: three markers of a segment of which two are exchanged are a mirror image, and
-    least squares turns the segment round. The jump itself shows it (`faults/exchanged.py`).
-    """
-    evidence = TrialEvidence.of(
-        trial, study.marker_set.with_weights(study.weights), study.subject, study.settings, model
-    )
-    recording = trial.recording
-    markers, findings = recording.markers.copy(), []
-    for jump in by_jumps(evidence):
-        a, b = evidence.place[jump.label], evidence.place[jump.other]
-        markers[jump.frames, a], markers[jump.frames, b] = markers[jump.frames, b], markers[jump.frames, a]
-        found = f"they carried each other's label in {int(jump.frames.sum())} frames, "
-        found += f"{spans(recording.time, runs(jump.frames))}; exchanged back"
-        cause = f"'{jump.label}' and '{jump.other}' are exchanged"
-        findings.append(evidence.info("labels", found, cause=cause, code=Code.EXCHANGED_BACK))
-    return (replace(trial, recording=replace(recording, markers=markers)) if findings else trial), findings
 
 
 def fits_legs_together(settings: CalibrationSettings) -> bool:

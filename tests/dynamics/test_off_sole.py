@@ -13,11 +13,11 @@ from scipy.spatial import ConvexHull
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, FootPoints, sole_of
 from gaitcal.dynamics.ground_reactions import GroundReactions, ground_reactions_on_feet
 from gaitcal.dynamics.off_sole import DIVIDED, MOMENT_NM, OUTLINE_M, outside_hull, sole_edge
-from gaitcal.faults.contacts import Feet
+from gaitcal.faults.foot_on_plate import Feet
 from gaitcal.findings import Severity
 from gaitcal.io.recording import Recording
 from tests.dynamics.test_ground_contact import STANCE, TIME, right_foot, square
-from tests.faults.test_outside_sole import HEIGHT, divided_walk, evidence
+from tests.faults.test_foot_on_plate import HEIGHT, divided_walk, evidence
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,8 @@ import pytest
 from gaitcal import Study
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.faults import body_size
-from gaitcal.faults.contacts import feet_of
+from gaitcal.faults import plates
+from gaitcal.faults.foot_on_plate import feet_of
 from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Severity
 from gaitcal.io.force_plate import resample_wrench
@@ -86,4 +87,4 @@ def test_a_body_is_not_weighed_while_a_heel_stands_beside_the_plate_that_it_is_a
     early = (missed.recording.time > 2.325) & (missed.recording.time < 2.365)
     for trial, weighed in ((missed, False), (whole, True)):
         feet = feet_of(trial)
-        assert feet is not None and body_size._measured(trial, feet)[early].any() == weighed
+        assert feet is not None and plates._all_on_plates(trial, feet)[early].any() == weighed

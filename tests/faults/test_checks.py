@@ -36,7 +36,6 @@ from tests.faults.spoilt import (
     relabelled,
     scaled,
     slower,
-    sound_study,
     spiked,
     sunk,
     swapped,
@@ -46,11 +45,6 @@ from tests.faults.spoilt import (
 )
 
 ERROR, WARNING, INFO = Severity.ERROR, Severity.WARNING, Severity.INFO
-
-
-@pytest.fixture(scope="module")
-def sound() -> Study:
-    return sound_study()
 
 
 def test_sound_study_has_only_facts(sound: Study) -> None:

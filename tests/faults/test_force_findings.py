@@ -142,7 +142,8 @@ def test_small_evidence_of_several_trials_adds_up() -> None:
 
 def test_a_disagreement_that_no_fault_explains_is_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     evidence = exact_walk().evidence()
-    shaken = replace(evidence, need=evidence.need + np.random.default_rng(0).normal(size=evidence.need.shape) * 60.0)
+    noise = 60.0 * np.random.default_rng(0).normal(size=evidence.required_wrench.shape)
+    shaken = replace(evidence, required_wrench=evidence.required_wrench + noise)
     (finding,) = force_findings([shaken]).findings
     assert "no single fault of the forces explains it" in finding.cause and finding.severity is Severity.WARNING
     assert force_findings([shaken]).faulty == {"walk"}

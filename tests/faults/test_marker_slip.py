@@ -13,14 +13,9 @@ from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
-from tests.faults.spoilt import moved, sound_study, with_trial
+from tests.faults.spoilt import moved, with_trial
 
 Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def study() -> Study:
-    return sound_study()
 
 
 def left(study: Study) -> list[Finding]:
@@ -36,8 +31,8 @@ def shifted(frames: slice, by: float) -> object:
 
 
 @pytest.mark.parametrize("label", ["R.Heel", "L.Thigh.Front", "R.Shank.Upper", "V.Sacral"])
-def test_a_marker_elsewhere_for_a_stretch(study: Study, label: str) -> None:
-    spoilt = with_trial(study, "walk", moved(label, shifted(slice(70, 100), 0.05)))  # type: ignore[arg-type]
+def test_a_marker_elsewhere_for_a_stretch(sound: Study, label: str) -> None:
+    spoilt = with_trial(sound, "walk", moved(label, shifted(slice(70, 100), 0.05)))  # type: ignore[arg-type]
     found = left(spoilt)
     assert [f"'{label}'" in f.cause for f in found] == [True]
     time = spoilt.trials[1].recording.time
@@ -45,8 +40,8 @@ def test_a_marker_elsewhere_for_a_stretch(study: Study, label: str) -> None:
 
 
 @pytest.mark.parametrize("label", ["R.Heel", "L.Thigh.Front", "R.Shank.Upper"])
-def test_a_marker_that_slips_and_stays(study: Study, label: str) -> None:
-    spoilt = with_trial(study, "walk", moved(label, shifted(slice(90, None), 0.025)))  # type: ignore[arg-type]
+def test_a_marker_that_slips_and_stays(sound: Study, label: str) -> None:
+    spoilt = with_trial(sound, "walk", moved(label, shifted(slice(90, None), 0.025)))  # type: ignore[arg-type]
     found = left(spoilt)
     assert [f"'{label}' slipped" in f.cause for f in found] == [True]
     assert f"{spoilt.trials[1].recording.time[90]:.2f}-" in found[0].found
@@ -66,40 +61,40 @@ def every(frames: int, seconds: float, by: float) -> Callable[[Recording], Recor
 
 
 @pytest.mark.parametrize("frames", [1, 2, 4])
-def test_what_takes_a_while_is_no_slip_at_any_rate(study: Study, frames: int) -> None:
-    slow = left(with_trial(study, "walk", every(frames, 0.15, 0.02)))
+def test_what_takes_a_while_is_no_slip_at_any_rate(sound: Study, frames: int) -> None:
+    slow = left(with_trial(sound, "walk", every(frames, 0.15, 0.02)))
     assert not any("slipped" in f.cause for f in slow)
-    at_once = left(with_trial(study, "walk", every(frames, 0.0, 0.06)))
+    at_once = left(with_trial(sound, "walk", every(frames, 0.0, 0.06)))
     assert any("'R.Heel' slipped" in f.cause for f in at_once)
 
 
-def test_a_marker_that_cameras_lose_again_and_again_has_not_slipped(study: Study) -> None:
+def test_a_marker_that_cameras_lose_again_and_again_has_not_slipped(sound: Study) -> None:
     def rattling(x: Array) -> Array:
         for edge in (40, 48, 60):
             x[edge : edge + 3, 1] += 0.02
         x[90:, 1] += 0.02
         return x
 
-    assert not any("slipped" in f.cause for f in left(with_trial(study, "walk", moved("R.Heel", rattling))))
+    assert not any("slipped" in f.cause for f in left(with_trial(sound, "walk", moved("R.Heel", rattling))))
 
 
 @pytest.mark.parametrize("straight", [True, False])
-def test_a_path_that_software_made_up(study: Study, straight: bool) -> None:
+def test_a_path_that_software_made_up(sound: Study, straight: bool) -> None:
     def bridged(x: Array) -> Array:
         end = x[110] if straight else x[60]
         x[60:111] = x[60] + np.linspace(0.0, 1.0, 51)[:, None] * (end - x[60])
         return x
 
-    found = left(with_trial(study, "walk", moved("R.Shank.Front", bridged)))
+    found = left(with_trial(sound, "walk", moved("R.Shank.Front", bridged)))
     assert len(found) == 1 and "'R.Shank.Front'" in found[0].cause
     assert "held or drawn as a straight line" in found[0].cause
     if not straight:
         assert found[0].severity is Severity.ERROR
 
 
-def test_skin_that_moves_smoothly_is_not_told(study: Study) -> None:
+def test_skin_that_moves_smoothly_is_not_told(sound: Study) -> None:
     def skin(x: Array) -> Array:
         wave = 0.008 * np.sin(np.linspace(0.0, 9.0, len(x)))
         return x + wave[:, None] * [1.0, 0.5, -0.5]
 
-    assert left(with_trial(study, "walk", moved("R.Thigh.Front", skin))) == []
+    assert left(with_trial(sound, "walk", moved("R.Thigh.Front", skin))) == []

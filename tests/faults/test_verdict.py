@@ -10,14 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaitcal.codes import Code
-from gaitcal.dynamics.ground_reactions import CONTRADICTED
-from gaitcal.faults.bounds import DISAGREE
-from gaitcal.faults.bounds import TOPIC as BOUNDS
-from gaitcal.faults.evidence import without_consequences
-from gaitcal.faults.force_diagnosis import TOPIC as FORCES
-from gaitcal.faults.joint_places import TOPIC as PLACES
-from gaitcal.faults.marker_structure import TOPIC as AFTER
-from gaitcal.faults.verdict import Judgement, Verdict, judge, reasons, stopping
+from gaitcal.faults.verdict import (
+    BOUNDS,
+    FORCES,
+    MARKERS_AFTER_FIT,
+    PLACES,
+    SPOILS,
+    Judgement,
+    Verdict,
+    judge,
+    reasons,
+    stopping,
+    without_consequences,
+)
 from gaitcal.findings import STUDY, Finding, Severity
 
 GOOD, DOUBTFUL, REFUSED = Judgement
@@ -29,7 +34,7 @@ def found(severity: Severity, where: str, cause: str = "a", leg: str = "", weigh
     return Finding(
         code=Code.CLOCKS_DIFFER,
         severity=severity,
-        topic="forces",
+        topic=FORCES,
         where=where,
         cause=cause,
         found="3 mm",
@@ -136,24 +141,31 @@ def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> N
     assert len(reasons([plain("a", "no marker for 0.3 s"), plain("b", "no force for 0.3 s")])) == 2
 
 
-def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
-    def finding(topic: str, where: str, cause: str, severity: Severity = Severity.WARNING) -> Finding:
-        return Finding(
-            code=Code.FORCES_CONTRADICT, severity=severity, topic=topic, where=where, cause=cause, found="", cure=""
-        )
+CONTRADICTED = replace(found(Severity.WARNING, "walk", "not what the motion asks for"), code=Code.FORCES_CONTRADICT)
+DISAGREE = replace(found(Severity.ERROR, "walk"), topic=BOUNDS, code=Code.FORCES_OF_ANOTHER)
 
-    contradicted = finding(FORCES, "walk", CONTRADICTED)
-    late, everywhere = (finding(FORCES, where, "the forces come late") for where in ("walk", STUDY))
-    off = finding(AFTER, "walk", "marker 'R.Heel' is odd")
-    assert without_consequences([contradicted, off]) == (contradicted, off)
-    assert without_consequences([contradicted, late]) == (late,)
-    assert without_consequences([contradicted, everywhere]) == (everywhere,)
-    assert without_consequences([contradicted, replace(late, where="walk2")])[0] == contradicted
-    before = finding("clusters", "walk", "marker 'R.Heel' left its place")
+
+def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
+    late, everywhere = (found(Severity.WARNING, where, "the forces come late") for where in ("walk", STUDY))
+    off = replace(found(Severity.WARNING, "walk", "marker 'R.Heel' is odd"), topic=MARKERS_AFTER_FIT)
+    assert without_consequences([CONTRADICTED, off]) == (CONTRADICTED, off)
+    assert without_consequences([CONTRADICTED, late]) == (late,)
+    assert without_consequences([CONTRADICTED, everywhere]) == (everywhere,)
+    assert without_consequences([CONTRADICTED, replace(late, where="walk2")])[0] == CONTRADICTED
+    before = replace(found(Severity.WARNING, "walk", "marker 'R.Heel' left its place"), topic="clusters")
     assert without_consequences([before, off]) == (before,)
     assert without_consequences([replace(before, where="hip_r"), off])[-1] == off
     assert without_consequences([replace(before, severity=Severity.INFO), off])[-1] == off
     assert without_consequences([replace(before, cause="marker 'L.Heel' left its place"), off])[-1] == off
+
+
+@pytest.mark.parametrize(("topic", "spoilt"), [(topic, spoilt) for topic in SPOILS for spoilt in SPOILS[topic]])
+def test_what_puts_a_trial_in_disorder_is_told_alone(topic: str, spoilt: str) -> None:
+    cause, effect = replace(found(Severity.ERROR, "walk"), topic=topic), found(Severity.WARNING, "walk", "b")
+    effect = replace(effect, topic=spoilt)
+    assert without_consequences([effect, cause]) == (cause,)
+    for other in (replace(cause, where="walk2"), replace(cause, severity=Severity.WARNING), replace(cause, cause="")):
+        assert without_consequences([effect, other]) == (effect, other)
 
 
 @pytest.mark.parametrize("where", ["walk", STUDY])
@@ -163,8 +175,8 @@ def test_a_residual_that_a_named_fault_explains_is_not_told_beside_it(where: str
     assert without_consequences([residual]) == (residual,)
     assert without_consequences([late, residual]) == (late,)
     assert without_consequences([replace(late, where="walk2"), residual])[1:] == (residual,)
-    off = replace(late, topic=BOUNDS, cause=DISAGREE)
-    assert without_consequences([off, residual]) == (off,) if where == "walk" else (off, residual)
+    off = replace(DISAGREE, where=where)
+    assert without_consequences([off, residual]) == (off,)
 
 
 def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() -> None:
@@ -190,9 +202,8 @@ def test_errors_stop_only_where_they_leave_a_walk_no_leg() -> None:
 def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> None:
     lost = replace(found(Severity.ERROR, "walk", "one marker alone follows foot_l", "l"), topic="one marker")
     bounds = replace(found(Severity.ERROR, "walk", "no leg bends so", "l"), topic=BOUNDS)
-    residual = replace(found(Severity.ERROR, "walk", DISAGREE), topic=BOUNDS)
-    upright = replace(found(Severity.WARNING, "walk", CONTRADICTED), topic=FORCES)
-    assert without_consequences([lost, bounds, residual, upright]) == (lost,)
+    residual = DISAGREE
+    assert without_consequences([lost, bounds, residual, CONTRADICTED]) == (lost,)
     assert judge(without_consequences([lost, residual]), ("walk",)).refused_legs("walk") == ("l",)
     for elsewhere in (replace(bounds, leg="r"), replace(bounds, where="walk2"), replace(residual, where="walk2")):
         assert without_consequences([lost, elsewhere]) == (lost, elsewhere)

@@ -15,6 +15,7 @@ from gaitcal.gait.spatiotemporal import Average, counting, measure_means
 from gaitcal.page.page_data import SHOWN_MEASURES
 from tests.page.browser import Page
 from tests.page.made_page import HOSTILE, PRESETS, REFUSED, STRAIGHT, everything_page, measured_strides
+from tests.page.test_browser import until
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -120,6 +121,8 @@ def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, everything
         "60 N do not count"
     )
     duration = page.run("gaitcal.trial.duration")
+    page.run("document.querySelector('.traced').scrollIntoView()")  # it is drawn when it is seen
+    page.run(until("document.querySelector('.traced .cursor') !== null"))
     page.run("gaitcal.clock.seek(gaitcal.trial.duration / 2)")
     assert "translateX(50" in page.run("document.querySelector('.traced .cursor').style.transform")
     page.run(

@@ -57,9 +57,11 @@ Gaitcal.trialCurve = (trial, curve, limit, { cursors, page, wide }) => {
       page.state.set({ seconds: share * duration, playing: false });
     });
   };
+  const fit = () => place.clientWidth && place.clientWidth !== plot?.width && draw(place.clientWidth);
   if (wide) draw(wide, 2);
-  else new ResizeObserver(() => place.clientWidth && draw(place.clientWidth)).observe(place);
+  else new ResizeObserver(fit).observe(place);
   cursors.push((seconds, still) => {
+    if (!plot) fit();
     line.style.transform = `translateX(${(100 * Math.min(1, seconds / duration)).toFixed(3)}%)`;
     const here = value[time.findIndex((t) => t >= seconds - 1e-6)];
     if (still) now.textContent = ` At ${seconds.toFixed(2)} s: ${Gaitcal.numeral(here)} ${unit}.`;

@@ -11,7 +11,7 @@ import pytest
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.faults.jumps import HALF_WINDOW, seams
+from gaitcal.faults.sampling import HALF_WINDOW, seams
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
 from gaitcal.io.formats import read_recording

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from gaitcal.codes import Code
 from gaitcal.dynamics.off_sole import DIVIDED, EQUAL_M, sole_edge
-from gaitcal.faults.contacts import Feet, contacts
 from gaitcal.faults.evidence import TrialEvidence
-from gaitcal.faults.outside_sole import outside_sole
-from gaitcal.faults.plates import PLATES_ELSEWHERE
+from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, Feet, contacts, outside_sole
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import plate_from_moment, resample_wrench

@@ -1,4 +1,4 @@
-"""Further static trials must show the body of the first."""
+"""Which way is up, which side is right, which joint moves, and whether further static trials show the same body."""
 
 from __future__ import annotations
 
@@ -12,13 +12,50 @@ from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
-from tests.faults.spoilt import Change, moved, sound_study, swapped
+from tests.faults.spoilt import Change, moved, swapped, with_trial
 from tests.real_studies import write_study
 
 
-@pytest.fixture(scope="module")
-def sound() -> Study:
-    return sound_study()
+def sides_exchanged(r: Recording, pelvis: bool = True) -> Recording:
+    def other(label: str) -> str:
+        kept = label[:2] not in ("R.", "L.") or (not pelvis and "ASIS" in label)
+        return label if kept else label[0].translate(str.maketrans("RL", "LR")) + label[1:]
+
+    return replace(r, labels=tuple(other(label) for label in r.labels))
+
+
+CASES: dict[str, tuple[Change, str]] = {
+    "all labels": (sides_exchanged, "right and left"),
+    "labels of the legs": (lambda r: sides_exchanged(r, pelvis=False), ""),
+    "z mirrored": (lambda r: replace(r, markers=r.markers * [1.0, 1.0, -1.0]), "axis is mirrored"),
+    "y down": (lambda r: replace(r, markers=r.markers * [1.0, -1.0, -1.0]), "points down"),
+    "y mirrored": (lambda r: replace(r, markers=r.markers * [1.0, -1.0, 1.0]), "points down"),
+}
+
+
+@pytest.mark.parametrize("trial", ["static", "walk", "knee_r"])
+@pytest.mark.parametrize("case", CASES)
+def test_one_error_names_the_cause_in_every_role(sound: Study, trial: str, case: str) -> None:
+    change, words = CASES[case]
+    spoilt = with_trial(sound, trial, lambda r: replace(change(r), plates=()))
+    errors = [f for f in check_study(spoilt) if f.severity is Severity.ERROR]
+    assert [f.where for f in errors] == [trial], [f.line for f in errors]
+    assert words in errors[0].cause
+
+
+def test_lying_on_a_bench_is_no_fault_of_an_isolated_trial(sound: Study) -> None:
+    lying = with_trial(sound, "knee_r", lambda r: replace(r, markers=r.markers[:, :, [1, 0, 2]] * [1.0, -1.0, 1.0]))
+    assert [f.line for f in check_study(lying) if f.severity is Severity.ERROR] == []
+
+
+def test_a_walk_that_is_declared_for_one_joint(sound: Study) -> None:
+    walk = next(t.recording for t in sound.trials if t.name == "walk")
+    found = [f for f in check_study(with_trial(sound, "knee_r", lambda _: walk)) if f.topic == "role"]
+    assert [f.cause for f in found] == ["the trial is declared for knee_r alone, but this looks like a walk"]
+    assert "the pelvis goes" in found[0].found and "of the other leg turn by" in found[0].found
+    on_the_spot = replace(walk, markers=walk.markers - walk.markers[:, :, :].mean(axis=1, keepdims=True) * [1, 0, 1])
+    (still,) = [f for f in check_study(with_trial(sound, "knee_r", lambda _: on_the_spot)) if f.topic == "role"]
+    assert "the pelvis goes" not in still.found and "of the other leg turn by" in still.found
 
 
 def with_second(study: Study, change: Change) -> Study:

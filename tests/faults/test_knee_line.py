@@ -8,18 +8,13 @@ import numpy as np
 import pytest
 
 from gaitcal.faults.body_plan import body_axes
-from gaitcal.faults.knee_lines import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
+from gaitcal.faults.knee_line import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
 from gaitcal.faults.static_landmarks import landmarks
 from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Finding, Severity
 from gaitcal.study.study import Study, nominal_of
-from tests.faults.spoilt import Array, moved, sound_study, with_trial
+from tests.faults.spoilt import Array, moved, with_trial
 from tests.real_studies import REAL, write_study
-
-
-@pytest.fixture(scope="module")
-def sound() -> Study:
-    return sound_study()
 
 
 def told(study: Study) -> list[Finding]:
@@ -108,6 +103,6 @@ def test_without_malleoli_two_witnesses_are_left(sound: Study) -> None:
     p, turns = seen(off(sound, 0.02, -0.02))
     some = {name: x for name, x in p.items() if not name.startswith("ankle_med")}
     (found,) = odd_lines(some, turns)
-    assert set(found.witnesses) == {"bending", "pelvis"}
-    assert found.usual > ODD_BOTH * 4.3
+    assert set(found.side_evidence) == {"bending", "pelvis"}
+    assert found.baseline > ODD_BOTH * 4.3
     assert list(odd_lines({n: x for n, x in some.items() if not n.startswith("asis")}, turns)) == []

@@ -1,0 +1,14 @@
+"""The sound study that the checks are tried on."""
+
+from __future__ import annotations
+
+import pytest
+
+from gaitcal.study.study import Study
+from tests.faults.spoilt import sound_study
+
+
+@pytest.fixture(scope="session")
+def sound() -> Study:
+    """Standing, walking over two plates, a moving knee: nothing to find."""
+    return sound_study()
