@@ -16,12 +16,20 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, ground_velocity, near, sole_of
-from gaitcal.dynamics.foot_contact import Loading
-from gaitcal.dynamics.off_sole import Place, divided_cause, divided_frames, one_centre, places_of
-from gaitcal.dynamics.off_sole import MOST_BESIDE
+from gaitcal.dynamics.foot_contact import (
+    FOOT_BREADTH,
+    RESTING,
+    SHORTEST,
+    UNDER_FOOT,
+    FootPoints,
+    Loading,
+    distance_to_line,
+    ground_velocity,
+    near,
+    sole_of,
+)
+from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
 from gaitcal.dynamics.plate_errors import foot_tip, outline_known
-from gaitcal.dynamics.foot_contact import SHORTEST, UNDER_FOOT, distance_to_line
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.verdict import DISORDERS_PRESSURE
 from gaitcal.findings import Finding, Severity

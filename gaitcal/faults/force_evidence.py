@@ -38,7 +38,6 @@ from gaitcal.dynamics.expected_residual import BASELINE, TAU
 from gaitcal.dynamics.foot_contact import SHORTEST, UNDER_FOOT, FootPoints, distance_to_line
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
-from gaitcal.faults.plate_forces import PlateForces
 from gaitcal.faults.plate_forces import EMPTY_N, PlateForces, Sole, empty_reading, soles_of, under_feet
 from gaitcal.io.axes import ABOUT_Y
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, filter_plate, filterable, resample_wrench

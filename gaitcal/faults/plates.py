@@ -29,8 +29,6 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import UNDER_FOOT
-from gaitcal.dynamics.plate_errors import OUTSIDE_SHARE, share_outside
 from gaitcal.dynamics.foot_contact import near
 from gaitcal.dynamics.plate_errors import OUTSIDE_SHARE, share_outside
 from gaitcal.faults.evidence import TrialEvidence

@@ -18,9 +18,7 @@ from gaitcal.calibration.error_sources import TrialScores, whole_body_scores
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.joint_prior import prior_of_study
-from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
-from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.errors import InputError
 from gaitcal.faults.evidence import TrialEvidence
 from gaitcal.faults.exchanged import exchanged_back

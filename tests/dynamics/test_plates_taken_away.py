@@ -12,7 +12,6 @@ import pytest
 
 from gaitcal import Study
 from gaitcal.dynamics.ground_reactions import GroundReactions
-from gaitcal.faults import body_size
 from gaitcal.faults import plates
 from gaitcal.faults.foot_on_plate import feet_of
 from gaitcal.faults.study import check_study, evidence_of
