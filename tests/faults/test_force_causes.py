@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.cohort.page import USUAL
-from gaitcal.dynamics.expected_residual import TAU
+from gaitcal.dynamics.expected_residual import BASELINE, TAU
 from gaitcal.faults.force_causes import Kind, causes_of
 from gaitcal.faults.force_choice import choose, fits, named, told_size
 from gaitcal.faults.force_evidence import BROKEN_S, ForceEvidence, ForceResidual
@@ -141,7 +140,7 @@ def dense(trials: list[ForceEvidence]) -> np.ndarray:
         apart = np.abs(trial.time[:, None] - trial.time[None, :])
         piece = np.concatenate([[0], np.cumsum(np.diff(trial.time) >= BROKEN_S)])
         memory = np.where(piece[:, None] == piece[None, :], np.exp(-apart / TAU), 0.0)
-        scale = np.diag((USUAL * np.repeat([trial.weight, trial.bwh], 3)) ** 2)
+        scale = np.diag((BASELINE * np.repeat([trial.weight, trial.bwh], 3)) ** 2)
         blocks.append(np.kron(memory, scale))
     spread = np.concatenate([t.spread.reshape(-1, t.spread.shape[2]) for t in trials])
     out = spread @ spread.T
