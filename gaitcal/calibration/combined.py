@@ -24,8 +24,8 @@ from gaitcal.model.parameters import JP_INDEX, InertialSet, Parameters, dynamic_
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.banded import ArrowEquations, NormalEquations, SharedPrior
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.motion.motion import SharedMotions
 from gaitcal.motion.spline import ORDER, SplineBasis
-from gaitcal.motion.track import SharedMotions
 from gaitcal.motion.trial_problem import MotionProblem
 
 DESCENT = DescentSettings(first_damping=1e-4, lowered_by=10.0, keep_within=0.0, most_steps=60)

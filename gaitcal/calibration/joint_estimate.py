@@ -42,8 +42,7 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array, IntArray
 from gaitcal.calibration.error_sources import ErrorSources, errors_by_source, nominal_errors
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
-from gaitcal.calibration.joint_noise import forbidden_noise, least_noise, trial_noises
-from gaitcal.calibration.joint_prior import ANATOMY, prior_of
+from gaitcal.calibration.joint_prior import ANATOMY, forbidden_noise, least_noise, prior_of, trial_noises
 from gaitcal.calibration.reduced_problem import NULL, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters

@@ -31,7 +31,7 @@ from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
 from gaitcal.motion.descent import DescentSettings, Evaluation, descend
-from gaitcal.motion.track import track_nodes
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 
 KEPT_WITHIN = 0.005

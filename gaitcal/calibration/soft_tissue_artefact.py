@@ -44,7 +44,7 @@ from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_noise import LEAST_SAMPLES, frames_per_sample, least_noise
+from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, least_noise
 from gaitcal.model.linkage import BENDS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion

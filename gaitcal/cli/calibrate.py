@@ -26,10 +26,9 @@ from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.faults.study import check_further, check_study
 from gaitcal.faults.verdict import Judgement, judge, without_consequences
 from gaitcal.findings import Finding, Severity
-from gaitcal.gait.normal_bands import bands_file, read_normal_bands
+from gaitcal.gait.conventions import bands_file, read_normal_bands
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
-from gaitcal.results.calibration import write_results
-from gaitcal.results.page_files import PAGE
+from gaitcal.results.calibration import PAGE, write_results
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.session.calibrate import calibrate
@@ -91,8 +90,7 @@ def calibrate_study(
     with console.working() as step:
         step("reading and checking the recordings")
         loaded, findings = _checked(source, priors)
-        from gaitcal.results.calibration import write_results
-        from gaitcal.results.page_files import PAGE
+        from gaitcal.results.calibration import PAGE, write_results
         from gaitcal.session.calibrate import calibrate
 
         if drafted is not None and not force:

@@ -41,7 +41,7 @@ from gaitcal.published.statistics import (
 from gaitcal.published.study import PURPOSE, DrawProgress, MonteCarloStudy, Store, monte_carlo
 from gaitcal.published.tables import RUN, TableRow
 from gaitcal.published.workers import Cluster, LocalProcesses, Workers, alone
-from gaitcal.results.page_files import PAGE, read_page, rewrite_page
+from gaitcal.results.calibration import PAGE, read_page, rewrite_page
 from gaitcal.results.verdict import require_not_refused
 
 FOLDER, SUMMARY = "montecarlo", "summary.json"

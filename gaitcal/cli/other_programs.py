@@ -10,7 +10,7 @@ from gaitcal.cli.console import Console
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import UsageError, nearest
 from gaitcal.export.osim import write_osim
-from gaitcal.export.robot_files import write_mjcf, write_urdf
+from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.findings import Finding, note_of
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.formats import convert

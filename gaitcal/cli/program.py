@@ -31,7 +31,7 @@ def example(
     console: "Console", name: told.ExampleName = None, out: told.ExampleOut = None, mirror: told.Mirror = None
 ) -> None:
     """Public recordings to try: fetched by name, with checksum and licence. No other command asks the internet."""
-    from gaitcal.cli.example import fetch_or_list
+    from gaitcal.cli.explain import fetch_or_list
 
     fetch_or_list(name, out, mirror, console)
 

@@ -7,15 +7,15 @@ from pathlib import Path
 
 from gaitcal.cli.console import Console
 from gaitcal.figures.document import write_pdf
+from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.gait.moments import counted
-from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.result_folder import file_in_place
 from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.server import serve
 from gaitcal.page.view import Shown, page_html, sentences
+from gaitcal.results.calibration import result_page
 from gaitcal.results.gait_report import read_comments, report_content
-from gaitcal.results.page_files import result_page
 
 REPORT, COMMENTS = "report.pdf", "comments.toml"
 

@@ -29,7 +29,7 @@ from gaitcal.codes import Code
 from gaitcal.cohort.learning import FEWEST, PartEvidence, PersonEvidence, folds_of, heights_of, learn_part
 from gaitcal.cohort.outcome import kept
 from gaitcal.cohort.people import Cohort
-from gaitcal.compare.parameter_differences import told_parameters
+from gaitcal.compare.difference import told_parameters
 from gaitcal.errors import InputError
 from gaitcal.io.result_folder import MANIFEST, amended, read_object
 from gaitcal.io.toml import package_version

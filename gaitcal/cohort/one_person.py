@@ -1,21 +1,49 @@
 """One person of a cohort, from the folder of recordings to the result folder: what `gaitcal calibrate FOLDER` does,
 with nobody to ask.
+
+The row of the table of people that a result folder gives, from its files alone, and mean curves for the page.
+
+Fits join the walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk i.
+Peaks are of the mean over valid strides (`gait/ensemble.py`), where at least `LEAST_VALID` of its percents are valid;
+moments and powers by body mass. Their standard error is that of the mean at that percent; of a range, whose ends are
+far apart in the stride, it is taken as if their errors were independent: se = sqrt(se_max^2 + se_min^2).
+
+Curves are the same means at every second percent, as 16-bit integers in steps of a size that is the same for everybody:
+people can be packed one by one. Three bytes are four letters of base64, and a person's bytes are divisible by three, so
+that people's texts one behind the other are the text of all.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, Final, TypeAlias
 
+import numpy as np
+import pandas as pd
+
+from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import InputError
 from gaitcal.faults.study import check_study
-from gaitcal.faults.verdict import stopping
+from gaitcal.faults.verdict import Judgement, stopping
 from gaitcal.findings import STUDY
-from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
+from gaitcal.gait.conventions import read_normal_bands
+from gaitcal.gait.cycles import Kind, kind_of
+from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
+from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_room, sha256_of
+from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED
+from gaitcal.model.linkage import SIDES
 from gaitcal.results.calibration import write_results
+from gaitcal.results.stride_files import ENSEMBLE
+from gaitcal.results.table_file import read_csv
+from gaitcal.results.verdict import SUMMARY
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import (
     Draft,
@@ -136,3 +164,261 @@ def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) 
     if own is not None and common.priors is not None and own.sha256 != sha256_of(common.priors):
         found.append(f"priors = {common.priors.name} was said for the cohort; the study file's {own.file} is used")
     return tuple(found)
+
+
+Cell: TypeAlias = str | int | float | None
+"""Of the table of people."""
+ANGLES: Final = tuple(r.name for r in COORDINATE_TABLE.values() if r.group != "arm" and r.name not in LOCKED)
+MOMENTS: Final = tuple(
+    f"{name}_moment"
+    for name in ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle")
+)
+POWERS: Final = ("hip_power", "knee_power", "ankle_power")
+UNITS: Final = {**dict.fromkeys(ANGLES, "deg"), **dict.fromkeys(MOMENTS, "N m/kg"), **dict.fromkeys(POWERS, "W/kg")}
+"""Variable of `cycles.csv` -> unit of its peaks."""
+PEAKS: Final = ("max", "min", "range")
+MEASURED: Final = (
+    *("speed", "cadence", "stride_length", "step_length", "step_width", "stride_time", "stance_percent"),
+    *("double_support_percent", "single_support_percent"),
+)
+_FIT: Final = {
+    "nominal": "of the model as palpated",
+    "calibrated": "of the calibrated model",
+    "rigid_floor": "that moving skin leaves to rigid segments without joints",
+    "joint_floor": "that it leaves to segments with joints",
+}
+_WALKS: Final = "over all walks, frames counting alike (isolated trials where there is no walk)"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column."""
+
+    name: str
+    kind: type
+    """`str`, `int` or `float`."""
+    unit: str
+    meaning: str
+
+
+def _columns() -> tuple[Column, ...]:
+    def words(*columns: tuple[str, str]) -> list[Column]:
+        return [Column(name, str, "", meaning) for name, meaning in columns]
+
+    out = [
+        *words(
+            ("person", "name"),
+            ("session", "empty where there is one only"),
+            ("group", "as people.csv or cohort.toml says"),
+            ("folder", "result folder, from where this table lies"),
+            ("page", "the result's page, from where this table lies"),
+            ("verdict", "trustworthy, doubtful or refused"),
+            ("verdict_r", "of the right leg: refused in every walk, or the worst of the other walks"),
+            ("verdict_l", "of the left leg"),
+            ("first_cause", "the worst reason of the verdict"),
+            ("first_action", "what to do about it"),
+        ),
+        Column("reasons", int, "", "number of reasons of the verdict"),
+        *words(("status", "converged or not converged"), ("sex", "female or male")),
+        Column("mass_kg", float, "kg", "body mass"),
+        Column("height_m", float, "m", "body height"),
+        Column("age_years", float, "years", "as told"),
+        Column("walks", int, "", "walks that were used"),
+        *(Column(f"walks_refused_{s}", int, "", f"walks in which the {leg} leg is refused") for s, leg in _LEGS),
+    ]
+    for where, markers in (("marker_rms", "all markers"), ("legs_rms", "markers of pelvis and legs")):
+        for name, what in _FIT.items():
+            out.append(Column(f"{where}_{name}_mm", float, "mm", f"RMS distance of {markers} {what}, {_WALKS}"))
+    for stage, meaning in (
+        ("nominal", "pelvis residual of the nominal model"),
+        ("calibrated", "pelvis residual of the calibrated model"),
+        ("limit", "largest pelvis residual that errors explain"),
+    ):
+        for quantity, name, unit in (("force", "N", "N"), ("moment", "Nm", "N m")):
+            meant = f"{meaning}, RMS over valid frames of all walks"
+            out.append(Column(f"residual_{quantity}_{stage}_{name}", float, unit, meant))
+    for name in MEASURED:
+        for side, leg in _LEGS:
+            where = f"{name} of the {leg} leg's valid straight strides"
+            out.append(Column(f"{name}_{side}", float, MEASURES[name], f"mean {where}"))
+            out.append(Column(f"{name}_sd_{side}", float, MEASURES[name], f"standard deviation, {where}"))
+    out += [Column(f"strides_{side}", int, "", f"valid straight strides of the {leg} leg") for side, leg in _LEGS]
+    for variable, unit in UNITS.items():
+        for peak in PEAKS:
+            for side, leg in _LEGS:
+                meant = f"{peak} of the mean curve of {variable} over strides of the {leg} foot"
+                out.append(Column(f"{variable}_{peak}_{side}", float, unit, meant))
+                out.append(Column(f"{variable}_{peak}_se_{side}", float, unit, f"standard error: {meant}"))
+    out += words(
+        ("gaitcal", "version"),
+        ("settings_sha256", "of the settings in manifest.json"),
+        ("inputs_sha256", "of the SHA-256 of all inputs in manifest.json"),
+    )
+    return tuple(out)
+
+
+_LEGS: Final = tuple(zip(SIDES, ("right", "left"), strict=True))
+COLUMNS: Final = _columns()
+NAMES: Final = tuple(column.name for column in COLUMNS)
+EVERY: Final = 2
+"""% of the stride between two points of a curve."""
+GAP: Final = -32768
+STEPS: Final = {Kind.ANGLE: 0.01, Kind.MOMENT: 0.0005, Kind.POWER: 0.002}
+"""What one of the whole numbers is: deg, N m/kg, W/kg."""
+VARIABLES: Final = (
+    *("hip_flexion", "hip_flexion_moment", "hip_power", "hip_adduction", "hip_adduction_moment", "hip_rotation"),
+    *("knee_angle", "knee_angle_moment", "knee_power", "knee_adduction_moment"),
+    *("ankle_angle", "ankle_angle_moment", "ankle_power"),
+)
+"""Of `cycles.csv`, in the order of the packed curves; right before left."""
+SHAPE: Final = (len(VARIABLES), len(SIDES), 100 // EVERY + 1)
+PAGE = "result.html"
+DIGITS = 6
+_FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
+
+
+def _ensemble(path: Path, mass: float) -> Iterator[tuple[str, str, Array, Array, Array]]:
+    """Variable, side, percent, mean and standard error of every curve of `ensemble.csv`, by body `mass` (kg)."""
+    try:
+        table, _ = read_csv(path)
+    except (OSError, pd.errors.EmptyDataError):
+        return
+    table = table[table["variable"].isin({*UNITS, *VARIABLES}) & table["side"].isin(SIDES)]
+    numbers = [pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in ("percent", "mean", "se")]
+    for (variable, side), rows in table.groupby(["variable", "side"], sort=False).indices.items():
+        scale = 1.0 if kind_of(variable) is Kind.ANGLE else 1.0 / mass
+        percent, mean, error = (values[rows] for values in numbers)
+        yield variable, side, percent, scale * mean, scale * error
+
+
+def _peaks(ensemble: Path, mass: float) -> Iterator[tuple[str, float]]:
+    """Column and value; nothing of what is not known."""
+    for variable, side, _, mean, error in _ensemble(ensemble, mass):
+        if variable in UNITS and np.isfinite(mean).mean() >= LEAST_VALID:
+            high, low = int(np.nanargmax(mean)), int(np.nanargmin(mean))
+            ends = (mean[high], error[high]), (mean[low], error[low])
+            both = mean[high] - mean[low], np.hypot(error[high], error[low])
+            for peak, (value, its_error) in zip(PEAKS, (*ends, both), strict=True):
+                yield f"{variable}_{peak}_{side}", float(value)
+                yield f"{variable}_{peak}_se_{side}", float(its_error)
+
+
+def mean_curves(ensemble: Path, mass: float) -> str:
+    """Base64 of the curves of `ensemble.csv`, little-endian integers of `SHAPE`; empty where there is none.
+
+    Parameters
+    ----------
+    mass : kg.
+    """
+    packed = np.full(SHAPE, GAP, dtype="<i2")
+    for variable, side, percent, mean, _ in _ensemble(ensemble, mass):
+        if variable in VARIABLES:
+            here = np.isfinite(mean) & (percent % EVERY == 0)
+            whole = np.clip(np.rint(mean[here] / STEPS[kind_of(variable)]), GAP + 1, -GAP - 1)
+            packed[VARIABLES.index(variable), SIDES.index(side), (percent[here] / EVERY).astype(int)] = whole
+    return "" if (packed == GAP).all() else base64.b64encode(packed.tobytes()).decode("ascii")
+
+
+def no_curves() -> str:
+    """The curves of somebody who has none."""
+    return base64.b64encode(np.full(SHAPE, GAP, dtype="<i2").tobytes()).decode("ascii")
+
+
+def row_of(folder: Path) -> dict[str, Cell]:
+    """Column -> value of a result folder, all but those of the cohort itself (group, folder, ...).
+
+    Raises
+    ------
+    InputError
+        It is no result of a calibration.
+    """
+    manifest: dict[str, Any] = read_object(folder / MANIFEST)
+    summary: dict[str, Any] = read_object(folder / SUMMARY)
+    if "subject" not in manifest or "trials" not in summary:
+        raise InputError("is no result of 'gaitcal calibrate'", source=folder, code=Code.NO_RESULT)
+    subject, reasons = manifest["subject"], summary.get("reasons") or [{}]
+    trials: dict[str, dict[str, Any]] = summary["trials"]
+    walks = [trial for trial in trials.values() if trial.get("role") == "gait"]
+    row: dict[str, Cell] = {
+        "person": subject["name"],
+        "page": PAGE if (folder / PAGE).is_file() else "",
+        "verdict": summary["verdict"],
+        "first_cause": reasons[0].get("cause", ""),
+        "first_action": reasons[0].get("action", ""),
+        "reasons": len(summary.get("reasons") or ()),
+        "status": summary.get("status", ""),
+        **{name: subject.get(name) for name in ("sex", "mass_kg", "height_m", "age_years")},
+        "walks": len(walks),
+        **_legs(walks),
+        **dict(_fits(walks or list(trials.values()))),
+        **dict(_residuals(walks)),
+        **dict(_spatiotemporal(summary.get("spatiotemporal") or {})),
+        **dict(_peaks(folder / ENSEMBLE, float(subject["mass_kg"]))),
+        "gaitcal": manifest["gaitcal"],
+        **{
+            f"{key.removesuffix('_sha256')}_sha256": _digest(manifest.get(key)) for key in ("settings", "inputs_sha256")
+        },
+    }
+    for name, value in row.items():
+        if isinstance(value, float):
+            row[name] = round(value, DIGITS) if math.isfinite(value) else None
+    return {name: row[name] for name in NAMES if name in row}
+
+
+def reasons_of(folder: Path) -> tuple[dict[str, str], ...]:
+    """Severity, cause and action of every reason of a result folder's verdict, the worst first."""
+    summary: dict[str, Any] = read_object(folder / SUMMARY)
+    found: Iterable[Mapping[str, Any]] = summary.get("reasons") or ()
+    return tuple({name: str(reason.get(name) or "") for name in ("severity", "cause", "action")} for reason in found)
+
+
+def _digest(content: object) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _legs(walks: Iterable[Mapping[str, Any]]) -> dict[str, Cell]:
+    """Verdict of each leg, and in how many walks it is refused."""
+    out: dict[str, Cell] = {}
+    for side in SIDES:
+        said = [Judgement(walk[f"verdict_{side}"]) for walk in walks if f"verdict_{side}" in walk]
+        left = [judgement for judgement in said if judgement is not Judgement.REFUSED]
+        judged = Judgement.worst(left) if left else Judgement.REFUSED
+        out[f"verdict_{side}"] = judged.value if said else ""
+        out[f"walks_refused_{side}"] = len(said) - len(left)
+    return out
+
+
+def _fits(trials: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    found = list(trials)
+    for where, entry in _FITS.items():
+        for name in ("nominal", "calibrated", "rigid_floor", "joint_floor"):
+            pairs = [(t["frames"], (t.get(entry) or t.get("rms_mm") or {}).get(name)) for t in found if "frames" in t]
+            yield f"{where}_{name}_mm", _together(pairs)
+
+
+def _residuals(walks: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    stages = [(w["valid_frames"], list(w["pelvis_residual"].values())) for w in walks if "pelvis_residual" in w]
+    limits = [(w["valid_frames"], w["pelvis_residual_limit"]) for w in walks if "pelvis_residual_limit" in w]
+    for stage, found in (
+        ("nominal", [(frames, of_stage[0]) for frames, of_stage in stages]),
+        ("calibrated", [(frames, of_stage[-1]) for frames, of_stage in stages]),
+        ("limit", limits),
+    ):
+        yield f"residual_force_{stage}_N", _together([(frames, one["force_N"]) for frames, one in found])
+        yield f"residual_moment_{stage}_Nm", _together([(frames, one["torque_Nm"]) for frames, one in found])
+
+
+def _together(pairs: Iterable[tuple[int, float | None]]) -> float | None:
+    """RMS over trials of so many frames; None where none tells it."""
+    known = [(n, value) for n, value in pairs if value is not None]
+    frames = sum(n for n, _ in known)
+    return math.sqrt(sum(n * value**2 for n, value in known) / frames) if frames else None
+
+
+def _spatiotemporal(means: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    for side in SIDES:
+        for name in MEASURED:
+            found = means.get(name, {}).get(side) or {}
+            yield f"{name}_{side}", found.get("mean")
+            yield f"{name}_sd_{side}", found.get("sd")
+        yield f"strides_{side}", (means.get("stride_time", {}).get(side) or {}).get("strides", 0)

@@ -18,12 +18,11 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from gaitcal.arrays import Array
-from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.one_person import COLUMNS, EVERY, STEPS, VARIABLES, CommonSettings, no_curves
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.row import COLUMNS, EVERY, STEPS, VARIABLES, no_curves
+from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
-from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.toml import package_version
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import SIDES

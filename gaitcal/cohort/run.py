@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from gaitcal.codes import Code
-from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.one_person import COLUMNS, NAMES, Cell, CommonSettings
 from gaitcal.cohort.outcome import (
     COMPRESSION,
     STATE,
@@ -36,7 +36,6 @@ from gaitcal.cohort.outcome import (
 )
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import Cohort, CohortPerson
-from gaitcal.cohort.row import COLUMNS, NAMES, Cell
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import UNFINISHED, real_path
 from gaitcal.io.result_folder import (

@@ -18,9 +18,8 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.codes import Code
-from gaitcal.compare.leg_geometry import Axis, LegGeometry, leg_bodies, our_leg, peer_leg
 from gaitcal.compare.osim_reader import read_osim
-from gaitcal.compare.peer_model import PeerModel
+from gaitcal.compare.peer_model import Axis, LegGeometry, PeerModel, leg_bodies, our_leg, peer_leg
 from gaitcal.errors import InputError
 from gaitcal.model.linkage import SEGMENTS, SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, table

@@ -19,8 +19,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.compare.difference import DIGITS, MDC, Difference, Spread, shared_variance, spread_of, stride_part
-from gaitcal.compare.session import Common, Session
-from gaitcal.compare.stride_sets import Key, StrideSet, mean_over
+from gaitcal.compare.stride_sets import Common, Key, Session, StrideSet, mean_over
 from gaitcal.gait.cycles import POINTS, Kind, kind_of, unit_of
 from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
 from gaitcal.gait.strides import TURNING

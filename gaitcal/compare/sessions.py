@@ -9,10 +9,8 @@ import pandas as pd
 
 from gaitcal.codes import Code
 from gaitcal.compare.curve_differences import curve_figures, curve_table, measure_differences
-from gaitcal.compare.difference import Difference, difference_table, lines_of, ranked
-from gaitcal.compare.parameter_differences import parameter_differences
-from gaitcal.compare.session import Common, Session, common_to, identity
-from gaitcal.compare.stride_sets import Key, StrideSet, stride_sets
+from gaitcal.compare.difference import Difference, difference_table, lines_of, parameter_differences, ranked
+from gaitcal.compare.stride_sets import Common, Key, Session, StrideSet, common_to, identity, stride_sets
 from gaitcal.errors import InputError
 from gaitcal.gait.moments import counted
 

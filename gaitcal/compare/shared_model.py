@@ -26,8 +26,8 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.codes import Code
-from gaitcal.compare.parameter_differences import own_causes, told_parameters
-from gaitcal.compare.session import Common, Session
+from gaitcal.compare.difference import own_causes, told_parameters
+from gaitcal.compare.stride_sets import Common, Session
 from gaitcal.errors import InputError
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES

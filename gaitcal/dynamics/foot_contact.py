@@ -24,9 +24,9 @@ from gaitcal.codes import Code
 from gaitcal.dynamics.plate_errors import outside
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
-from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
+from gaitcal.io.still import duration, runs, spans
 from gaitcal.model.linkage import SIDES
 
 RESTING = 0.4

@@ -25,9 +25,9 @@ from gaitcal.dynamics.plate_errors import foot_tip
 from gaitcal.errors import InputError
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_wrench
-from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.io.still import duration, runs, spans
 from gaitcal.model.chain import chain_of, forward, segment_poses
 from gaitcal.model.coordinates import LEG_COORDINATES, split_side
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES

@@ -50,8 +50,8 @@ from gaitcal.dynamics.foot_contact import (
 from gaitcal.dynamics.plate_errors import outline_known
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
-from gaitcal.io.intervals import runs, spans
 from gaitcal.io.recording import ForcePlate
+from gaitcal.io.still import runs, spans
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 
 OUTLINE_M = 0.03

@@ -4,7 +4,15 @@ A page has a title, says how bad it can be, and has the parts `PARTS`. The progr
 documentation show the same text.
 """
 
-from gaitcal.explanations.explanation import PARTS, Explanation, all_explanations, explanation_of
-from gaitcal.explanations.markdown import Bullets, Paragraph, Verbatim, parts_of
+from gaitcal.explanations.explanation import (
+    PARTS,
+    Bullets,
+    Explanation,
+    Paragraph,
+    Verbatim,
+    all_explanations,
+    explanation_of,
+    parts_of,
+)
 
 __all__ = ["PARTS", "Bullets", "Explanation", "Paragraph", "Verbatim", "all_explanations", "explanation_of", "parts_of"]

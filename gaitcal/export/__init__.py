@@ -3,9 +3,8 @@
 Everything written here describes the same mechanical system, with the same 27 coordinates (names, signs, zeros).
 """
 
-from gaitcal.export.motion_files import write_external_loads, write_mot, write_sto_moments
 from gaitcal.export.osim import original_name, safe_name, write_osim
-from gaitcal.export.robot_files import write_mjcf, write_urdf
+from gaitcal.export.other_formats import write_external_loads, write_mjcf, write_mot, write_sto_moments, write_urdf
 
 __all__ = [
     "write_osim",

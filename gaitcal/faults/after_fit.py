@@ -28,7 +28,7 @@ from gaitcal.faults.marker_slip import STRAIGHT_M, bend
 from gaitcal.faults.verdict import BOUNDS, MARKERS_AFTER_FIT
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.gait.moments import moment_of
-from gaitcal.io.intervals import runs, spans
+from gaitcal.io.still import runs, spans
 from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.motion.motion import MarkerErrors, Motion

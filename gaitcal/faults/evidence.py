@@ -17,8 +17,7 @@ from gaitcal.io.axes import PROGRESSION_M, net_progression
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.outliers import Outlier
-from gaitcal.model.rebuilt_markers import Rebuilding
+from gaitcal.model.rebuilt_markers import Outlier, Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 from gaitcal.study.settings import CalibrationSettings

@@ -26,8 +26,8 @@ from gaitcal.codes import Code
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.faults.sampling import jump_limit
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import Recording
+from gaitcal.io.still import duration, runs, spans
 from gaitcal.model.linkage import LOWER_BODY
 
 STRANGE_M = 0.02

@@ -34,7 +34,7 @@ from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import DISORDERS_PRESSURE
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, resample_wrench
-from gaitcal.io.intervals import duration, runs, spans
+from gaitcal.io.still import duration, runs, spans
 from gaitcal.model.linkage import SIDES
 from gaitcal.runtime import remembered
 

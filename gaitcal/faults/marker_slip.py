@@ -21,7 +21,7 @@ from gaitcal.faults.cluster import FEWEST, Cluster, alignment
 from gaitcal.faults.evidence import MarkerEvidence, side_of
 from gaitcal.faults.exchanged import undone
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.io.intervals import runs, spans
+from gaitcal.io.still import runs, spans
 from gaitcal.runtime import remembered
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}

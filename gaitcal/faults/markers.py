@@ -25,9 +25,9 @@ from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError, alike
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.findings import Finding, Severity, listed
-from gaitcal.io.intervals import duration, marker_gaps, runs, spans
 from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import seen_mask
+from gaitcal.io.still import duration, marker_gaps, runs, spans
 from gaitcal.model.landmarks import one_psis, sacrum_words
 from gaitcal.model.linkage import LEG_SEGMENTS, LOWER_BODY, SIDES, carrier_of, joint_segments
 from gaitcal.model.subject_model import SubjectModel

@@ -35,9 +35,8 @@ from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of
 from gaitcal.findings import Finding
 from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N, resample_wrench
-from gaitcal.io.intervals import duration, runs, spans
 from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import still_window
+from gaitcal.io.still import duration, runs, spans, still_window
 from gaitcal.model.subject_model import GRAVITY
 
 OFFSET_N = 15.0

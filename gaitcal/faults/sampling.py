@@ -30,7 +30,7 @@ from gaitcal.codes import Code
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.force_plate import filterable
-from gaitcal.io.intervals import runs
+from gaitcal.io.still import runs
 from gaitcal.io.text_file import UNEVEN
 from gaitcal.motion.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.motion.trial_problem import FEWEST_FRAMES

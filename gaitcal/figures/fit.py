@@ -37,7 +37,7 @@ from gaitcal.figures.chart import (
     write,
 )
 from gaitcal.gait.strides import thinned
-from gaitcal.io.intervals import runs
+from gaitcal.io.still import runs
 from gaitcal.model.coordinates import coordinate_words, split_side
 from gaitcal.session.parameter_words import Group, Row
 from gaitcal.session.trial_result import RmsErrors

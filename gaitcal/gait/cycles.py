@@ -25,8 +25,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.intervals import runs
 from gaitcal.io.labels import FootEvent
+from gaitcal.io.still import runs
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, LEG_GROUPS, LOCKED
 
 if TYPE_CHECKING:

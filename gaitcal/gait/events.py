@@ -34,9 +34,9 @@ from gaitcal.findings import Finding
 from gaitcal.gait.cycles import EventSource, FootEvents, GaitEvent, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, order_findings
 from gaitcal.io.force_plate import LOADED_N
-from gaitcal.io.intervals import runs
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.io.still import runs
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 

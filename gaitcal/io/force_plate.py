@@ -44,8 +44,8 @@ from scipy.linalg import lapack
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.intervals import runs
 from gaitcal.io.recording import ForcePlate
+from gaitcal.io.still import runs
 
 UP = np.array([0.0, 1.0, 0.0])
 LOADED_N = 20.0

@@ -35,6 +35,7 @@ from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import (
     MINIMUM_NODES,
     ORDER,
@@ -47,7 +48,6 @@ from gaitcal.motion.spline import (
     stiffness,
 )
 from gaitcal.motion.start import starting_coordinates, starting_nodes
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 
 SPANS_TIMES_CUTOFF = 4.0  # knot spans a second in units of f: nodes pass 1.9 f, so that the penalty limits the motion

@@ -20,8 +20,8 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion.motion import Tracked, track_nodes
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import Tracked, track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 
 HUBER = 1.7

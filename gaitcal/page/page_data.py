@@ -20,12 +20,11 @@ from typing import Any, Final
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.explanations.explanation import explanation_of
-from gaitcal.explanations.markdown import Bullets, Paragraph, parts_of
+from gaitcal.explanations.explanation import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.faults.verdict import Judgement, Verdict, WalkVerdict
+from gaitcal.gait.conventions import Bands
 from gaitcal.gait.cycles import coordinate_of, kind_of
 from gaitcal.gait.moments import explained
-from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.io.toml import package_version
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, Coordinate, is_of_leg

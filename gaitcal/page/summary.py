@@ -9,6 +9,7 @@ import numpy as np
 
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.faults.verdict import Judgement
+from gaitcal.gait.conventions import Bands
 from gaitcal.gait.cycles import POINTS, normalise, source_words, usable
 from gaitcal.gait.moments import (
     SIDE_WORDS,
@@ -20,7 +21,6 @@ from gaitcal.gait.moments import (
     moment_numbers,
     moment_of,
 )
-from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.spatiotemporal import LEAST_VALID, StridePeaks, stride_peaks
 from gaitcal.gait.strides import TURNING, Layout, layout, strides_of, turns
 from gaitcal.model.linkage import SIDES

@@ -40,8 +40,8 @@ from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, dyn
 from gaitcal.model.subject_model import SubjectModel, build_linkage
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, RefitSettings, Varied

@@ -30,7 +30,7 @@ from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
 from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.track import track_nodes
+from gaitcal.motion.motion import track_nodes
 from gaitcal.published.case import MonteCarloCase, nominal_case
 from gaitcal.published.claims import Claim, Verdict, tested
 from gaitcal.published.disturbance_claims import FRAMES, PUBLISHED, Disturbances, printed_markers, printed_torques

@@ -36,9 +36,8 @@ from gaitcal.model.parameters import (
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import ArrowFactor
 from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
-from gaitcal.motion.motion import motion_of
+from gaitcal.motion.motion import SharedMotions, motion_of, track_nodes
 from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.track import SharedMotions, track_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.protocol import SIDE
 from gaitcal.synthetic.motion import (

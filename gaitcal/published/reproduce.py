@@ -17,11 +17,10 @@ from gaitcal.io.result_folder import MANIFEST
 from gaitcal.io.toml import package_version
 from gaitcal.published import draw_sensitivity as refits
 from gaitcal.published import noise_sensitivity as phase_one
-from gaitcal.published.case import nominal_case
+from gaitcal.published.case import nominal_case, people_rows
 from gaitcal.published.claims import Claim, Kind, table_claims
 from gaitcal.published.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
 from gaitcal.published.inertial_recovery import RANDOM_SEEDS, InertialRecovery, SeedResult, noiseless, noisy_draws
-from gaitcal.published.people import people_rows
 from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.tables import (

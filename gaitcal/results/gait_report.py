@@ -17,11 +17,10 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, CurvePanel, ReportContent, Sheet
-from gaitcal.gait.conventions import Convention, MomentUnit, Signs
+from gaitcal.gait.conventions import Bands, Convention, MomentUnit, Signs
 from gaitcal.gait.cycles import POINTS, Kind, kind_of, typed
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
-from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.toml import read_toml

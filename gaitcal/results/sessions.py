@@ -13,8 +13,8 @@ from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.codes import Code
 from gaitcal.compare.curve_differences import CURVE_HEADER
 from gaitcal.compare.difference import DIFFERENCES_HEADER
-from gaitcal.compare.session import Session
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
+from gaitcal.compare.stride_sets import Session
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import typed
 from gaitcal.gait.spatiotemporal import MEASURES

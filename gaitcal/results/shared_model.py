@@ -16,9 +16,9 @@ import pandas as pd
 
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.codes import Code
-from gaitcal.compare.session import Common, Session, common_to
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.shared_model import SharedJoints, require_fit_to_share, shared_joints
+from gaitcal.compare.stride_sets import Common, Session, common_to
 from gaitcal.errors import ConvergenceError, InputError
 from gaitcal.gait.cycles import typed
 from gaitcal.io.result_folder import MANIFEST, read_object

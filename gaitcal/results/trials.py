@@ -27,8 +27,7 @@ from gaitcal.page.page_data import PAGE_DATA, doubted, further_page_data, merged
 from gaitcal.page.provenance import Origin
 from gaitcal.page.scene import person_scene, trial_scene
 from gaitcal.page.view import Shown, after_trials
-from gaitcal.results.calibration import json_text, write_trial
-from gaitcal.results.page_files import AGAIN, OTHER_MODEL, SCENE, read_page, write_page
+from gaitcal.results.calibration import AGAIN, OTHER_MODEL, SCENE, json_text, read_page, write_page, write_trial
 from gaitcal.results.saved import MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import trial_summary

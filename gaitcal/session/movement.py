@@ -26,8 +26,8 @@ from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.outliers import without_outliers
 from gaitcal.model.present_markers import complete_static, worn
+from gaitcal.model.rebuilt_markers import without_outliers
 from gaitcal.model.segment_frames import across
 
 STRAIGHT = 0.8

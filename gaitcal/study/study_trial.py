@@ -24,7 +24,7 @@ from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.outliers import Outlier, without_outliers
+from gaitcal.model.rebuilt_markers import Outlier, without_outliers
 from gaitcal.model.segment_frames import off_line, unit
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import IN_A_PLANE

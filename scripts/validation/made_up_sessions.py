@@ -22,11 +22,9 @@ import numpy as np
 from gaitcal import Study, calibrate, write_results
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.compare.difference import shared_variance
-from gaitcal.compare.parameter_differences import difference_variance, told_parameters
-from gaitcal.compare.session import Common, Session, common_to
+from gaitcal.compare.difference import difference_variance, shared_variance, told_parameters
 from gaitcal.compare.shared_model import JointKnowledge, joined
-from gaitcal.compare.stride_sets import mean_over, stride_sets
+from gaitcal.compare.stride_sets import Common, Session, common_to, mean_over, stride_sets
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LEG_JOINTS

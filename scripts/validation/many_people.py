@@ -25,10 +25,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.one_person import COLUMNS, GAP, CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes, keep, kept, state_file
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.row import COLUMNS, GAP
 from gaitcal.cohort.run import write_tables
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording

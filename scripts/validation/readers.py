@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.errors import GaitcalError, InputError
-from gaitcal.export.motion_files import write_external_loads
+from gaitcal.export.other_formats import write_external_loads
 from gaitcal.faults.study import check_file
 from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d, write_c3d
 from gaitcal.io.csv import with_corners, write_forces_csv, write_markers_csv, write_plates_csv

@@ -30,8 +30,7 @@ import numpy as np
 from gaitcal import calibrate, write_results
 from gaitcal.arrays import Array
 from gaitcal.compare.difference import pooled, shared_variance
-from gaitcal.compare.session import Session, common_to
-from gaitcal.compare.stride_sets import mean_over, stride_sets
+from gaitcal.compare.stride_sets import Session, common_to, mean_over, stride_sets
 from gaitcal.gait.cycles import Kind, kind_of
 from gaitcal.results.sessions import load_session
 from scripts.validation import made_up_sessions

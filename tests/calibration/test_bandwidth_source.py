@@ -9,8 +9,8 @@ import numpy as np
 from gaitcal.calibration.error_sources import coordinate_standard_errors, marker_moves, whole_body_scores
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.descent import DescentSettings
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import smoothing
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, perturbed_parameters, random_trial
 

@@ -25,9 +25,9 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, gait_parameters, is_physical, symmetric_set, table
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.descent import DescentSettings
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Stage

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_noise import (
+from gaitcal.calibration.joint_prior import (
     ForbiddenNoise,
     forbidden_noise,
     frames_per_sample,
     least_noise,
     trial_noises,
 )
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import spline_basis
-from gaitcal.motion.track import track_nodes
 from tests.derivatives import Array, perturbed_parameters, random_trial
 
 WHITE = 0.002

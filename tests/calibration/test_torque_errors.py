@@ -30,8 +30,8 @@ from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 

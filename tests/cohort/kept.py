@@ -11,11 +11,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.one_person import GAP, SHAPE, CommonSettings
 from gaitcal.cohort.outcome import STRIDES, Outcome, Outcomes, keep, state_file
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.row import GAP, SHAPE
 from gaitcal.cohort.run import mark, write_tables
 
 KNEE = ("warning", "the knee axis passes far from the epicondyles", "look at the static trial")

@@ -12,11 +12,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.one_person import (
+    EVERY,
+    GAP,
+    NAMES,
+    SHAPE,
+    STEPS,
+    UNITS,
+    VARIABLES,
+    CommonSettings,
+    mean_curves,
+    no_curves,
+)
 from gaitcal.cohort.page import MEASURES, NO_STRIDE
-from gaitcal.cohort.row import EVERY, GAP, NAMES, SHAPE, STEPS, UNITS, VARIABLES, mean_curves, no_curves
+from gaitcal.gait.conventions import bands_file, read_normal_bands
 from gaitcal.gait.cycles import Kind
-from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.results.table_file import write_csv
 from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
 

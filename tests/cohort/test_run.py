@@ -12,11 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from gaitcal.cohort import outcome as tasks
-from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.one_person import COLUMNS, NAMES, CommonSettings
 from gaitcal.cohort.outcome import Outcome, Task, fingerprint, inputs_of, keep, state_file
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import CohortPerson, people_in, read_cohort
-from gaitcal.cohort.row import COLUMNS, NAMES
 from gaitcal.cohort.run import CYCLES, FAILURES, MOST_MIB, PEOPLE_CSV, PEOPLE_PARQUET, processes, run_cohort
 from gaitcal.errors import InputError
 from gaitcal.gait.ensemble import ensemble

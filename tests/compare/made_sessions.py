@@ -10,8 +10,8 @@ import pandas as pd
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_deviations, prior_root
-from gaitcal.compare.parameter_differences import placement
-from gaitcal.compare.session import Session
+from gaitcal.compare.difference import placement
+from gaitcal.compare.stride_sets import Session
 from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS
 from gaitcal.model.nominal import published_model
 

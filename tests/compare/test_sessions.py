@@ -10,10 +10,9 @@ from scipy.stats import t as student
 
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
-from gaitcal.compare.difference import MDC, sentence
-from gaitcal.compare.parameter_differences import difference_variance, own_causes, placement
-from gaitcal.compare.session import Common
+from gaitcal.compare.difference import MDC, difference_variance, own_causes, placement, sentence
 from gaitcal.compare.sessions import compare_sessions
+from gaitcal.compare.stride_sets import Common
 from gaitcal.errors import InputError
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.study.settings import ParameterPriorTable

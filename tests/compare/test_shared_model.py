@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import block_diag
 
 from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
-from gaitcal.compare.session import Common
 from gaitcal.compare.shared_model import JointKnowledge, joined, shared_joints
+from gaitcal.compare.stride_sets import Common
 from gaitcal.errors import InputError
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import ParameterPriorTable

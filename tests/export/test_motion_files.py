@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.export.motion_files import write_external_loads, write_mot, write_sto_moments
+from gaitcal.export.other_formats import write_external_loads, write_mot, write_sto_moments
 from gaitcal.io.force_plate import LOADED_N, point_and_torque
 from gaitcal.io.opensim_files import read_mot_forces, read_table
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, is_translation

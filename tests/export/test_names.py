@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from gaitcal.compare.osim_reader import read_osim
 from gaitcal.export.osim import original_name, plain_text, safe_name, write_osim
-from gaitcal.export.robot_files import write_mjcf, write_urdf
+from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.peer_programs import peer

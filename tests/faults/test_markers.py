@@ -15,7 +15,7 @@ from gaitcal.faults.markers import gaps
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.outliers import without_outliers
+from gaitcal.model.rebuilt_markers import without_outliers
 from gaitcal.motion.motion import Motion, track
 from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, cleaned, nominal_of

@@ -20,8 +20,7 @@ from gaitcal.errors import InputError, UsageError
 from gaitcal.figures import report
 from gaitcal.figures.chart import SIDE_COLOURS, Chart, panel_figure
 from gaitcal.figures.paper import LINE, Strides, paper_charts
-from gaitcal.figures.report import Told, report_charts
-from gaitcal.figures.sheet import SheetRecording, unpacked
+from gaitcal.figures.report import SheetRecording, Told, report_charts, unpacked
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.result_folder import ResultKind, atomic_directory, refuse_others

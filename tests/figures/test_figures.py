@@ -14,8 +14,9 @@ from gaitcal.dynamics.expected_residual import residual_limits
 from gaitcal.figures.chart import SIDE_COLOURS, Panel, chart_figure, panel_figure, plain
 from gaitcal.figures.curves import NORMAL_KEY
 from gaitcal.figures.fit import Forces, forces_chart, parameters_chart
-from gaitcal.figures.report import report_charts, write_charts
-from gaitcal.figures.sheet import SheetRecording
+from gaitcal.figures.report import SheetRecording, report_charts, write_charts
+from gaitcal.gait.conventions import BandSigns as Signs
+from gaitcal.gait.conventions import NormalBand
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.moments import (
     explained,
@@ -26,7 +27,6 @@ from gaitcal.gait.moments import (
     parameter_words,
     segment_words,
 )
-from gaitcal.gait.normal_bands import NormalBand, Signs
 from gaitcal.gait.strides import layout
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SEGMENTS, is_translation

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from gaitcal.figures.chart import Chart
 from gaitcal.figures.report import Told, report_charts
-from gaitcal.gait.normal_bands import Bands
+from gaitcal.gait.conventions import Bands
 from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.summary import summary
 from gaitcal.session.result import Calibration

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
+from gaitcal.gait.conventions import SHIPPED, bands_file, read_normal_bands
+from gaitcal.gait.conventions import BandSigns as Signs
 from gaitcal.gait.cycles import known_variables
-from gaitcal.gait.normal_bands import SHIPPED, Signs, bands_file, read_normal_bands
 from gaitcal.model.subject_model import Subject
 
 PERSON = Subject("x", 60.0, 1.7, "female")

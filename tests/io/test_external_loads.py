@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.export.motion_files import write_external_loads
+from gaitcal.export.other_formats import write_external_loads
 from gaitcal.io.formats import convert, read_forces, read_recording
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.study.study import Study

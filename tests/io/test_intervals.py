@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitcal.io.intervals import duration, marker_gaps, runs, spans
+from gaitcal.io.still import duration, marker_gaps, runs, spans
 from tests.io.recordings import body
 
 

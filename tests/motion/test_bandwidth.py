@@ -18,9 +18,8 @@ from gaitcal.motion.bandwidth import (
     highest_cutoff,
     with_bandwidth,
 )
-from gaitcal.motion.motion import Motion, tracked_motion
+from gaitcal.motion.motion import Motion, track_nodes, tracked_motion
 from gaitcal.motion.spline import NodeRule, smoothing, spline_basis
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion, synthetic_markers
 from tests.derivatives import Array

@@ -24,10 +24,9 @@ from gaitcal.motion.coordinate_prior import (
     walls,
     within_walls,
 )
-from gaitcal.motion.motion import Motion, track, tracked_motion
+from gaitcal.motion.motion import Motion, track, track_nodes, tracked_motion
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion
 from tests.derivatives import Array, assert_derivative, central_differences, perturbed_parameters, random_trial

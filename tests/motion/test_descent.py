@@ -13,7 +13,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import symmetric_set
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
-from gaitcal.motion.track import SharedMotions, track_nodes
+from gaitcal.motion.motion import SharedMotions, track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.draw import refit
 from gaitcal.published.joint_recovery import step_together

@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 
 from gaitcal.motion.bandwidth import Smoother
 from gaitcal.motion.descent import DescentSettings
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import DEGREE, ORDER, TENSION_HZ, frame_rate, roughness, smoothing, spline_basis, stiffness
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_trial
 

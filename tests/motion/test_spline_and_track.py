@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 from gaitcal.model.chain import ChainConstants, axis_rotation
 from gaitcal.model.parameters import gait_parameters
-from gaitcal.motion import track
+from gaitcal.motion import motion
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
 from gaitcal.motion.spline import NodeRule, cutoff, spline_basis, to_bspline
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.track import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from scripts.tools.benchmark import memory
 from tests.derivatives import Array, assert_derivative, seeded_trial
@@ -212,7 +212,7 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
     settings = DescentSettings(first_damping=first_damping)
     start = true + rng.normal(0, 0.3, true.shape)  # far enough off that some steps are refused
     plain = track_nodes(problem, constants, start, settings)
-    monkeypatch.setattr(track, "LARGE_BYTES", 0)
+    monkeypatch.setattr(motion, "LARGE_BYTES", 0)
     lean = track_nodes(problem, constants, start, settings)
     assert (lean.steps, lean.converged) == (plain.steps, plain.converged)
     np.testing.assert_allclose(lean.nodes, plain.nodes, rtol=0, atol=1e-9)
@@ -226,7 +226,7 @@ def test_no_factor_is_held_while_the_next_matrix_is_formed(monkeypatch: pytest.M
     held: list[int] = []
     monkeypatch.setattr(BandFactor, "__init__", lambda self, *a, **k: (alive.add(self), made(self, *a, **k))[1])
     monkeypatch.setattr(MotionProblem, "equations", lambda *a, **k: (held.append(len(alive)), formed(*a, **k))[1])
-    monkeypatch.setattr(track, "LARGE_BYTES", 0)
+    monkeypatch.setattr(motion, "LARGE_BYTES", 0)
     track_nodes(problem, constants, true + rng.normal(0, 0.3, true.shape), DescentSettings(keep_within=0.0))
     assert len(held) > 2
     assert not any(held)

@@ -9,9 +9,9 @@ import numpy as np
 from gaitcal.model.chain import forward, segment_poses
 from gaitcal.model.parameters import published_subject
 from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.rigid import SegmentMoments, rigid_fit
 from gaitcal.motion.start import starting_coordinates, starting_nodes
-from gaitcal.motion.track import track_nodes
 from tests.derivatives import random_trial, seeded_trial
 
 ROUNDING = 1e-11

@@ -16,7 +16,7 @@ from gaitcal.page import view as view_page
 from gaitcal.page.scene import Scene
 from gaitcal.page.server import ViewServer
 from gaitcal.page.view import view_html, write_view
-from gaitcal.results.page_files import write_page
+from gaitcal.results.calibration import write_page
 from tests.page.browser import Page
 from tests.page.made_page import plain_data
 from tests.page.people import long_scene

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.cohort.row import STEPS
+from gaitcal.cohort.one_person import STEPS
 from gaitcal.gait.cycles import Kind
 from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.page.browser import Page

@@ -16,7 +16,7 @@ from gaitcal.page.monte_carlo import PART
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, RefitSettings
-from gaitcal.results.page_files import PAGE, SCENE, write_page
+from gaitcal.results.calibration import PAGE, SCENE, write_page
 from tests.fake_result import fake_calibration
 from tests.page.people import walking_scene
 

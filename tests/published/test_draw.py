@@ -12,7 +12,7 @@ from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES, Parameters, gait_parameters, leg_parameters
 from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.track import track_nodes
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.case import MonteCarloCase, nominal_case
 from gaitcal.published.draw import (

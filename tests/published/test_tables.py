@@ -14,9 +14,9 @@ from gaitcal.cli import montecarlo as command
 from gaitcal.cli.console import Console
 from gaitcal.errors import InputError
 from gaitcal.published import reproduce
+from gaitcal.published.case import people_rows
 from gaitcal.published.claims import Kind, Verdict
 from gaitcal.published.inertial_recovery import SeedResult
-from gaitcal.published.people import people_rows
 from gaitcal.published.protocol import table_four, table_two
 from gaitcal.published.reproduce import (
     CLAIM_COLUMNS,

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.figures.document import CurvePanel, ReportContent, write_pdf
-from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.gait_report import KINEMATICS, KINETICS, read_comments, report_content
 from gaitcal.results.saved import load_result_model

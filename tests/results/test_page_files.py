@@ -20,8 +20,7 @@ from gaitcal.errors import InputError
 from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, listed, self_hash, sha256_of
 from gaitcal.page.page_data import read_page_data
 from gaitcal.page.scene_file import load_scene
-from gaitcal.results.calibration import write_results
-from gaitcal.results.page_files import OTHER_MODEL, PAGE, SCENE, read_page, result_page
+from gaitcal.results.calibration import OTHER_MODEL, PAGE, SCENE, read_page, result_page, write_results
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from tests.kept import kept_result

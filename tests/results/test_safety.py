@@ -21,7 +21,7 @@ from gaitcal import cli
 from gaitcal.io.toml import toml_table, toml_value
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model
-from gaitcal.results.page_files import read_page
+from gaitcal.results.calibration import read_page
 from tests.synthetic_studies import write_synthetic_study
 
 SUBJECTS = [

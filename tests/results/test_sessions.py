@@ -13,7 +13,7 @@ from gaitcal.cli.compare import Options
 from gaitcal.cli.compare import compare_sessions_or_models as run
 from gaitcal.cli.console import Console
 from gaitcal.codes import Code
-from gaitcal.compare.session import Common
+from gaitcal.compare.stride_sets import Common
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.model_file import save_model

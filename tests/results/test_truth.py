@@ -17,14 +17,13 @@ from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.errors import InputError
 from gaitcal.figures.chart import INK, TRUTH_DASHES, Panel, line_style, panel_figure
 from gaitcal.figures.curves import TRUTH_WIDTH
-from gaitcal.figures.sheet import SheetRecording
+from gaitcal.figures.report import SheetRecording
 from gaitcal.io.csv import write_markers_csv
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.calibration import json_text
-from gaitcal.results.summary import summary
-from gaitcal.results.truth import write_truth
+from gaitcal.results.summary import summary, write_truth
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration
 from gaitcal.session.truth_comparison import settings_sentence, sums, two_marker_segments, with_truth

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.compare.session import Common
+from gaitcal.compare.stride_sets import Common
 from gaitcal.results.calibration import write_results
 from gaitcal.results.sessions import compare_results
 from gaitcal.results.shared_model import compare_with_shared_model

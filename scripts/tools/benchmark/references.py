@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from gaitcal.model.chain import ChainConstants, forward, jacobian
 from gaitcal.model.subject_model import build_model
 from gaitcal.motion.banded import NormalEquations
-from gaitcal.motion.track import track_nodes
+from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.synthetic.motion import gait_motion
 from scripts.tools.benchmark.trials import start_of, subject

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 import gaitcal
-from gaitcal.cohort.row import COLUMNS
+from gaitcal.cohort.one_person import COLUMNS
 from gaitcal.model.marker_set import built_in_sets
 from scripts.tools.documentation import commands, findings, python_names, tables
 from scripts.tools.documentation.results import FILES, SUMMARY, TABLES

@@ -6,7 +6,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from gaitcal.cohort.row import COLUMNS
+from gaitcal.cohort.one_person import COLUMNS
 from gaitcal.io.toml import tomllib
 
 

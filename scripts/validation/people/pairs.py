@@ -15,8 +15,8 @@ import numpy as np
 
 from gaitcal import Study
 from gaitcal.arrays import Array
-from gaitcal.compare.parameter_differences import difference_variance, told_parameters
-from gaitcal.compare.session import Common
+from gaitcal.compare.difference import difference_variance, told_parameters
+from gaitcal.compare.stride_sets import Common
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.study.study_trial import Role, Trial
