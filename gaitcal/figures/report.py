@@ -6,7 +6,7 @@ Charts as files: the same result gives the same bytes, whatever the day.
 
 A trial as the sheet of a result's page tells it (`page.json`), read back into what charts draw.
 
-Curves of a sheet are packed as `page/packing.py` packs them: 16-bit integers k, value = low + step (k + 32767), with
+Curves of a sheet are packed as `page/plain_data.py` packs them: 16-bit integers k, value = low + step (k + 32767), with
 -32768 where there is none; angles in deg, moments in N·m, powers in W.
 """
 

@@ -8,7 +8,7 @@ coordinate (flexion, adduction, internal rotation, dorsiflexion, inversion), N·
                 clinical    moments positive: extension, abduction, external rotation, plantarflexion, eversion; angles
                             as before, but for the pelvis: anterior tilt, this side up, this side forward
     whose       internal    what muscles, ligaments and bones do; external: what they work against, the opposite
-    frame       coordinates, proximal, distal, jcs      `dynamics/joint_moments.py`
+    frame       coordinates, proximal, distal, jcs      `dynamics/joint_kinetics.py`
     unit        N·m; N·m/kg; %BW*H, percent of body weight times height
 
 Signs and whose are told apart: the literature's external moments (flexion, adduction, dorsiflexion positive; the knee

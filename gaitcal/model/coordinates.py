@@ -33,7 +33,7 @@ class ClinicalAngle:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What nobody who walks or runs exceeds (`faults/bounds.py`).
+    """What nobody who walks or runs exceeds (`faults/after_fit.py`).
 
     Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons, Joint Motion, 1965;
     Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as zero angles differ from model to model.
@@ -149,7 +149,7 @@ COMPONENT_SENSES: Final = {
     "ankle_inversion": ("inversion", "eversion"),
     "ankle_rotation": ("internal rotation", "external rotation"),
 }
-"""Moments of legs along axes that have no coordinate (`dynamics/joint_moments.py`) -> their senses."""
+"""Moments of legs along axes that have no coordinate (`dynamics/joint_kinetics.py`) -> their senses."""
 
 
 def split_side(name: str) -> tuple[str, str]:

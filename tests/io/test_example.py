@@ -17,7 +17,7 @@ from urllib.request import Request
 import pytest
 
 from gaitcal.cli.console import Console
-from gaitcal.cli.explain import run
+from gaitcal.cli.explain import fetch_or_list as run
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io import examples as example_folder
 from gaitcal.io.atomic import InterruptedWork
