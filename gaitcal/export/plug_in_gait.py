@@ -12,7 +12,7 @@
 | `RHJC`, `RKJC`, `RAJC` | joint centres, in the axes of the file | | |
 
 Moments are internal, per kg of body mass, and take the negative sign of our coordinates: those tables hold what was
-found on Vicon's own curves (`tests/export/test_c3d.py` correlates them). Their `POINT:MOMENT_UNITS` say Nmm where
+found on Vicon's own curves (`scripts/validation/vendors` correlates them). Their `POINT:MOMENT_UNITS` say Nmm where
 N·mm/kg is meant, and `POWER_UNITS` W where W/kg is; ours follow. Our knee is a hinge and our ankle two: what cannot
 move is 0. Power is that of the joint's coordinates, the sum of torque times angular velocity; the ankle's holds both
 hinges.
