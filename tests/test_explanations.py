@@ -46,6 +46,7 @@ def test_every_finding_and_every_error_of_input_names_its_code() -> None:
     assert without == []
 
 
+@pytest.mark.slow
 def test_every_code_is_used() -> None:
     source = "".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py"))
     unused = [code.name for code in Code if not re.search(rf"\bCode\.{code.name}\b", source)]

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.cli.console import Console
-from gaitcal.figures.document import write_pdf
 from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.gait.moments import counted
 from gaitcal.io.atomic import atomic_text
@@ -15,7 +14,6 @@ from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.server import serve
 from gaitcal.page.view import Shown, page_html, sentences
 from gaitcal.results.calibration import result_page
-from gaitcal.results.gait_report import read_comments, report_content
 
 REPORT, COMMENTS = "report.pdf", "comments.toml"
 
@@ -58,6 +56,9 @@ def _names(results: tuple[Path, ...]) -> list[str]:
 
 def print_report(result: Path, pdf: Path | None, comments: Path | None, normal: Path | None, console: Console) -> None:
     """Write the report of a result as a PDF, with the comments that somebody wrote for it."""
+    from gaitcal.figures.document import write_pdf
+    from gaitcal.results.gait_report import read_comments, report_content
+
     beside = result / COMMENTS
     file = comments or (beside if beside.is_file() else None)
     said = {} if file is None else read_comments(file)

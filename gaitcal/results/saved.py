@@ -11,7 +11,6 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import ErrorSources
@@ -238,6 +237,8 @@ def _torques(path: Path, frames: int) -> tuple[Mapping[str, Array] | None, Mappi
     """Torques of a trial (N·m) and the frames in which they count, by side; None without force plates."""
     if not path.exists():
         return None, {side: np.zeros(frames, dtype=bool) for side in SIDES}
+    import pandas as pd
+
     table = pd.read_csv(path, comment="#")
     names = [name for name in (*COORDINATES, *REACTIONS) if not is_translation(name)]
     valid = {s: table[f"valid_{s}" if f"valid_{s}" in table else "valid"].to_numpy() == 1 for s in SIDES}

@@ -172,6 +172,7 @@ def test_a_joint_is_free_where_both_its_segments_show_markers() -> None:
     assert set(free) == {name for name in legs if name.split(".")[0] not in lost}
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_under_slow_noise() -> None:
     """Nominal joints drawn from the prior, noise that keeps 0.95 of itself from frame to frame, over 60 draws."""
     inside = []
@@ -293,6 +294,7 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
     return replace(problem, tissue=tissue_of(problem, "gait", psi)), truth
 
 
+@pytest.mark.slow
 def test_a_pelvis_that_slides_with_adduction_misleads_who_takes_it_for_bone() -> None:
     """Hips of five people: centimetres off and sure of it, or within bars that soft tissue makes."""
     missed, bars = dict[bool, list[Array]](), dict[bool, list[Array]]()

@@ -53,6 +53,7 @@ def test_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
     assert [row["column"] for row in rows(out / "columns.csv")] == [column.name for column in COLUMNS]
 
 
+@pytest.mark.slow
 def test_a_process_that_has_grown_large_is_replaced_at_once() -> None:
     for mebibytes, count in ((MOST_MIB + 1.0, 3), (MOST_MIB - 1.0, 1)):
         ended = processes(1).run(of_a_process, [mebibytes] * 3)

@@ -60,6 +60,7 @@ def test_studies_in_pages_are_studies() -> None:
     assert seen >= 3
 
 
+@pytest.mark.slow
 def test_a_public_name_without_a_docstring_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     griffe = pytest.importorskip("griffe", reason="extra `docs`")
     from scripts.tools.documentation import python_names

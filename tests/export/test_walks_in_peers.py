@@ -82,6 +82,7 @@ def test_inverse_dynamics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
     np.testing.assert_allclose(found, [our_forces(walk.model, s) for s in states], rtol=0, atol=PRINTED)
 
 
+@pytest.mark.slow
 @pytest.mark.peers
 def test_inverse_kinematics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
     """OpenSim's solver stops early, at an accuracy of 1e-5: the real trunk and arm markers, which weigh a fiftieth and

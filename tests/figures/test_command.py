@@ -170,6 +170,7 @@ def test_only_takes_the_words_that_names_begin_or_end_with(folder: Path, whole: 
     assert all(chart.name in str(told.value) for chart in every)
 
 
+@pytest.mark.slow
 def test_a_report_has_the_pages_of_the_result(folder: Path, tmp_path: Path) -> None:
     assert figures(folder, "--for", "report", "--out", tmp_path, "--format", "svg").exit_code == 0
     walk = ("angles", "moments", "ground_reactions", "pelvis_residuals", "moment_change")
@@ -260,6 +261,7 @@ def test_figures_in_a_result_do_not_keep_it_from_being_made_again(tmp_path: Path
     assert (tmp_path / "result" / "figures" / "hip_power.svg").exists()
 
 
+@pytest.mark.slow
 def test_drawing_alone_loads_matplotlib() -> None:
     """Every command waits for what it imports."""
     named = "import sys, gaitcal.cli.calibrate, gaitcal.cli.calibrate, gaitcal.cli.view"

@@ -48,6 +48,7 @@ def whole() -> Calibration:
     return fake_calibration()
 
 
+@pytest.mark.slow
 def test_each_figure_is_a_png_and_an_svg(whole: Calibration, tmp_path: Path) -> None:
     found = list(charts(whole).values())
     files = write_charts(found, tmp_path / "figures")
@@ -60,6 +61,7 @@ def test_each_figure_is_a_png_and_an_svg(whole: Calibration, tmp_path: Path) -> 
             assert file.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_file_names_and_contents_ignore_what_a_trial_is_called(tmp_path: Path) -> None:
     hostile = fake_calibration(Names(HOSTILE, "../../" + HOSTILE, HOSTILE))
     for file in write_charts(report_charts(told(hostile)), tmp_path, ["svg"]):

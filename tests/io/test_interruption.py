@@ -102,6 +102,7 @@ def test_exit_codes_and_the_one_line(
     assert line.startswith(f"gaitcal: {told}")
 
 
+@pytest.mark.slow
 def test_a_command_ends_by_sigterm(tmp_path: Path) -> None:
     """A whole process, in the middle of writing."""
     code = (

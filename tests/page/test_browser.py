@@ -66,6 +66,7 @@ def changed(a: np.ndarray, b: np.ndarray) -> int:
     return int((np.abs(a - b).max(axis=2) > 24).sum())
 
 
+@pytest.mark.slow
 def test_it_opens_offline_without_a_word_and_without_a_request(visit: Visit, html: Path) -> None:
     page = paused(visit(html, fresh=True))
     assert page.console == []

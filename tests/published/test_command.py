@@ -40,6 +40,7 @@ def run(*words: object) -> str:
     return found.stdout
 
 
+@pytest.mark.slow
 def test_a_study_and_its_tables(tmp_path: Path) -> None:
     small = ("--draws", 6, "--levels", "50,100", "--jobs", 1)
     told = run(tmp_path, *small, "--grf", "foot")
@@ -60,6 +61,7 @@ def test_a_study_and_its_tables(tmp_path: Path) -> None:
         run(tmp_path, *small, "--seed", 4)
 
 
+@pytest.mark.slow
 def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path) -> None:
     small = ("--draws", 6, "--levels", "100", "--vary", "jp", "--jobs", 1)
     assert "page:" not in run(tmp_path, *small)
@@ -82,6 +84,7 @@ def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path)
     assert "tables and figures:" in told
 
 
+@pytest.mark.slow
 def test_draws_left_out_and_other_libraries_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = ("--draws", 3, "--levels", "100", "--vary", "jp,ip", "--jobs", 1)
     hasty = MonteCarloSettings(refit=RefitSettings(most_evaluations=2))
@@ -100,6 +103,7 @@ def test_draws_left_out_and_other_libraries_are_told(tmp_path: Path, monkeypatch
     assert f"draws kept here were begun with scipy 0.1, now {now}: old and new" in told
 
 
+@pytest.mark.slow
 def test_not_converged_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gaitcal.published.study.MOST_DRAWS", 25)
     with pytest.raises(ConvergenceError, match="not converged after 25 draws"):

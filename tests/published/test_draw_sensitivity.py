@@ -124,6 +124,7 @@ def test_both_at_once() -> None:
         assert "both at once: Gauss-Newton 2." in claim.ours
 
 
+@pytest.mark.slow
 def test_one_after_the_other_is_not_at_once() -> None:
     for claim in refit_claims(_stopped((Iteration.GAUSS_NEWTON, 2), (Iteration.STEEPEST_DESCENT, 2))):
         assert claim.verdict is Verdict.FAILS

@@ -65,6 +65,7 @@ def test_one_row_a_draw_in_order(reference: MonteCarloStudy) -> None:
     assert reference.failed == 0
 
 
+@pytest.mark.slow
 def test_two_processes_and_other_chunks_give_the_same_bits(case: MonteCarloCase, reference: MonteCarloStudy) -> None:
     same(monte_carlo(case, plan=PLAN, workers=LocalProcesses(2), chunk_draws=3).draws, reference.draws)
 

@@ -71,6 +71,7 @@ def undescribed_below(top: Path) -> list[str]:
     return out
 
 
+@pytest.mark.slow
 def test_a_written_result_has_no_file_or_column_without_a_word(tmp_path: Path) -> None:
     write_synthetic_study(tmp_path / "study")
     write_results(calibrate(Study.load(tmp_path / "study" / "study.toml")), tmp_path / "result")

@@ -99,6 +99,7 @@ def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
     assert "was edited since" in json.dumps(sheet["sections"]["provenance"])
 
 
+@pytest.mark.slow
 def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
     calibration = calibrate(Study.load(made / "study/study.toml"))
     folders = [write_results(calibration, tmp_path / name) for name in ("one", "two")]
@@ -110,6 +111,7 @@ def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
     assert pages[0].replace(one["made"], "") == pages[1].replace(two["made"], "")
 
 
+@pytest.mark.slow
 def test_no_drawing_library_is_loaded(made: Path, tmp_path: Path) -> None:
     """A fifth of a second of every command, and most of a calibration when it drew."""
     words: Sequence[Sequence[str]] = (
@@ -131,6 +133,7 @@ print([name for name in ("matplotlib", "jinja2", "meshcat") if name in sys.modul
 # ---------------------------------------------------------------------------------------------------- further trials
 
 
+@pytest.mark.slow
 def test_the_page_of_further_trials_has_those_of_every_run(folder: Path) -> None:
     result = folder / "result"
     page = result / "dynamics" / PAGE
@@ -172,6 +175,7 @@ def sign_anew(folder: Path) -> None:
     path.write_text(json.dumps(manifest | {SELF: self_hash(manifest)}), encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_trials_of_another_model_stay_and_are_told(folder: Path) -> None:
     result = folder / "result"
     with_another_model(result)

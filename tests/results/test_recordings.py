@@ -195,6 +195,7 @@ def test_the_folder_says_what_was_written_of_what(folder: Path) -> None:
     assert manifest["written"]["walk.c3d"]["source_sha256"] == sha256_of(folder / "study/walk.c3d")
 
 
+@pytest.mark.slow
 def test_a_text_recording_becomes_a_c3d(tmp_path: Path) -> None:
     study = write_synthetic_study(tmp_path / "study")
     assert run("calibrate", study, "--out", tmp_path / "study/result", "-q").exit_code == 0

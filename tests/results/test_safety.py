@@ -125,6 +125,7 @@ def own_set() -> str:
     return "\n".join(tables)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("subject", SUBJECTS)
 def test_names_stay_data(subject: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inside = tmp_path / "inside"
@@ -160,6 +161,7 @@ def test_trial_names_that_could_be_paths_are_refused(
     assert "trial[2].name" in capsys.readouterr().err or "\\u0000" in json.dumps(name)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 @pytest.mark.parametrize("kill, former", [(signal.SIGKILL, True), (signal.SIGINT, False)])
 def test_killed_while_writing_leaves_the_old_result_or_none(kill: signal.Signals, former: bool, tmp_path: Path) -> None:

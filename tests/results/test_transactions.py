@@ -125,6 +125,7 @@ def test_export_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pyt
     assert not (folder / "result/export").exists()
 
 
+@pytest.mark.slow
 def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     changing = after(montecarlo_command.monte_carlo, lambda: edit(folder / "result/model.toml"))
     monkeypatch.setattr(montecarlo_command, "monte_carlo", changing)
@@ -136,6 +137,7 @@ def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pyte
     assert (folder / "result/result.html").read_bytes() == page
 
 
+@pytest.mark.slow
 def test_inputs_that_change_while_calibrating_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder / "study/walk.csv"
     was = sha256_of(path)
@@ -202,6 +204,7 @@ def test_an_edited_model_is_told_with_every_result_of_it(folder: Path) -> None:
     assert words in run("export", result).stdout
 
 
+@pytest.mark.slow
 def test_a_damaged_further_trial_is_named_until_it_is_made_again(folder: Path) -> None:
     result, damaged = folder / "result", folder / "result/dynamics/motion/walk.csv"
     spoil(damaged)
@@ -218,6 +221,7 @@ def test_a_damaged_further_trial_is_named_until_it_is_made_again(folder: Path) -
     assert content(result / "dynamics") == before
 
 
+@pytest.mark.slow
 def test_the_table_of_strides_has_those_of_every_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The rows of kept trials stay as they were written; of a damaged table they are left out, and told."""
     result = folder / "result"

@@ -169,6 +169,7 @@ def test_fault_is_told_in_one_line(fault: str, study: Path, run: Run) -> None:
     assert sorted(p.name for p in study.parent.parent.iterdir()) == ["result", "study"]
 
 
+@pytest.mark.slow
 def test_sound_study_passes(study: Path, run: Run) -> None:
     result = study.parent.parent / "result"
     former_result(result)
@@ -177,6 +178,7 @@ def test_sound_study_passes(study: Path, run: Run) -> None:
     assert (result / "result.html").exists()
 
 
+@pytest.mark.slow
 def test_rename_of_markers_that_some_trials_wear(study: Path, run: Run) -> None:
     for name in ("static.csv", "walk.csv"):
         change_table(study.parent / name, lambda t: t.rename(columns={f"R.ASIS_{a}": f"RASIS_{a}" for a in "xyz"}))

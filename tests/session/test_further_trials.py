@@ -157,6 +157,7 @@ def test_a_segment_without_markers_is_told_and_has_no_valid_torque(folder: Path)
     )
 
 
+@pytest.mark.slow
 def test_tracking_that_did_not_converge_ends_in_3_after_writing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from gaitcal.cli import calibrate
 
@@ -208,6 +209,7 @@ def test_options_of_one_recording_and_two_trials(folder: Path) -> None:
             run("dynamics", folder / "result", trial, folder / "study/walk.csv", option, value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role", ["calibrate", "dynamics"])
 def test_frames_without_a_leg_segment_are_not_valid(role: str, folder: Path) -> None:
     """A left foot that nobody sees for a while: no torque of these frames counts, and the others stay as they were."""

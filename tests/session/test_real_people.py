@@ -103,6 +103,7 @@ def correlation(name: str, sign: int, calibration: Calibration, data: Path) -> t
     return out[0], out[1]
 
 
+@pytest.mark.slow
 def test_uf3_isolated_trials_come_near_their_floor(data_dir: Path, folder: Path) -> None:
     calibration = calibrated("uf3", folder, data_dir)
     for trial in calibration.trials:
@@ -131,12 +132,14 @@ def test_uf3_hips_lie_near_the_regression(data_dir: Path, folder: Path) -> None:
     assert (MM * np.linalg.norm(moved, axis=1) < 25.0).all()
 
 
+@pytest.mark.slow
 def test_functional_trials_run_from_c3d(data_dir: Path, folder: Path) -> None:
     for trial in calibrated("functional_c3d", folder, data_dir).trials:
         nominal, fitted, floor = (e.rms() or 0.0 for e in (trial.nominal.errors, trial.calibrated.errors, trial.floor))
         assert floor < fitted < nominal
 
 
+@pytest.mark.slow
 def test_plug_in_gait_runs_from_c3d_to_torques(data_dir: Path, folder: Path) -> None:
     """The right foot is on plate 1; the left one's toes rest beside plate 2, which reads 0.57 body weights."""
     calibration = calibrated("pig_c3d", folder, data_dir)
@@ -149,6 +152,7 @@ def test_plug_in_gait_runs_from_c3d_to_torques(data_dir: Path, folder: Path) -> 
     assert vertical_residual(calibration) < 0.135  # as measured: 0.130; 0.114 with forces "matched"
 
 
+@pytest.mark.slow
 def test_plug_in_gait_vertical_residual_with_the_mass_that_the_plates_weigh(data_dir: Path, tmp_path: Path) -> None:
     study = write_study("pig_c3d", data_dir.resolve(), tmp_path)
     text = study.read_text(encoding="utf-8")

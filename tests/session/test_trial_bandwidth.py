@@ -173,6 +173,7 @@ def _first_valid(trial: Trial, hz: float) -> float:
     return float(motion.time[reactions.valid][0])
 
 
+@pytest.mark.slow
 def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
     study = Study.load(write_synthetic_study(tmp_path, ("knee_r",), more='[calibration]\nip = "none"\n'))
     done = calibrate(study)
