@@ -30,6 +30,7 @@ from gaitcal.faults.study import check_file
 from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d, write_c3d
 from gaitcal.io.csv import with_corners, write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.force_plate import plate_from_moment
+from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import read_forces, read_recording
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.opensim_files import write_forces_mot, write_trc
@@ -205,7 +206,8 @@ def supplement(path: Path) -> Recording:
 def read_damaged_corners(path: Path) -> object:
     """Plates with the damaged table beside their forces."""
     path.with_name("torn_plates.csv").write_bytes(path.read_bytes())
-    return with_corners(small_recording().plates, path.with_name("torn_forces.csv"))
+    forces = Forces(source="torn_forces.csv", plates=small_recording().plates)
+    return with_corners(forces, path.with_name("torn_forces.csv"))
 
 
 def check_damaged_static(path: Path) -> object:

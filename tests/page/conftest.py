@@ -59,8 +59,16 @@ AT_OPENING = f"""if (window.gaitcal?.stage)
 RESET = "scrollTo(0, 0); gaitcal.state.set({ ...window.atOpening, seconds: 0, playing: false }); true"
 
 
+@pytest.fixture(scope="module")
+def _left_blank(_browser: Page) -> Iterator[None]:
+    """No page draws on while other modules' tests run: a picture in software takes a third of a core."""
+    yield
+    _browser.run("location.href = 'about:blank'; true")
+    _browser.shown = ()
+
+
 @pytest.fixture
-def visit(_browser: Page) -> Iterator[Callable[..., Page]]:
+def visit(_browser: Page, _left_blank: None) -> Iterator[Callable[..., Page]]:
     """Open a page; every console message, exception and request since is kept in it.
 
     A page that is open already in this size is not loaded again unless `fresh`: what is chosen there is as it was when
