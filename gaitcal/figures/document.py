@@ -312,10 +312,7 @@ class _Axes:
         self.canvas, self.panel = canvas, panel
         self.x0, self.y0 = place[0] + 9.5 * mm, place[1] + 6.5 * mm
         self.width, self.height = size[0] - 12 * mm, size[1] - 14 * mm
-        values = [v for strides in panel.strides.values() for v in strides]
-        if panel.norm is not None:
-            values += [panel.norm[0] - panel.norm[1], panel.norm[0] + panel.norm[1]]
-        self.low, self.high, self.step = _limits(values, panel.least)
+        self.low, self.high, self.step = limits_of(panel)
 
     def at(self, percent: float, value: float) -> tuple[float, float]:
         """Points of the page."""
@@ -402,8 +399,11 @@ class _Axes:
         self.canvas.setFillAlpha(1.0)
 
 
-def _limits(values: Sequence[Array], least: float) -> tuple[float, float, float]:
-    """Lower and upper limit, and the step of the grid: 1, 2 or 5 times a power of ten, about five of them."""
+def limits_of(panel: CurvePanel) -> tuple[float, float, float]:
+    """Limits that hold strides and norm, and the step of the grid: 1, 2 or 5 times a power of ten, some five."""
+    values, least = [v for strides in panel.strides.values() for v in strides], panel.least
+    if panel.norm is not None:
+        values += [panel.norm[0] - panel.norm[1], panel.norm[0] + panel.norm[1]]
     finite = np.concatenate([v[np.isfinite(v)] for v in values] or [np.empty(0)])
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
     middle, half = (low + high) / 2, max(0.54 * (high - low), least / 2)

@@ -52,6 +52,7 @@ def test_the_error_of_a_difference_is_that_of_strides_and_of_what_is_not_shared(
     largest = next(d for d in found.found if (d.side, d.name, d.measure) == ("r", "knee_angle", "largest in swing"))
     tops = [s.strides.query("side == 'r' and variable == 'knee_angle' and percent == 61")["value"] for s in (a, b)]
     pooled = sum(((t - t.mean()) ** 2).sum() for t in tops) / 22
+    assert pytest.approx(student.ppf(0.975, 10**6), abs=1e-3) == MDC  # 95 % of a normal difference
     widened = student.ppf(0.975, 22) / MDC
     assert largest.se_strides == pytest.approx(widened * np.sqrt(pooled / 6.0), rel=1e-6)
     assert largest.se_shared == pytest.approx(np.sqrt(2.0) * SHARED["knee_angle"], rel=1e-6)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.figures.document import CurvePanel, ReportContent, write_pdf
+from gaitcal.figures.document import CurvePanel, ReportContent, limits_of, write_pdf
 from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.gait_report import KINEMATICS, KINETICS, read_comments, report_content
@@ -64,6 +64,16 @@ def test_a_norm_stands_beside_what_it_is_of(content: ReportContent) -> None:
     assert shown.norm is not None and 1.0 < np.nanmax(shown.norm[0]) < 1.5 and (shown.norm[1][1:-1] > 0).all()
     assert shown.senses == ("plantarflexion", "dorsiflexion") and shown.unit == "N·m/kg"
     assert "Schwartz" in content.norm
+
+
+def test_axes_hold_strides_and_norm_and_stay_wide_where_little_happens(content: ReportContent) -> None:
+    shown = panel(content, "ankle_angle_moment")
+    assert shown.norm is not None
+    mean, sd = shown.norm
+    low, high, step = limits_of(shown)
+    assert low < np.nanmin(mean - sd) and np.nanmax(mean + sd) < high and 3 <= (high - low) / step <= 6
+    still = replace(shown, norm=None, strides={"r": (np.full(101, 0.1),)})
+    assert limits_of(still)[:2] == pytest.approx((0.1 - still.least / 2, 0.1 + still.least / 2))
 
 
 def test_the_same_content_gives_the_same_pages(content: ReportContent, tmp_path: Path) -> None:
