@@ -176,11 +176,9 @@ def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float 
     """
     if len(time) < 3 or not np.isfinite(slower).all():
         return np.array([]), np.array([])
-    from scipy.signal import find_peaks  # only walks ask for it
-
+    padded = np.concatenate([[0.0], slower, [0.0]])
     least = max(SLOWEST_SWING, SMALLEST_SWING * float(slower.max()))
-    peaks, found = find_peaks(np.concatenate([[0.0], slower, [0.0]]), height=least, prominence=0.0)
-    peaks = peaks[found["prominences"] > DIP * found["peak_heights"]] - 1
+    peaks = [int(k) - 1 for k in _peaks(padded, least) if _alone(padded, int(k))]
     inner = [float(slower[k]) for k in peaks if 0 < k < len(time) - 1]
     strikes, offs = [], []
     for k in peaks:
@@ -196,6 +194,29 @@ def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float 
         if begin is not None:
             offs.append(_crossing(time, slower, begin, off * peak))
     return np.unique(strikes), np.unique(offs)
+
+
+def _peaks(values: Array, least: float) -> Array:
+    """Samples of at least that height that are higher than those beside them; of a flat top the middle one.
+
+    As `scipy.signal.find_peaks`, whose package takes half a second to load.
+    """
+    turns = np.flatnonzero(np.diff(values))  # the last sample of each flat stretch, whose length is mostly one
+    starts, ends = np.concatenate([[0], turns + 1]), np.concatenate([turns, [len(values) - 1]])
+    height = values[starts]
+    top = np.zeros(len(height), dtype=bool)
+    top[1:-1] = (height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])
+    return ((starts + ends) // 2)[top & (height >= least)]
+
+
+def _alone(speed: Array, peak: int) -> bool:
+    """Whether no higher peak follows or precedes before the speed has fallen by `DIP`; of equals, the first counts."""
+
+    def first(marked: BoolArray) -> int:
+        return int(np.argmax(marked)) if marked.any() else len(marked)
+
+    low, before, after = (1.0 - DIP) * speed[peak], speed[:peak][::-1], speed[peak + 1 :]
+    return first(before < low) < first(before >= speed[peak]) and first(after < low) < first(after > speed[peak])
 
 
 def _below(speed: Array, start: int, threshold: float, step: int) -> int | None:
