@@ -24,15 +24,18 @@ from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import BaseDocTemplate, Flowable, Frame, PageBreak, PageTemplate, Paragraph, Spacer, Table
 
 from gaitcal.arrays import Array
+from gaitcal.figures import chart
+from gaitcal.figures.chart import SIDE_DASHES, limits
 from gaitcal.gait.moments import SIDE_WORDS
+from gaitcal.model.linkage import SIDES
 
-SIDE_COLOURS: Final = {"r": HexColor("#0072B2"), "l": HexColor("#C1272D")}
-"""Right blue, left red, as clinics have them; left is dashed too, for prints in grey."""
-DASHES: Final[Mapping[str, tuple[float, ...]]] = {"r": (), "l": (4.0, 1.5)}
-INK, FAINT, GRID, NORM = HexColor("#222222"), HexColor("#666666"), HexColor("#dddddd"), HexColor("#d9d9d9")
+SIDE_COLOURS: Final = {side: HexColor(chart.SIDE_COLOURS[side]) for side in SIDES}
+INK, FAINT, GRID, NORM = (HexColor(colour) for colour in (chart.INK, chart.FAINT, chart.GRID, "#d9d9d9"))
 TONES: Final = {"trustworthy": HexColor("#2e7d32"), "doubtful": HexColor("#b26a00"), "refused": HexColor("#b00020")}
 MARGIN: Final = 15.0 * mm
 SHEET_COLUMNS, SHEET_ROWS = 3, 4
+HEAD: Final = 18.0 * mm
+"""Of a sheet's page: heading and note."""
 SANS, BOLD = "ReportSans", "ReportSans-Bold"
 
 
@@ -178,10 +181,9 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
     out += _comment(content, "spatiotemporal")
     for sheet in content.sheets:
         out += [PageBreak(), _heading(sheet.title), _text(sheet.note, 7, colour=FAINT), Spacer(1, 2 * mm)]
-        said = content.comments.get(sheet.comment, "")
-        lines = len(said) / 90 + said.count("\n") + 1 if said else 0
-        left = height - (18 + (6 + 4.2 * lines if lines else 0)) * mm
-        out += [_SheetOfCurves(sheet, content, width, left), *_comment(content, sheet.comment)]
+        comment = _comment(content, sheet.comment)
+        taken = sum(part.wrap(width, height)[1] + part.getSpaceBefore() for part in comment)
+        out += [_SheetOfCurves(sheet, content, width, height - HEAD - taken), *comment]
     out += [PageBreak(), _heading("Joints: where calibration moved them"), Spacer(1, 1.5 * mm)]
     out += (
         [_table(content.joints, width)] if len(content.joints) > 1 else [_text("Joint parameters stayed as they were.")]
@@ -286,7 +288,7 @@ class _SheetOfCurves(Flowable):  # type: ignore[misc]
         for side, colour in SIDE_COLOURS.items():
             canvas.setStrokeColor(colour)
             canvas.setLineWidth(1.4)
-            canvas.setDash(*([list(DASHES[side])] if DASHES[side] else [[]]))
+            canvas.setDash(*([list(SIDE_DASHES[side])] if SIDE_DASHES[side] else [[]]))
             canvas.line(x, 2 * mm, x + 8 * mm, 2 * mm)
             x = _word(canvas, x + 9.5 * mm, f"{SIDE_WORDS[side]}, mean ± 1 standard error")
         canvas.setDash([])
@@ -300,7 +302,7 @@ class _SheetOfCurves(Flowable):  # type: ignore[misc]
 def _word(canvas: Canvas, x: float, text: str) -> float:
     canvas.setFillColor(INK)
     canvas.drawString(x, 1.1 * mm, text)
-    return float(x + pdfmetrics.stringWidth(text, SANS, 7) + 5 * mm)
+    return float(x + pdfmetrics.stringWidth(text, SANS, 7) + 3.5 * mm)
 
 
 class _Axes:
@@ -331,18 +333,18 @@ class _Axes:
             self._band(*panel.norm, NORM, 1.0)
         for side, percent in toe_off.items():
             canvas.setStrokeColor(SIDE_COLOURS[side])
-            self._line((np.array([percent, percent]), np.array([self.low, self.high])), 0.5, DASHES[side])
+            self._line((np.array([percent, percent]), np.array([self.low, self.high])), 0.5, SIDE_DASHES[side])
         at = np.arange(101.0)
         for side, strides in panel.strides.items():
             canvas.setStrokeColor(SIDE_COLOURS[side])
             canvas.setStrokeAlpha(0.35)
             for stride in strides:
-                self._line((at, stride), 0.4, DASHES[side])
+                self._line((at, stride), 0.4, SIDE_DASHES[side])
             canvas.setStrokeAlpha(1.0)
         for side, mean in panel.mean.items():
             self._band(mean, panel.error[side], SIDE_COLOURS[side], 0.18)
             canvas.setStrokeColor(SIDE_COLOURS[side])
-            self._line((at, mean), 1.4, DASHES[side])
+            self._line((at, mean), 1.4, SIDE_DASHES[side])
         canvas.restoreState()
         if not any(np.isfinite(mean).any() for mean in panel.mean.values()):
             canvas.setFillColor(FAINT)
@@ -357,14 +359,15 @@ class _Axes:
         canvas.drawString(self.x0 - 7 * mm, top + 4.2 * mm, f"{panel.title}, {panel.unit}")
         canvas.setFont(SANS, 6)
         canvas.setFillColor(FAINT)
-        canvas.drawString(self.x0 - 7 * mm, top + 1.4 * mm, f"+ {panel.senses[0]}   − {panel.senses[1]}")
+        senses = (f"{sign} {sense}" for sign, sense in zip("+−", panel.senses, strict=True) if sense)
+        canvas.drawString(self.x0 - 7 * mm, top + 1.4 * mm, "   ".join(senses))
         canvas.setStrokeColor(GRID)
         canvas.setLineWidth(0.4)
         for value in np.arange(np.ceil(self.low / self.step), np.floor(self.high / self.step) + 1) * self.step:
             x, y = self.at(0.0, value)
             canvas.setLineWidth(0.9 if abs(value) < 1e-9 else 0.4)
             canvas.line(x, y, x + self.width, y)
-            canvas.drawRightString(x - 1 * mm, y - 2, f"{value:.6g}".replace("-", "−"))
+            canvas.drawRightString(x - 1 * mm, y - 2, f"{round(value, 9) + 0.0:.6g}".replace("-", "−"))
         for percent in (0, 25, 50, 75, 100):
             x, _ = self.at(percent, self.low)
             canvas.line(x, self.y0, x, self.y0 - 1 * mm)
@@ -404,10 +407,8 @@ def limits_of(panel: CurvePanel) -> tuple[float, float, float]:
     values, least = [v for strides in panel.strides.values() for v in strides], panel.least
     if panel.norm is not None:
         values += [panel.norm[0] - panel.norm[1], panel.norm[0] + panel.norm[1]]
-    finite = np.concatenate([v[np.isfinite(v)] for v in values] or [np.empty(0)])
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
-    middle, half = (low + high) / 2, max(0.54 * (high - low), least / 2)
-    rough = 2 * half / 5
+    low, high = limits(values, least)
+    rough = (high - low) / 5
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(float(f * power) for f in (1.0, 2.0, 5.0, 10.0) if f * power >= rough)
-    return middle - half, middle + half, step
+    return low, high, step

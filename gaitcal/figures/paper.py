@@ -148,7 +148,7 @@ def _line(variable: str, side: str, table: pd.DataFrame, strides: Strides, conve
         return None
 
     def told(values: Any) -> Array:
-        return _told(variable, np.asarray(values, dtype=np.float64), side, strides.subject, convention)
+        return convention.values(variable, np.asarray(values, dtype=np.float64), side, strides.subject)
 
     count = int(rows["n"].max())
     band = strides.healthy.get(variable, {}).get(side)
@@ -159,20 +159,6 @@ def _line(variable: str, side: str, table: pd.DataFrame, strides: Strides, conve
         strides=count,
         healthy=None if band is None else (told(band[0]), np.abs(told(band[1]))),
     )
-
-
-def _told(variable: str, values: Array, side: str, subject: Subject, convention: Convention) -> Array:
-    """Values of `cycles.csv` in a convention."""
-    base = coordinate_of(variable)
-    match kind_of(variable):
-        case Kind.MOMENT:
-            return convention.moment(base, values, subject)
-        case Kind.POWER:
-            return convention.power(values, subject)
-        case Kind.ANGLE:
-            return convention.angle(base, values, side)
-        case _:
-            return values
 
 
 def _different(lines: list[_Line]) -> list[_Line]:
@@ -229,21 +215,12 @@ def _title(variable: str) -> str:
 
 def _label(variable: str, convention: Convention) -> str:
     """Unit, and what is positive."""
-    base = coordinate_of(variable)
-    match kind_of(variable):
-        case Kind.MOMENT:
-            unit = convention.unit.key.replace("Nm", "N·m").replace("*", "·")
-            if senses_of(base) is None:
-                return unit
-            whose, sense = convention.positive_moment(base).split(", ", 1)
-            return f"{unit}\n({whose}, {sense} +)"
-        case Kind.POWER:
-            return f"{convention.unit.power}\n(generated +)"
-        case Kind.ANGLE:
-            senses = {side: convention.positive_angle(base, side) for side in SIDES}
-            return f"deg\n({senses['r']} +)"
-        case _:
-            return "N\n(upward +)"
+    kind, moment = kind_of(variable), convention.unit.key.replace("Nm", "N·m").replace("*", "·")
+    if kind is Kind.MOMENT and senses_of(coordinate_of(variable)) is None:
+        return moment
+    whose = f"{convention.acting.key}, " if kind is Kind.MOMENT else ""
+    unit = {Kind.ANGLE: "deg", Kind.MOMENT: moment, Kind.POWER: convention.unit.power, Kind.FORCE: "N"}[kind]
+    return f"{unit}\n({whose}{convention.senses(variable, 'r')[0]} +)"
 
 
 def _least(kind: Kind, convention: Convention, subject: Subject) -> float:

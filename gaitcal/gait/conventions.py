@@ -129,6 +129,34 @@ class Convention:
         """Angles of a stride of one side (`r`, `l`) with the sign of this convention; their unit stays."""
         return self._of_pelvis(name, side)[0] * values
 
+    def values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
+        """Values of a variable of `cycles.csv`, in its unit there, of strides of one side; of errors take `abs`."""
+        name = coordinate_of(variable)
+        match kind_of(variable):
+            case Kind.MOMENT:
+                return self.moment(name, values, subject)
+            case Kind.POWER:
+                return self.power(values, subject)
+            case Kind.ANGLE:
+                return self.angle(name, values, side)
+            case _:
+                return values
+
+    def senses(self, variable: str, side: str) -> tuple[str, str]:
+        """What positive and negative values of a variable mean; the second is empty where it needs no words."""
+        name = coordinate_of(variable)
+        match kind_of(variable):
+            case Kind.POWER:
+                return "generated", "absorbed"
+            case Kind.FORCE:
+                return "upward", "downward"
+            case Kind.MOMENT:
+                positive = self.positive_moment(name).split(", ", 1)[1]
+            case _:
+                positive = self.positive_angle(name, side)
+        both = _senses(name)
+        return positive, both[1 - both.index(positive)] if positive in both else ""
+
     def positive_moment(self, name: str) -> str:
         """What a positive moment means: `internal, abduction`."""
         senses = _senses(name)
@@ -203,14 +231,12 @@ class _Row(NamedTuple):
     sd: float
 
 
-class BandSigns(Enum):
-    """What positive numbers of a file mean; see the module's table."""
-
-    GAITCAL = "gaitcal"
-    EXTERNAL = "external"
-    CLINICAL = "clinical"
-
-
+BAND_SIGNS: Final[Mapping[str, Convention]] = {
+    "gaitcal": Convention(),
+    "external": Convention(acting=Acting.EXTERNAL),
+    "clinical": Convention(signs=Signs.CLINICAL),
+}
+"""What a file of bands says of its signs; see the module's table."""
 UNITS: Final[Mapping[Kind, tuple[str, ...]]] = {
     Kind.ANGLE: ("deg", "rad"),
     Kind.MOMENT: ("N m/kg", "N mm/kg", "%BW*H", "N m"),
@@ -226,7 +252,7 @@ class NormalBand:
 
     variable: str  # as in `cycles.csv`: `hip_flexion_moment`
     unit: str  # one of `UNITS` of its kind
-    signs: BandSigns
+    signs: Convention  # one of `BAND_SIGNS`
     percent: Array  # (n,) % of the stride, increasing
     mean: Array  # (n,)
     sd: Array  # (n,) at least 0
@@ -237,17 +263,8 @@ class NormalBand:
         at = np.arange(float(POINTS))
         factor = _to_ours(self.unit, subject)
         mean, sd = (np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd))
-        return self.sign(side) * factor * mean, factor * sd
-
-    def sign(self, side: str) -> float:
-        """1 where a positive number means what it means in `cycles.csv` of that side; else -1."""
-        kind = kind_of(self.variable)
-        if kind is Kind.MOMENT:
-            return 1.0 if self.signs is BandSigns.GAITCAL else -1.0
-        if kind is Kind.ANGLE and self.signs is BandSigns.CLINICAL:
-            clinical = coordinate_words(self.variable).clinical
-            return 1.0 if clinical is None else clinical.sign(side)
-        return 1.0
+        # in `cycles.csv`'s own unit a convention is a sign, which leads back as well
+        return self.signs.values(self.variable, factor * mean, side, subject), factor * sd
 
 
 Bands: TypeAlias = Mapping[str, NormalBand]  # variable of `cycles.csv` -> its band
@@ -333,9 +350,9 @@ def _named(comments: Sequence[str]) -> dict[str, list[str]]:
     return out
 
 
-def _signs(texts: Sequence[str], source: Path) -> BandSigns:
+def _signs(texts: Sequence[str], source: Path) -> Convention:
     """What all lines on signs agree in."""
-    names = {signs.value: signs for signs in BandSigns} | {"opensim": BandSigns.GAITCAL}
+    names = {**BAND_SIGNS, "opensim": BAND_SIGNS["gaitcal"]}
     wrong = [text for text in texts if text.lower() not in names]
     found = f"found '{wrong[0]}'" if wrong else "" if texts else "missing"
     if not found and len({names[text.lower()] for text in texts}) > 1:
@@ -380,7 +397,7 @@ def _plain(unit: str) -> str:
     return unit.replace("·", "").replace("*", "").replace(" ", "").lower()
 
 
-def _band(variable: str, rows: Sequence[_Row], signs: BandSigns, origin: str, source: Path) -> NormalBand:
+def _band(variable: str, rows: Sequence[_Row], signs: Convention, origin: str, source: Path) -> NormalBand:
     for before, row in itertools.pairwise(rows):
         fault = ""
         if row.unit != before.unit:
@@ -392,7 +409,7 @@ def _band(variable: str, rows: Sequence[_Row], signs: BandSigns, origin: str, so
             raise _BandsError(fault, source=source, field=f"line {row.line}")
     if len(rows) < LEAST_POINTS:
         raise _BandsError(f"found one percent of {variable}; allowed: two or more", source=source)
-    if signs is BandSigns.CLINICAL and coordinate_words(coordinate_of(variable)).group == "trunk":
+    if signs.signs is Signs.CLINICAL and coordinate_words(coordinate_of(variable)).group == "trunk":
         raise _BandsError(
             f"found {variable} with clinical signs, which differ there; allowed: signs gaitcal, external", source=source
         )

@@ -93,13 +93,13 @@ LEG_GROUPS: Final = ("hip", "knee", "ankle")
 
 # fmt: off
 _ROWS: Final = (
-    Coordinate(name="pelvis_tilt", group="pelvis", title="Pelvis tilt", angle="posterior", moment="posterior",
+    Coordinate(name="pelvis_tilt", group="pelvis", title="Pelvic tilt", angle="posterior", moment="posterior",
         senses=("posterior tilt", "anterior tilt"),
         clinical=ClinicalAngle(right=-1.0, left=-1.0, words="anterior tilt"), point="Pelvis", usual=(-90.0, 90.0)),
-    Coordinate(name="pelvis_list", group="pelvis", title="Pelvis list", angle="right side down",
+    Coordinate(name="pelvis_list", group="pelvis", title="Pelvic obliquity", angle="right side down",
         moment="right side down", senses=("right side down", "left side down"),
         clinical=ClinicalAngle(right=-1.0, left=1.0, words="this side up"), point="Pelvis", usual=(-90.0, 90.0)),
-    Coordinate(name="pelvis_rotation", group="pelvis", title="Pelvis rotation", angle="turned left",
+    Coordinate(name="pelvis_rotation", group="pelvis", title="Pelvic rotation", angle="turned left",
         moment="to the left", senses=("rotation to the left", "rotation to the right"),
         clinical=ClinicalAngle(right=1.0, left=-1.0, words="this side forward"), point="Pelvis",
         usual=(-180.0, 180.0)),
@@ -120,7 +120,7 @@ _ROWS: Final = (
     Coordinate(name="ankle_angle", group="ankle", title="Ankle dorsiflexion", angle="dorsiflexion",
         moment="dorsiflexor", senses=("dorsiflexion", "plantarflexion"), point="Ankle", usual=(-60.0, 40.0),
         wall=(-70.0, 50.0), spread=15.0, limits=Limits(angle=(-75.0, 55.0), speed=2000.0, torque=40.0)),
-    Coordinate(name="subtalar_angle", group="ankle", title="Subtalar inversion", angle="inversion", moment="invertor",
+    Coordinate(name="subtalar_angle", group="ankle", title="Hindfoot inversion", angle="inversion", moment="invertor",
         senses=("inversion", "eversion"), point="Subtalar", usual=(-40.0, 40.0), wall=(-50.0, 50.0), spread=10.0,
         limits=Limits(angle=(-60.0, 60.0), speed=2000.0, torque=20.0)),
     Coordinate(name="lumbar_extension", group="trunk", title="Lumbar extension", angle="extension", moment="extensor",

@@ -179,16 +179,6 @@ class Scene:
     """Where bones must lie."""
     segments: tuple[str, ...] = SEGMENTS
 
-    def model_markers(self, trial: MotionScene) -> Array:
-        """(nf, nm, 3) m: where the fitted model has the markers."""
-        carrying = [self.segments.index(s) for s in self.marker_segments]
-        turned = [
-            Rotation.from_quat(trial.turns[:, s]).apply(local)
-            for s, local in zip(carrying, self.marker_places, strict=True)
-        ]
-        out: Array = np.stack(turned, axis=1) + trial.origins[:, carrying]
-        return out
-
 
 def scene_of(calibration: Calibration, trial: str | None = None) -> Scene:
     """The scene of a calibration: all its moving trials, or the one named `trial`."""

@@ -22,13 +22,12 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError
 from gaitcal.gait.conventions import Convention
-from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, gait_cycles, normalise
+from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, Kind, gait_cycles, kind_of, normalise
 from gaitcal.gait.events import times_of
 from gaitcal.io.labels import FootMoment
 from gaitcal.io.result_folder import (
@@ -54,7 +53,7 @@ from gaitcal.results.table_file import VERDICT, Json, read_csv, write_csv
 from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 from gaitcal.session.tables import told_components, vector_column
 
-MOMENT, POWER, FORCE = "_moment", "_power", "ground_reaction_vertical"
+MOMENT = Kind.MOMENT.ending
 NUMBERS = ("value", "se", "se_stride")
 """Columns that a convention changes; the second part of the error where the table has it."""
 HEADER = (
@@ -174,25 +173,15 @@ def _converted(
     rows: pd.DataFrame, variable: str, side: str, convention: Convention, subject: Subject, numbers: list[str]
 ) -> pd.DataFrame:
     """Rows of one variable of strides of one side."""
-
-    def told(values: Array) -> Array:
-        if variable.endswith(MOMENT):
-            return convention.moment(variable.removesuffix(MOMENT), values, subject)
-        if variable.endswith(POWER):
-            return convention.power(values, subject)
-        return values if variable == FORCE else convention.angle(variable, values, side)
-
-    changed = {name: told(rows[name].to_numpy(dtype=np.float64)) for name in numbers}
+    changed = {
+        name: convention.values(variable, rows[name].to_numpy(dtype=np.float64), side, subject) for name in numbers
+    }
     changed |= {name: np.abs(values) for name, values in changed.items() if name != "value"}
-    if variable.endswith(MOMENT):
-        unit, positive = convention.unit.words, convention.positive_moment(variable.removesuffix(MOMENT))
-    elif variable.endswith(POWER):
-        unit, positive = convention.unit.power, "generated"
-    elif variable == FORCE:
-        unit, positive = "N", "upward"
-    else:
-        unit, positive = "deg", convention.positive_angle(variable, side)
-    return rows.assign(**changed, unit=unit, positive=positive)
+    kind = kind_of(variable)
+    units = {Kind.MOMENT: convention.unit.words, Kind.POWER: convention.unit.power}
+    whose = f"{convention.acting.key}, " if kind is Kind.MOMENT else ""
+    positive = f"{whose}{convention.senses(variable, side)[0]}"
+    return rows.assign(**changed, unit=units.get(kind, kind.unit), positive=positive)
 
 
 def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:

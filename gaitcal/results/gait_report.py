@@ -6,7 +6,7 @@ in clinical signs (`gait/conventions.py`); comments come from a file that the cl
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -18,13 +18,13 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, CurvePanel, ReportContent, Sheet
 from gaitcal.gait.conventions import Bands, Convention, MomentUnit, Signs
-from gaitcal.gait.cycles import POINTS, Kind, kind_of, typed
+from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, coordinate_of, kind_of, typed
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.toml import read_toml
-from gaitcal.model.coordinates import senses_of
+from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import SHOWN_MEASURES
@@ -33,35 +33,16 @@ from gaitcal.results.saved import load_result_model
 from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 
 CLINICAL: Final = Convention(signs=Signs.CLINICAL, unit=MomentUnit.NM_PER_KG)
-KINEMATICS: Final = {
-    "pelvis_tilt": "Pelvic tilt",
-    "pelvis_list": "Pelvic obliquity",
-    "pelvis_rotation": "Pelvic rotation",
-    "hip_flexion": "Hip flexion",
-    "hip_adduction": "Hip adduction",
-    "hip_rotation": "Hip rotation",
-    "knee_angle": "Knee flexion",
-    "ankle_angle": "Ankle dorsiflexion",
-    "subtalar_angle": "Hindfoot inversion",
-    "lumbar_extension": "Trunk against pelvis, extension",
-    "lumbar_bending": "Trunk against pelvis, bending",
-    "lumbar_rotation": "Trunk against pelvis, rotation",
-}
-"""Variable of `cycles.csv` -> title, in the order of the sheet."""
-KINETICS: Final = {
-    "hip_flexion_moment": "Hip extensor moment",
-    "hip_adduction_moment": "Hip abductor moment",
-    "hip_rotation_moment": "Hip rotator moment",
-    "knee_angle_moment": "Knee extensor moment",
-    "knee_adduction_moment": "Knee abductor moment",
-    "ankle_angle_moment": "Ankle plantarflexor moment",
-    "hip_power": "Hip power",
-    "knee_power": "Knee power",
-    "ankle_power": "Ankle power",
-    "subtalar_angle_moment": "Hindfoot evertor moment",
-    "lumbar_extension_moment": "Trunk extensor moment",
-    "ground_reaction_vertical": "Vertical ground reaction",
-}
+KINEMATICS: Final = (
+    *("pelvis_tilt", "pelvis_list", "pelvis_rotation", "hip_flexion", "hip_adduction", "hip_rotation"),
+    *("knee_angle", "ankle_angle", "subtalar_angle", "lumbar_extension", "lumbar_bending", "lumbar_rotation"),
+)
+"""Variables of `cycles.csv` in the order of the sheet."""
+KINETICS: Final = (
+    *("hip_flexion_moment", "hip_adduction_moment", "hip_rotation_moment"),
+    *("knee_angle_moment", "knee_adduction_moment", "ankle_angle_moment", "hip_power", "knee_power", "ankle_power"),
+    *("subtalar_angle_moment", "lumbar_extension_moment", GROUND_REACTION),
+)
 LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
 """Smallest range of a vertical axis (deg, N·m/kg, W/kg, N/kg), so that nothing small looks dramatic."""
 MOST_REASONS = 6
@@ -224,7 +205,7 @@ def _walks(summary: Mapping[str, object], strides: pd.DataFrame) -> Iterator[tup
 def _why(missing: int, turning: int, plates: bool) -> str:
     if not plates:
         return "no force plates, or refused"
-    told = ["foot beside a plate, or two feet on one"] if missing else []
+    told = ["foot not wholly on a plate of its own"] if missing else []
     if turning:
         told.append(f"{counted(turning, 'stride')} turning: not in means")
     return "; ".join(told)
@@ -255,10 +236,10 @@ def _toe_off(summary: Mapping[str, object]) -> dict[str, float]:
     return {side: float(mean) for side, mean in means.items() if mean is not None}
 
 
-def _panels(strides: pd.DataFrame, titles: Mapping[str, str], bands: Bands, subject: Subject) -> Iterator[CurvePanel]:
+def _panels(strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subject: Subject) -> Iterator[CurvePanel]:
     straight = strides[~(strides["turn"].abs() > TURNING)]
-    means = ensemble(strides[strides["variable"].isin(titles)]) if len(strides) else strides
-    for variable, title in titles.items():
+    means = ensemble(strides[strides["variable"].isin(variables)]) if len(strides) else strides
+    for variable in variables:
         rows = straight[straight["variable"] == variable]
         kind = kind_of(variable)
         factor = 1.0 / subject.mass if kind is Kind.FORCE else 1.0
@@ -276,13 +257,12 @@ def _panels(strides: pd.DataFrame, titles: Mapping[str, str], bands: Bands, subj
         band = bands.get(variable)
         norm = None
         if band is not None:
-            average, sd = band.for_person(subject)
-            signed = _clinical(variable, average, subject)
-            norm = factor * signed, factor * np.abs(_clinical(variable, sd, subject))
+            average, sd = (CLINICAL.values(variable, part, "r", subject) for part in band.for_person(subject))
+            norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
-            title=title,
+            title=_title(variable),
             unit={Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}[kind],
-            senses=_senses(variable, kind),
+            senses=CLINICAL.senses(variable, "r"),
             strides=curves,
             mean=mean,
             error=error,
@@ -291,32 +271,18 @@ def _panels(strides: pd.DataFrame, titles: Mapping[str, str], bands: Bands, subj
         )
 
 
-def _clinical(variable: str, values: Array, subject: Subject) -> Array:
-    kind = kind_of(variable)
-    if kind is Kind.MOMENT:
-        return CLINICAL.moment(variable.removesuffix(kind.ending), values, subject)
-    if kind is Kind.POWER:
-        return CLINICAL.power(values, subject)
-    return CLINICAL.angle(variable, values, "r") if kind is Kind.ANGLE else values
-
-
-def _senses(variable: str, kind: Kind) -> tuple[str, str]:
-    """What positive and negative values mean, with clinical signs."""
-    if kind is Kind.POWER:
-        return "generated", "absorbed"
-    if kind is Kind.FORCE:
-        return "upward", "downward"
-    base = variable.removesuffix(kind.ending)
-    if kind is Kind.ANGLE:
-        pelvis = {
-            "pelvis_tilt": ("anterior", "posterior"),
-            "pelvis_list": ("this side up", "down"),
-            "pelvis_rotation": ("this side forward", "back"),
-        }
-        return pelvis.get(base) or senses_of(base) or ("", "")
-    positive, negative = senses_of(base) or ("", "")
-    first = CLINICAL.positive_moment(base).split(", ")[-1]
-    return first, negative if first == positive else positive
+def _title(variable: str) -> str:
+    """`Hip adduction`, `Hip abduction moment`, `Hip power`: a moment by what it does where it is positive."""
+    if variable == GROUND_REACTION:
+        return "Vertical ground reaction"
+    title = coordinate_words(coordinate_of(variable)).title
+    match kind_of(variable):
+        case Kind.MOMENT:
+            return f"{title.split()[0]} {CLINICAL.senses(variable, 'r')[0]} moment"
+        case Kind.POWER:
+            return f"{title.capitalize()} power"
+        case _:
+            return title
 
 
 def _norm_words(bands: Bands) -> str:

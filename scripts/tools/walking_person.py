@@ -73,7 +73,7 @@ MOMENTS = {
     "knee_angle": ("Knee flexion", "extensor", "flexor"),
     "knee_adduction": ("Knee adduction", "abduction", "adduction"),
     "ankle_angle": ("Ankle dorsiflexion", "plantarflexor", "dorsiflexor"),
-    "subtalar_angle": ("Subtalar inversion", "evertor", "invertor"),
+    "subtalar_angle": ("Hindfoot inversion", "evertor", "invertor"),
 }
 """Variable -> title, and what its smallest and its largest value are called."""
 ADULT_PEAKS = {("hip_adduction", "abductor"): (-1.1, 0.2)}

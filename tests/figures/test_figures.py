@@ -15,8 +15,7 @@ from gaitcal.figures.chart import SIDE_COLOURS, Panel, chart_figure, panel_figur
 from gaitcal.figures.curves import NORMAL_KEY
 from gaitcal.figures.fit import Forces, forces_chart, parameters_chart
 from gaitcal.figures.report import SheetRecording, report_charts, write_charts
-from gaitcal.gait.conventions import BandSigns as Signs
-from gaitcal.gait.conventions import NormalBand
+from gaitcal.gait.conventions import BAND_SIGNS, NormalBand
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.moments import (
     explained,
@@ -226,7 +225,7 @@ def test_moments_are_named_once(whole: Calibration) -> None:
 def test_normal_bands_lie_behind_the_panels_of_their_variables(whole: Calibration) -> None:
     """In the units that are drawn; without a gait cycle there is none, and the legend does not promise one."""
     percent, mean, sd = np.array([0.0, 100.0]), np.array([0.5, 0.5]), np.array([0.1, 0.1])
-    common = {"signs": Signs.CLINICAL, "percent": percent, "mean": mean, "sd": sd}
+    common = {"signs": BAND_SIGNS["clinical"], "percent": percent, "mean": mean, "sd": sd}
     bands = {
         name: NormalBand(variable=name, unit=unit, **common)  # type: ignore[arg-type]
         for name, unit in (("knee_angle_moment", "N m/kg"), ("hip_flexion", "rad"))

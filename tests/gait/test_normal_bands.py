@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.gait.conventions import SHIPPED, bands_file, read_normal_bands
-from gaitcal.gait.conventions import BandSigns as Signs
+from gaitcal.gait.conventions import BAND_SIGNS, SHIPPED, bands_file, read_normal_bands
 from gaitcal.gait.cycles import known_variables
 from gaitcal.model.subject_model import Subject
 
@@ -26,7 +25,11 @@ def written(folder: Path, rows: str, signs: str = "gaitcal", header: str = HEADE
 def test_values_lie_on_straight_lines_between_percents_and_nowhere_else(tmp_path: Path) -> None:
     bands = read_normal_bands(written(tmp_path, "hip_flexion,deg,10,30,5\nhip_flexion,deg,20,40,7\n"))
     band = bands["hip_flexion"]
-    assert (band.source, band.signs, list(bands)) == ("Somebody 2020, 50 adults", Signs.GAITCAL, ["hip_flexion"])
+    assert (band.source, band.signs, list(bands)) == (
+        "Somebody 2020, 50 adults",
+        BAND_SIGNS["gaitcal"],
+        ["hip_flexion"],
+    )
     mean, sd = band.for_person(PERSON)
     assert mean[[10, 15, 20]].tolist() == [30.0, 35.0, 40.0] and sd[15] == 6.0
     assert np.isnan(mean[[0, 9, 21, 100]]).all()
@@ -129,7 +132,7 @@ def test_a_file_that_a_spreadsheet_program_saved_is_the_same_file(tmp_path: Path
     path = tmp_path / "normal.csv"
     path.write_text(padded.replace("\n", "\r\n"), encoding="utf-8-sig", newline="")
     band = read_normal_bands(path)["hip_flexion"]
-    assert (band.source, band.signs, band.percent.tolist()) == ("Somebody, 2020", Signs.CLINICAL, [0.0, 9.0])
+    assert (band.source, band.signs, band.percent.tolist()) == ("Somebody, 2020", BAND_SIGNS["clinical"], [0.0, 9.0])
 
 
 def test_lines_on_signs_must_agree(tmp_path: Path) -> None:
@@ -137,7 +140,7 @@ def test_lines_on_signs_must_agree(tmp_path: Path) -> None:
     header = "# signs: {signs}\n"
     same = written(tmp_path, rows, "opensim", header + "# signs: GaitCal\n# source: a\n# source: b\n")
     band = read_normal_bands(same)["hip_flexion"]
-    assert band.signs is Signs.GAITCAL and band.source == "a; b"
+    assert band.signs is BAND_SIGNS["gaitcal"] and band.source == "a; b"
     with pytest.raises(InputError, match="signs: found 'clinical' and 'external'; allowed: a line"):
         read_normal_bands(written(tmp_path, rows, "clinical", header + "# signs: external\n"))
 
