@@ -1,4 +1,4 @@
-"""How far a joint parameter may lie from its nominal value: what is known of people before any trial is looked at.
+"""What is known of a joint parameter before any trial is looked at, and how much of what a trial then says is noise.
 
 Deviations d from nominal values are N(m0, P0): by anatomy (`TABLE`), of which a study file may change means and
 deviations (`[calibration] joint_prior`), and what a cohort has learnt takes the place of both (`prior_of_study`).
@@ -30,12 +30,10 @@ subtalar    deviates by 23 +- 11 degrees (nominal) from the midline of cadavers'
             apart); its place goes with the talocrural one.
 others      20 mm and 10 degrees: landmarks of trunk and arms, which one hinge or ball stands for.
 
-How much of what a trial says of its joints is noise: the part of the markers' errors that a joint can see.
-
-A segment's markers follow the segment (its rigid fit) up to their deformation; the linkage follows the rigid fits up to
-what its joints forbid. Joint parameters act on the second part alone. With d the difference between the markers of the
-rigid fits and those of the linkage, smoothed by the trial's splines, c = 6 (segments) - (coordinates) the directions
-that the joints forbid, and nf frames,
+Noise of a trial: the part of the markers' errors that a joint can see. A segment's markers follow the segment (its
+rigid fit) up to their deformation; the linkage follows the rigid fits up to what its joints forbid. Joint parameters
+act on the second part alone. With d the difference between the markers of the rigid fits and those of the linkage,
+smoothed by the trial's splines, c = 6 (segments) - (coordinates) the directions that the joints forbid, and nf frames,
 
     nu^2 = tau / (c nf) * sum |d|^2 * n / (n - p),      tau = 1 + 2 sum_k rho_k,      n = c nf / tau,
 

@@ -1,7 +1,4 @@
-"""`gaitcal explain`.
-
-`gaitcal example`: which public recordings there are, and one of them fetched into a folder.
-"""
+"""`gaitcal explain`, the page of a code, and `gaitcal example`, public recordings that are fetched into a folder."""
 
 from __future__ import annotations
 

@@ -1,12 +1,11 @@
 """One person of a cohort, from the folder of recordings to the result folder: what `gaitcal calibrate FOLDER` does,
-with nobody to ask.
+with nobody to ask; and the row and curves that a result gives.
 
-The row of the table of people that a result folder gives, from its files alone, and mean curves for the page.
-
-Fits join the walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk i.
-Peaks are of the mean over valid strides (`gait/ensemble.py`), where at least `LEAST_VALID` of its percents are valid;
-moments and powers by body mass. Their standard error is that of the mean at that percent; of a range, whose ends are
-far apart in the stride, it is taken as if their errors were independent: se = sqrt(se_max^2 + se_min^2).
+A result folder's row of the table of people, and its mean curves for the page, come from its files alone. Fits join the
+walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk i. Peaks are of the mean
+over valid strides (`gait/ensemble.py`), where at least `LEAST_VALID` of its percents are valid; moments and powers by
+body mass. Their standard error is that of the mean at that percent; of a range, whose ends are far apart in the stride,
+it is taken as if their errors were independent: se = sqrt(se_max^2 + se_min^2).
 
 Curves are the same means at every second percent, as 16-bit integers in steps of a size that is the same for everybody:
 people can be packed one by one. Three bytes are four letters of base64, and a person's bytes are divisible by three, so

@@ -1,10 +1,8 @@
-"""Curves of two sessions over the stride: how far apart they are at every percent, and their peaks and ranges.
+"""Curves and steps of two sessions: how far apart they are at every percent, in peaks and ranges, and in means of
+steps.
 
 A peak is found in every stride by itself and averaged: the peak of a mean curve is flatter than those of its strides.
 The error that strides share is taken where each has its peak; a range has that of both its ends, as if independent.
-
-Spatiotemporal measures of two sessions: means over strides, and how far they differ.
-
 Strikes are known to a frame or so, heels to some millimetres: strides vary by at least `LEAST`, however alike a few of
 them happen to be.
 """

@@ -1,6 +1,5 @@
-"""One difference between two sessions, with its error bar, and the tables of them.
-
-The standard error of a difference between two sessions, and the least difference that they could not have missed.
+"""One difference between two sessions: its standard error, the least that the recordings could not have missed, its
+words, and the tables of all.
 
 Of a figure with the mean m_s over the n_s strides of session s, d = m_B - m_A,
 
@@ -20,13 +19,10 @@ Errors of the joint parameters that two calibrations on one static trial share t
 same force plates, are taken as independent here: c is then rather too large. How a person walks differently on another
 day is no error of a recording, and in none of these figures: two sessions do not tell it.
 
-Differences between two sessions in words: `right knee flexion, largest in swing: 8.1 deg less ...`.
-
-Joint parameters of two sessions, each in its own segment frames, and the error bars of their differences.
-
-Errors of a calibration come by source (`calibration/joint_estimate.py`): columns M of the markers of its trials, N of
-the nominal joints, Z of the skin. Markers of different recordings are independent. On one static trial the nominal
-joints are wrong by the same in both, and markers sit on the same skin, so that columns meet by name:
+Joint parameters of two sessions stand each in its own segment frames. Errors of a calibration come by source
+(`calibration/joint_estimate.py`): columns M of the markers of its trials, N of the nominal joints, Z of the skin.
+Markers of different recordings are independent. On one static trial the nominal joints are wrong by the same in both,
+and markers sit on the same skin, so that columns meet by name:
 
     se^2 = |M_A|^2 + |M_B|^2 + |N_B - N_A|^2 + |Z_B - Z_A|^2.
 

@@ -1,10 +1,8 @@
-"""The strides of one variable of one leg: curves, and the errors that all of them share.
+"""One result of a person, as far as setting it beside another one needs it, and the strides of one variable of one leg.
 
 The error of a stride has two parts (`gait/ensemble.py`): its own, s_ij, which makes strides differ, and c, which all
 strides of one calibrated person share, c^2 = se_ij^2 - s_ij^2. What of c two sessions on one static trial share in
 turn, f, are the axes of the segments and, of loads, the masses.
-
-One result of a person, as far as setting it beside another one needs it; read by `gaitcal/results/sessions.py`.
 """
 
 from __future__ import annotations

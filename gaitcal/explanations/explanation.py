@@ -1,6 +1,5 @@
-"""The page of a code, as it lies in `pages/GC-nnn.md`.
-
-The little Markdown that pages are written in, as data: parts with paragraphs, bullets and verbatim lines.
+"""The page of a code, as it lies in `pages/GC-nnn.md`, and the little Markdown that pages are written in, as data:
+parts with paragraphs, bullets and verbatim lines.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The model as MuJoCo XML (MJCF), and as URDF for Pinocchio, ROS and others.
+"""The model as MuJoCo XML (MJCF) and as URDF; motion, generalised forces and ground reactions for OpenSim's tools.
 
 MJCF: every segment with mass is a body with all its joints inside. MuJoCo applies the joints of a body in order, each
 about an axis given in the body's own frame at q = 0. For a chain of constants C and motions M,
@@ -16,11 +16,9 @@ in alphabetical order; the fixed joints are numbered so that this is our order, 
 knows no gravity. The root link `ground` is our laboratory, **y up**: set gravity to (0, -9.81, 0). Markers are links
 `marker_NAME` without inertia. Coordinates that are held at zero have equal limits of zero.
 
-Motion, generalised forces and ground reactions as files that OpenSim's tools take over.
-
-All are tables of OpenSim's Storage (`.mot`, `.sto`), which stops reading at the first NaN, without a word: a row that
-holds one is left out, and the header says so. Ground reactions are written as the force at the centre of pressure and
-the moment about it, with an XML file that says which columns act on which foot.
+Motions and forces are tables of OpenSim's Storage (`.mot`, `.sto`), which stops reading at the first NaN, without a
+word: a row that holds one is left out, and the header says so. Ground reactions are written as the force at the centre
+of pressure and the moment about it, with an XML file that says which columns act on which foot.
 """
 
 from __future__ import annotations

@@ -1,12 +1,7 @@
-"""A chart is a list of panels that know how to draw themselves.
+"""Charts: lists of panels that know how to draw themselves, with one legend; and the look that all of them share.
 
-The page places panels one by one, so that a phone shows them below each other and a desktop three in a row. For papers
-the same panels stand in one figure with its legend.
-
-Colours, line styles and axes that every figure shares.
-
-The colours are Okabe and Ito's, which colour-blind eyes tell apart. Nothing here touches matplotlib's global state:
-figures are drawn in threads and beside a user's own plots. matplotlib is loaded when something is drawn, not before.
+The colours are Okabe and Ito's, which colour-blind eyes tell apart. Nothing here touches matplotlib's global state, and
+matplotlib is loaded when something is drawn, not before.
 """
 
 from __future__ import annotations

@@ -1,8 +1,5 @@
-"""How near model markers come to measured ones: before, after, and the floor of rigid segments.
-
-What calibration changed: how far each joint parameter moved, with its standard error, and each joint moment.
-
-Ground reaction forces on each foot, and what they leave unexplained at the pelvis.
+"""Figures of a fit: marker errors before and after, beside the floor of rigid segments; how far joint parameters and
+joint moments moved; ground reactions, and what they leave unexplained at the pelvis.
 """
 
 from __future__ import annotations

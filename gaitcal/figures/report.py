@@ -1,13 +1,8 @@
-"""The chart pages of a result, from what its folder holds: curves from the sheet, the rest from its tables.
+"""The figures of `gaitcal figures --for report`: one shows all curves of a kind of one trial, its stance, the nominal
+model and, of made-up people, the truth; others show fit, parameters, forces and residuals.
 
-One figure shows all curves of a kind of one trial, its stance, the nominal model and, of made-up people, the truth.
-
-Charts as files: the same result gives the same bytes, whatever the day.
-
-A trial as the sheet of a result's page tells it (`page.json`), read back into what charts draw.
-
-Curves of a sheet are packed as `page/plain_data.py` packs them: 16-bit integers k, value = low + step (k + 32767), with
--32768 where there is none; angles in deg, moments in N·m, powers in W.
+Curves come from the page's data (`page.json`, packed by `page/plain_data.py`), the rest from the tables of the result.
+The same result gives the same bytes, whatever the day.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""In which convention joint angles, moments and powers are told: signs, whose moment, along which axes, which unit.
+"""Signs and units: in which convention angles, moments and powers are told, and normal bands, which have one each.
 
 Inside, and in the files of a result, everything is as OpenSim has it: internal moments, positive in the sense of their
 coordinate (flexion, adduction, internal rotation, dorsiflexion, inversion), N·m. `Convention` brings them into others:
@@ -16,7 +16,7 @@ adduction moment above zero in stance) are opensim signs and external, its inter
 plantarflexor positive) clinical signs and internal: the same numbers. Powers have one sign in all conventions: positive
 is generated. They are in W beside N·m, else in W/kg: percent of body weight times height has no power.
 
-Normal bands from a user's CSV file: mean and standard deviation of healthy people over the gait cycle.
+Normal bands come from a CSV file: mean and standard deviation of healthy people over the gait cycle.
 
     # source: Somebody et al. 2020, 50 adults, barefoot, free speed
     # signs: clinical

@@ -1,11 +1,10 @@
-"""The stillest stretch of a static trial, which may hold walking before and after.
+"""The stillest stretch of a static trial, which may hold walking before and after; stretches of frames as slices and
+words.
 
 The speed of a stretch is the RMS, over its frames and markers, of displacement across LAG_S divided by LAG_S. The lag
 keeps measurement noise out: 0.2 mm of it would read as 28 mm/s from one 100 Hz frame to the next, and so as 3 mm/s.
 Where noise is so large that no stretch looks still, paths are first averaged over SMOOTH_S: 3 mm of white noise reads
 as 73 mm/s across the lag at 100 Hz, and as 12 mm/s after that; whoever walks or sways slowly keeps the speed.
-
-Stretches of frames in which something holds, as slices and as words; the gaps of each marker.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Markers that the static trial lost, rebuilt where other frames or trials show them beside others of their segment.
+"""Markers that the static trial lost are rebuilt where other frames or trials show them beside others of their segment;
+those that lie metres away from the body are left out.
 
 Companions c_i of a lost marker m are the other markers of its segment, at their mean places s_i of the still window.
 Where fewer than three are left, the joint above is one, as the segment above carries it: the hip centre, or the middle
@@ -16,11 +17,10 @@ which the lever from their middle to p enlarges:
 Of all trials the one that leaves the least is taken. A rebuilt marker repeats what its companions say: it is a place
 for the marker where it moves, never evidence for the static trial. Trunk and arms, which are not rigid, are left out.
 
-Markers metres away from the body, which no least-squares fit survives: found, named and left out.
-
-c(s, t) is the median, coordinate by coordinate, of all markers seen in frame t on segment s and on those that a joint
-connects with it. A marker of s farther than REACH from c is nowhere on that body. The median stands while fewer than
-half of these markers stray; where more of all markers do, the unit or the labels are wrong, which is another fault.
+No least-squares fit survives a marker metres away. c(s, t) is the median, coordinate by coordinate, of all markers seen
+in frame t on segment s and on those that a joint connects with it. A marker of s farther than REACH from c is nowhere
+on that body. The median stands while fewer than half of these markers stray; where more of all markers do, the unit or
+the labels are wrong, which is another fault.
 """
 
 from __future__ import annotations

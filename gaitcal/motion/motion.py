@@ -1,6 +1,5 @@
-"""A person's motion in one trial: the result of tracking, and how well each marker is met.
-
-Marker tracking: the nodes that bring the model's markers nearest to the measured ones, over whole trials.
+"""Tracking, and a person's motion in one trial that it gives: the nodes that bring the model's markers nearest to the
+measured ones over the whole trial, and how well each marker is met.
 
 As problems for `descend`: one trial with fixed joint parameters, whose x are the nodes and whose matrix is a band, and
 several trials that share joint parameters, whose matrix is an arrow (`banded.py`). From rigid fits undamped

@@ -4,10 +4,8 @@ The draws disturb it: its own markers, without noise, are what each disturbed mo
 are what each disturbed torque is compared with. It is the built-in subject of the reproduction, a calibrated person in
 one gait trial, or the person of a folder: the result of a calibration, or a study that is calibrated first.
 
-Two real people in place of the unpublished experimental trial: never the same person, shown beside it.
-
-`subject01` (markers and ground reactions of a walk) and `uf3` (isolated trials of six joints and a walk, no ground
-reactions), from the folder that GAITCAL_DATA names, through the same pipeline as any user's study.
+Two real people stand beside the unpublished experimental trial: `subject01` (a walk with ground reactions) and `uf3`
+(isolated trials of six joints and a walk), from the folder that GAITCAL_DATA names, as any user's study.
 """
 
 from __future__ import annotations

@@ -1,6 +1,5 @@
-"""The result folder of a calibration, written whole or not at all; `saved.py` reads back what further trials need.
-
-The page of a result folder: `result.html`, and what it is made of again, `scene.npz` and `page.json`.
+"""The result folder of a calibration, written whole or not at all, and its page, which is read back and joined with
+those of further trials. `saved.py` reads back what further trials need.
 """
 
 from __future__ import annotations

@@ -1,15 +1,12 @@
-"""The strides of a result in a convention of the user's choice: one table, each row with its unit and what is positive.
+"""The strides of a result in a convention of the user's choice: one table, each row with its unit and what is positive;
+and the manifest of the folder that exports lie in.
 
 Angles, powers, moments of the coordinates and which of them count are those of `cycles.csv`; moments in the frames of
 segments or of the joint coordinate system come from `moment_vectors/TRIAL.csv`, over the same strides.
 
-The manifest of a folder of exported files: what was written, from which result, and the SHA-256 of each.
-
-Where the recordings lie that a result was made from: found by name, known by their SHA-256.
-
-A result does not say in which folder its study was, as it may be given away. So recordings are looked for beside the
-result, in the folder of the command, where the study that was drafted for it has them, or where the user says; whatever
-is found must be what was read then.
+A result does not say in which folder its study was, as it may be given away. Recordings are looked for beside it, in
+the folder of the command, where the study that was drafted for it has them, or where the user says; whatever is found
+must have the SHA-256 of what was read then.
 """
 
 from __future__ import annotations

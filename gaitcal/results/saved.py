@@ -1,6 +1,5 @@
-"""What a result folder of `gaitcal calibrate` keeps for further trials: model, labels, settings, uncertainty.
-
-A moving trial as a result folder keeps it: read back for other programs.
+"""A result folder of `gaitcal calibrate` read back: the person for further trials (model, labels, settings,
+uncertainty), and single moving trials for other programs.
 """
 
 from __future__ import annotations

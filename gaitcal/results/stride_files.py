@@ -1,6 +1,5 @@
-"""The files of strides in a result folder: `cycles.csv`, its mean curves `ensemble.csv`, and `spatiotemporal.csv`.
-
-`spatiotemporal.csv`, in long form, and its means in `summary.json`.
+"""The files of strides in a result folder: `cycles.csv`, its mean curves `ensemble.csv`, and `spatiotemporal.csv` in
+long form, with its means for `summary.json`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,5 @@
-"""The figures of `summary.json`: fit quality, residuals, phases. A figure that does not exist is absent, never 0.
-
-Joint powers and moment vectors of a trial in a result folder: written, and read back for exports.
-
-The truth in a result, of a person of whom it is known: `truth/`, and the entry `truth` of `summary.json`.
+"""What a result folder says of its trials: the figures of `summary.json` (one that does not exist is absent, never 0),
+the tables of joint powers and moment vectors, and, where it is known, the truth (`truth/`).
 """
 
 from __future__ import annotations
