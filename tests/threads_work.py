@@ -24,7 +24,7 @@ from gaitcal.published.draw import COLUMNS, MonteCarloContext, draw
 from gaitcal.published.draw_sensitivity import unfinished_draws
 from gaitcal.published.inertial_recovery import noisy_draw
 from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
-from gaitcal.published.workers import LocalProcesses, ThisProcess
+from gaitcal.published.workers import LocalProcesses, Workers
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from tests.synthetic_studies import made_recording
 
@@ -41,7 +41,7 @@ def results(study: Path) -> Iterator[tuple[str, bytes]]:
     yield "joint_kinetics", np.array(gc.joint_kinetics(model, motion, wrench).power).tobytes()
 
     case = nominal_case()
-    for name, workers in (("here", ThisProcess()), ("processes", LocalProcesses(2))):
+    for name, workers in (("here", Workers()), ("processes", LocalProcesses(2))):
         draws = gc.monte_carlo(case, plan=PLAN, workers=workers, chunk_draws=2).draws
         yield f"monte_carlo: {name}", draws[list(COLUMNS)].to_numpy().tobytes()
     settings = MonteCarloSettings()

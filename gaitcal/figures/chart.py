@@ -189,14 +189,6 @@ class Chart:
     """Height of a row of the legend, inches."""
 
 
-def panel_figure(panel: Panel) -> Figure:
-    """One panel alone, as the page shows it."""
-    size = panel.size
-    figure = new_figure(size.width, size.height)
-    _place(figure, panel, 0.0, 0.0)
-    return figure
-
-
 def chart_figure(chart: Chart) -> Figure:
     """All panels of a chart in one figure, for papers."""
     rows = [chart.panels[i : i + chart.columns] for i in range(0, len(chart.panels), chart.columns)]

@@ -19,7 +19,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 from joblib.externals.loky import ProcessPoolExecutor, cpu_count
 from joblib.externals.loky.process_executor import BrokenProcessPool
@@ -42,12 +42,10 @@ WAIT_S = 30
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-Lost: TypeAlias = Callable[[Task, str], Result]
-"""What stands for a task that is given up, and why."""
 
 
-class Workers(Protocol):
-    """Anything that maps a picklable function over tasks."""
+class Workers:
+    """Whoever maps a picklable function over tasks: this process, one after the other; others run them elsewhere."""
 
     def run(
         self,
@@ -56,20 +54,6 @@ class Workers(Protocol):
         lost: Callable[[Task, str], Result] | None = None,
     ) -> Iterator[Result]:
         """Yield `function(task)` for every task, in any order; without `lost`, one that is given up ends the run."""
-        ...
-
-
-@dataclass(frozen=True)
-class ThisProcess:
-    """One after the other, here."""
-
-    def run(
-        self,
-        function: Callable[[Task], Result],
-        tasks: Iterable[Task],
-        lost: Callable[[Task, str], Result] | None = None,
-    ) -> Iterator[Result]:
-        """Yield the results in the order of the tasks."""
         return map(function, tasks)
 
 
@@ -88,7 +72,7 @@ class _Crew:
     """Why a task is given up."""
 
 
-class _Executing(ABC):
+class _Executing(Workers, ABC):
     """Workers behind an executor."""
 
     @abstractmethod

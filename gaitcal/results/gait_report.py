@@ -64,6 +64,7 @@ def report_content(folder: Path, bands: Bands, comments: Mapping[str, str]) -> R
     model, _, _ = load_result_model(folder)
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
     strides = typed(strides_in_convention(folder, CLINICAL, model))
+    parameters = pd.read_csv(folder / "parameters.csv", comment="#")
     return ReportContent(
         person=_person(model.subject, manifest),
         verdict=str(summary.get("verdict", "")),
@@ -90,8 +91,8 @@ def report_content(folder: Path, bands: Bands, comments: Mapping[str, str]) -> R
         ),
         toe_off=_toe_off(summary),
         norm=_norm_words(bands),
-        joints=tuple(_joints(folder)),
-        undetermined=_undetermined(folder),
+        joints=tuple(_joints(parameters)),
+        undetermined=_undetermined(parameters),
         comments=comments,
         footer=f"gaitcal {manifest.get('gaitcal', '')}: every number and its error bar in {folder.resolve().name}",
     )
@@ -290,10 +291,9 @@ def _norm_words(bands: Bands) -> str:
     return f"norm ± SD ({'; '.join(s[:16] for s in sources)})" if bands else ""
 
 
-def _joints(folder: Path) -> Iterator[tuple[str, ...]]:
+def _joints(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
     """How far each joint was moved, with the largest standard error of its fitted parameters."""
     yield ("joint", "moved, mm", "standard error, mm", "turned, deg", "standard error, deg")
-    table = pd.read_csv(folder / "parameters.csv", comment="#")
     fitted = table[table["kind"].str.startswith("joint ") & (table["status"] != "fixed")]
     for joint, rows in fitted.groupby("joint", sort=False):
         cells: list[str] = []
@@ -305,8 +305,7 @@ def _joints(folder: Path) -> Iterator[tuple[str, ...]]:
         yield (joint_words(str(joint)).capitalize(), *cells)
 
 
-def _undetermined(folder: Path) -> tuple[str, ...]:
-    table = pd.read_csv(folder / "parameters.csv", comment="#")
+def _undetermined(table: pd.DataFrame) -> tuple[str, ...]:
     rows = table[(table["status"] == "unidentifiable") & table["joint"].notna()]
     return tuple(
         f"{joint_words(str(joint)).capitalize()}: {'; '.join(parameter_words(name) for name in of_joint['name'])}"

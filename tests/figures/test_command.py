@@ -18,7 +18,7 @@ from gaitcal.cli.figures import Options, chosen
 from gaitcal.cli.figures import draw_figures as run
 from gaitcal.errors import InputError, UsageError
 from gaitcal.figures import report
-from gaitcal.figures.chart import SIDE_COLOURS, Chart, panel_figure
+from gaitcal.figures.chart import SIDE_COLOURS, Chart
 from gaitcal.figures.paper import LINE, Strides, paper_charts
 from gaitcal.figures.report import SheetRecording, Told, report_charts, unpacked
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
@@ -33,6 +33,7 @@ from gaitcal.results.table_file import write_csv
 from gaitcal.session.result import Calibration
 from gaitcal.session.tables import parameter_table
 from tests.fake_result import ANGLE_ERROR, fake_calibration
+from tests.figures.told import panel_figure
 
 PACKED = 1 / 60_000
 """Of the range of a curve: a sheet holds 16-bit integers."""

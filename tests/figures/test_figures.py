@@ -11,7 +11,7 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from gaitcal.dynamics.expected_residual import residual_limits
-from gaitcal.figures.chart import SIDE_COLOURS, Panel, chart_figure, panel_figure, plain
+from gaitcal.figures.chart import SIDE_COLOURS, Panel, chart_figure, plain
 from gaitcal.figures.curves import NORMAL_KEY
 from gaitcal.figures.fit import Forces, forces_chart, parameters_chart
 from gaitcal.figures.report import SheetRecording, report_charts, write_charts
@@ -34,7 +34,7 @@ from gaitcal.results.summary import summary
 from gaitcal.session.parameter_words import Group, Row
 from gaitcal.session.result import Calibration
 from tests.fake_result import ANGLE_ERROR, HOSTILE, Names, fake_calibration
-from tests.figures.told import charts, told
+from tests.figures.told import charts, panel_figure, told
 
 SAME = 1e-9
 """Relative: the same sums in another order."""

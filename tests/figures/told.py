@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 
-from gaitcal.figures.chart import Chart
+from matplotlib.figure import Figure
+
+from gaitcal.figures.chart import Chart, Panel, chart_figure
 from gaitcal.figures.report import Told, report_charts
 from gaitcal.gait.conventions import Bands
 from gaitcal.page.page_data import calibration_page_data
@@ -29,3 +31,8 @@ def charts(calibration: Calibration, normal: Bands | None = None) -> Mapping[str
     """Kind of a page (`angles`, `joint_parameters`) -> its chart; of calibrations with one walk."""
     found = report_charts(told(calibration, normal))
     return {chart.name.split("_", 2)[2] if chart.name[0].isdigit() else chart.name: chart for chart in found}
+
+
+def panel_figure(panel: Panel) -> Figure:
+    """One panel alone."""
+    return chart_figure(Chart(name="alone", title="", panels=(panel,), keys=()))

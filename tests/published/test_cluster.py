@@ -19,7 +19,7 @@ from gaitcal.errors import GaitcalError, InputError
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import Plan
 from gaitcal.published.study import monte_carlo
-from gaitcal.published.workers import Cluster, ThisProcess
+from gaitcal.published.workers import Cluster, Workers
 
 pytest.importorskip("distributed", reason="no dask here; it comes with the extra `cluster`")
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
@@ -76,7 +76,7 @@ def test_same_table_with_a_worker_killed_at_work(case: MonteCarloCase, tmp_path:
     assert killed
     assert killed[0] < plan.total
     assert workers[0].wait(10) == -signal.SIGKILL
-    reference = monte_carlo(case, plan=plan, workers=ThisProcess())
+    reference = monte_carlo(case, plan=plan, workers=Workers())
     pd.testing.assert_frame_equal(found.draws, reference.draws, check_exact=True)
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.study import Store, monte_carlo
-from gaitcal.published.workers import ThisProcess
+from gaitcal.published.workers import Workers
 from tests.published.small_study import CHUNK, PLAN
 
 ROOT = Path(__file__).parents[2]
@@ -43,7 +43,7 @@ def content(folder: Path) -> str:
 
 @pytest.mark.slow
 def test_killed_again_and_again(case: MonteCarloCase, tmp_path: Path) -> None:
-    whole = monte_carlo(case, tmp_path / "whole", plan=PLAN, workers=ThisProcess())
+    whole = monte_carlo(case, tmp_path / "whole", plan=PLAN, workers=Workers())
     killed, moments = tmp_path / "killed", random.Random(11)
     for _ in range(3):
         process = start(killed)

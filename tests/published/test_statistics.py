@@ -28,7 +28,7 @@ from gaitcal.published.statistics import (
     variance_contributions,
 )
 from gaitcal.published.study import monte_carlo
-from gaitcal.published.workers import ThisProcess
+from gaitcal.published.workers import Workers
 
 SCALE = {"jp": 1.0, "ip": 0.1, "both": np.hypot(1.0, 0.1), "noise": 0.1}
 
@@ -189,7 +189,7 @@ def test_published_figures_stand_beside_ours_only_where_they_mean_the_same() -> 
 def draws(case: MonteCarloCase) -> pd.DataFrame:
     wanted = {Varied.BOTH: (1, 25), Varied.IP: (10,), Varied.JP: (25,)}
     plans = [Plan((varied,), levels, 60) for varied, levels in wanted.items()]
-    return pd.concat([monte_carlo(case, plan=plan, workers=ThisProcess()).draws for plan in plans])
+    return pd.concat([monte_carlo(case, plan=plan, workers=Workers()).draws for plan in plans])
 
 
 @pytest.mark.slow

@@ -18,14 +18,14 @@ from gaitcal.io import result_folder
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
 from gaitcal.published.study import PURPOSE, Chunk, MonteCarloStudy, Store, monte_carlo
-from gaitcal.published.workers import LocalProcesses, ThisProcess, alone
+from gaitcal.published.workers import LocalProcesses, Workers, alone
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 PLAN = Plan(levels=(50, 100), draws=7)
 QUICK = Plan(sets=(Varied.IP,), levels=(50, 100), draws=30)
-HERE = ThisProcess()
+HERE = Workers()
 
 
 class Backwards:
@@ -201,7 +201,7 @@ DAMAGE: dict[str, Spoil] = {
 
 
 def study(case: MonteCarloCase, folder: Path) -> MonteCarloStudy:
-    return monte_carlo(case, folder, plan=FEW, workers=ThisProcess(), chunk_draws=2)
+    return monte_carlo(case, folder, plan=FEW, workers=Workers(), chunk_draws=2)
 
 
 @pytest.fixture
@@ -236,7 +236,7 @@ def test_damaged_settings_cost_no_draw(
     assert path.read_bytes() == sound
     path.write_bytes(DAMAGE[damage](sound))
     with pytest.raises(InputError, match=r"settings\.json: .*remove the folder"):
-        monte_carlo(case, tmp_path, settings=MonteCarloSettings(seed=1), plan=FEW, workers=ThisProcess())
+        monte_carlo(case, tmp_path, settings=MonteCarloSettings(seed=1), plan=FEW, workers=Workers())
 
 
 def test_one_study_at_a_time(case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -260,7 +260,7 @@ def test_one_study_at_a_time(case: MonteCarloCase, tmp_path: Path, monkeypatch: 
 def test_draws_that_vanish_meanwhile_are_computed_again(case: MonteCarloCase, tmp_path: Path) -> None:
     """As where somebody puts another copy of the folder in its place."""
 
-    class Losing(ThisProcess):
+    class Losing(Workers):
         lost = False
 
         def run(self, function, tasks, lost=None):  # type: ignore[no-untyped-def]

@@ -13,7 +13,7 @@ from gaitcal.faults.study import check_study
 from gaitcal.published.case import nominal_case
 from gaitcal.published.protocol import Plan
 from gaitcal.published.study import monte_carlo
-from gaitcal.published.workers import LocalProcesses, ThisProcess, Workers
+from gaitcal.published.workers import LocalProcesses, Workers
 from gaitcal.study.study import Study
 from scripts.tools.benchmark.figure import Timing, temporary_folder
 
@@ -98,7 +98,7 @@ def section_montecarlo() -> list[Timing]:
         return f"{DRAWS.total} draws, {DRAWS.total / seconds:.0f} a second"
 
     return [
-        Timing("this process", study(ThisProcess()), lambda s: f"{rate(s)}; 3 runs", runs=3),
+        Timing("this process", study(Workers()), lambda s: f"{rate(s)}; 3 runs", runs=3),
         Timing(
             "two worker processes",
             study(LocalProcesses(2)),
