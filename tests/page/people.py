@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.linkage import COORDINATES
@@ -14,7 +16,7 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, gait_para
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
-from gaitcal.page.scene import Scene, person_scene, trial_scene
+from gaitcal.page.scene import MotionScene, Scene, person_scene, trial_scene
 from gaitcal.synthetic.motion import TrueMotion, gait_motion, marker_noise, residual_free_wrench, synthetic_markers
 
 FITTED = gait_parameters("r") + gait_parameters("l")
@@ -28,6 +30,14 @@ def subject_model(name: str = "Built-in subject") -> SubjectModel:
     scale = np.array([size.get(p.kind, np.deg2rad(4.0)) if p.name in FITTED else 0.0 for p in JOINT_PARAMETERS])
     fitted = replace(model.nominal, joint=model.nominal.joint + scale * rng.standard_normal(len(JP_NAMES)))
     return replace(model, subject=Subject(name, 69.4, 1.70, "male"), parameters=fitted, landmarks={}, notes=())
+
+
+def model_markers(scene: Scene, trial: MotionScene) -> Array:
+    """(nf, nm, 3) m: where the fitted model has the markers, by the segments' poses of the page."""
+    carrying = [scene.segments.index(s) for s in scene.marker_segments]
+    placed = zip(carrying, scene.marker_places, strict=True)
+    turned = [Rotation.from_quat(trial.turns[:, s]).apply(local) for s, local in placed]
+    return np.stack(turned, axis=1) + trial.origins[:, carrying]
 
 
 def standard_errors() -> dict[str, float]:

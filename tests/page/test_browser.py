@@ -19,7 +19,7 @@ from gaitcal.page.view import view_html, write_view
 from gaitcal.results.calibration import write_page
 from tests.page.browser import Page
 from tests.page.made_page import plain_data
-from tests.page.people import long_scene
+from tests.page.people import long_scene, model_markers
 from tests.page.test_page import LIMIT
 
 pytestmark = pytest.mark.browser
@@ -213,7 +213,7 @@ def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path,
     text = page.run("document.getElementById('tip').textContent")
     assert not page.run("document.getElementById('tip').hidden")
     found = re.fullmatch(r"R\.ASIS\n([\d.]+) mm from the model's marker", text)
-    error = np.linalg.norm(trial.measured[120, 0] - scene.model_markers(trial)[120, 0])
+    error = np.linalg.norm(trial.measured[120, 0] - model_markers(scene, trial)[120, 0])
     assert found is not None and float(found.group(1)) == pytest.approx(1000 * error, abs=SHOWN)
 
 

@@ -12,7 +12,7 @@ from gaitcal.model.parameters import published_subject
 from gaitcal.page.body_meshes import MESHES, fitted_meshes
 from gaitcal.page.scene import MOST_FRAMES, Scene, joint_marks
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, synthetic_markers
-from tests.page.people import long_motion, subject_model, walking_trial
+from tests.page.people import long_motion, model_markers, subject_model, walking_trial
 
 SINGLE = 2e-6
 """m: single precision on a few metres, quaternions included."""
@@ -25,7 +25,7 @@ DRAWN = 0.015
 def test_the_poses_put_model_markers_where_the_model_has_them(scene: Scene) -> None:
     model = subject_model()
     expected = synthetic_markers(model.parameters, model.markers, gait_motion().q)
-    assert scene.model_markers(scene.trials[0]) == pytest.approx(expected, abs=SINGLE)
+    assert model_markers(scene, scene.trials[0]) == pytest.approx(expected, abs=SINGLE)
 
 
 def test_gaps_stay_gaps(scene: Scene) -> None:

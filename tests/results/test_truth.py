@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.errors import InputError
-from gaitcal.figures.chart import INK, TRUTH_DASHES, Panel, line_style, panel_figure
+from gaitcal.figures.chart import INK, TRUTH_DASHES, Panel, line_style
 from gaitcal.figures.curves import TRUTH_WIDTH
 from gaitcal.figures.report import SheetRecording
 from gaitcal.io.csv import write_markers_csv
@@ -32,7 +32,7 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
 from gaitcal.synthetic.motion import WALK_NODES
-from tests.figures.told import charts, told
+from tests.figures.told import charts, panel_figure, told
 from tests.kept import copied_person, kept_person
 from tests.page.page_words import page_words
 
