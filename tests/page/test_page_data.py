@@ -165,7 +165,7 @@ def test_peaks_are_told_with_their_sources_the_largest_first(sheet: dict[str, An
         ({"errors": False}, "No standard errors of the moments", "error alone"),
         ({"gait": False}, "that needs a walking trial with force plates", "Of 241 frames"),
         ({"joint": False}, "Joint parameters were not calibrated", "kept, not determined"),
-        ({"cycles": False}, "no complete stride of the", "Strides that are valid throughout"),
+        ({"cycles": False}, "no complete stride of the", "Usable for moments"),
     ],
 )
 def test_what_is_not_there_is_said_or_left_out(without: dict[str, bool], there: str, missing: str) -> None:
@@ -239,7 +239,7 @@ def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     assert believed["tone"] == "look" and believed["text"].startswith("Doubtful: knee_r.thigh.front (right knee axis")
     rms = summary(whole)["trials"]["walk"]["pelvis_and_legs_mm"]["calibrated"]  # type: ignore[index,call-overload]
     assert f"to {number(rms)} mm RMS (walk)" in agrees["text"] and "within what their errors explain" in agrees["text"]
-    assert "Moments count throughout 1 of 2 right and 0 of 1 left strides" in counts["text"]
+    assert "Usable for moments: 1 of 2 right, 0 of 1 left strides; others: " in counts["text"]
     sound = replace(whole, verdict=judge((), ["walk"]))
     assert calibration_page_data(sound)["lines"][0]["tone"] == "good"
     without = calibration_page_data(fake_calibration(plates=False))["lines"][2]
