@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 SCRIPTS = (
     "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js",
-    "stage.js", "chosen.js", "state.js", "timeline.js", "controls.js", "keys.js", "switches.js", "statistics.js",
+    "stage.js", "chosen.js", "state.js", "timeline.js", "controls.js", "keys.js", "switches.js", "counting.js", "statistics.js",
     "sheet.js", "convention.js", "strides.js", "traces.js", "plot.js", "panel.js", "peaks.js", "curves.js", "blocks.js",
     "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "print.js", "page.js",
 )  # fmt: skip

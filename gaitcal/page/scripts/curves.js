@@ -41,7 +41,9 @@ Gaitcal.Curves = class {
     const known = new Set(trials.flatMap(({ packed }) => packed.curves.map(({ base, kind }) => `${base}/${kind}`)));
     const has = ({ base, kind }) => known.has(`${base}/${kind}`);
     const joints = strides.sheet.joints.map((joint) => Gaitcal.jointGroup(joint, has));
-    this.groups = [...joints, Gaitcal.groundGroup(has)]
+    const ground = Gaitcal.groundGroup(has);
+    const place = ({ joint }) => Gaitcal.ROWS.indexOf(joint);
+    this.groups = Gaitcal.besidePelvis(joints.sort((a, b) => place(a) - place(b)), ground)
       .filter(({ subjects }) => subjects.length)
       .map((group) => Gaitcal.curveGroup(group, this));
     this.panels = this.groups.flatMap(({ panels }) => panels);
@@ -102,8 +104,9 @@ Gaitcal.Curves = class {
   }
 
   resized() {
-    if (this.host.clientWidth === this.wide) return;
-    this.wide = this.host.clientWidth;
+    const size = `${this.host.clientWidth} ${window.innerHeight}`;
+    if (size === this.size) return;
+    this.size = size;
     this.redraw();
   }
 
@@ -223,9 +226,9 @@ Gaitcal.Curves = class {
     const second = state.second && strides.sheets[1 - state.result];
     const shown = {
       none: !percent,
-      sd: means,
+      sd: means && !(state.errors && has("se")),
       se: state.errors && has("se"),
-      thin: percent && !means && many,
+      thin: percent && many,
       nominal: state.nominal && has("nominal"),
       truth: state.truth && has("truth"),
       norm: state.norm && percent && sheet.bands.length > 0,
@@ -269,36 +272,44 @@ Gaitcal.Curves = class {
   }
 };
 
-// The curves of one joint, and how they stand: powers in the last column, whatever else there is. Three angles stand above
-// their moments; fewer beside them; what has angles or forces alone is a row.
+// The rows of the sheet, from top to bottom.
+Gaitcal.ROWS = ["pelvis", "hip", "knee", "ankle", "trunk", "arm"];
+
+// The curves of one joint: a row of angles in columns 1 to 3 (flexion, adduction, rotation), moments in 4 and 5, power in 6.
+// A moment about the third axis, and powers by axis, stand there when the row is enlarged.
 Gaitcal.jointGroup = ({ joint, title, power, rows }, has) => {
   const subjects = rows.flatMap(({ base }, i) => {
-    const own = ["angle", "moment"].map((kind) => ({ base, kind, joint })).filter(has);
-    const alone = own.length === 1 && own[0].kind === "moment";
-    const total = { base: power, kind: "power", joint };
+    const own = [{ base, kind: "angle", joint, column: i + 1 }, { base, kind: "moment", joint, column: i + 4 }].filter(has);
+    const total = { base: power, kind: "power", joint, column: 6 };
     const detail = { base, kind: "power", joint, detail: true };
     return [
-      ...own.map((subject) => ({ ...subject, alone })),
+      ...own.map((subject) => (subject.column === 6 && has(total) ? { ...subject, third: true } : subject)),
       ...(i === 0 && power && has(total) ? [total] : []),
       ...(power !== base && has(detail) ? [detail] : []),
     ];
   });
-  const count = (kind) => subjects.filter((subject) => subject.kind === kind).length;
-  const layout = count("moment") + count("power") === 0 ? "flow" : count("angle") > 2 ? "planes" : "columns";
-  return { joint, title, subjects, layout };
+  return { joint, title, subjects };
 };
 
 Gaitcal.groundGroup = (has) => {
-  const subjects = Object.keys(Gaitcal.GROUND).map((base) => ({ base, kind: "force", joint: null })).filter(has);
-  return { joint: "ground", title: "Ground reactions", subjects, layout: "flow" };
+  const bases = Object.keys(Gaitcal.GROUND).map((base, i) => ({ base, kind: "force", joint: null, column: i + 4 }));
+  return { joint: "ground", title: "Ground reactions", subjects: bases.filter(has) };
 };
 
-Gaitcal.curveGroup = ({ joint, title, subjects, layout }, curves) => {
+// Ground reactions beside the pelvis, where there is one: the first row of both sheets.
+Gaitcal.besidePelvis = (groups, ground) => {
+  const [first] = groups;
+  if (first?.joint !== "pelvis" || !first.subjects.length) return [...groups, ground];
+  const subjects = [...first.subjects, ...ground.subjects];
+  return [{ ...first, title: ground.subjects.length ? "Pelvis, ground" : first.title, subjects }, ...groups.slice(1)];
+};
+
+Gaitcal.curveGroup = ({ joint, title, subjects }, curves) => {
   const folded = joint === "arm";
   const panels = subjects.map((subject) => new Gaitcal.Panel(subject, curves));
   const cells = html("div.curve-cells", panels.map((panel) => panel.root));
   const heading = html("h3", title);
-  const root = html(folded ? "details.curve-group" : "section.curve-group", { class: layout, "data-joint": joint },
+  const root = html(folded ? "details.curve-group" : "section.curve-group", { "data-joint": joint },
     folded ? html("summary", heading) : heading, cells);
   return { joint, root, cells, panels };
 };

@@ -76,7 +76,7 @@ Gaitcal.print = (host, page) => {
     const copies = (selector) => found(selector).map((part) => part.cloneNode(true));
     const moved = (selector) => found(selector).filter((part) => part.querySelector(".curve-panel"));
     const [words, tables] = [true, false].map((text) =>
-      Gaitcal.stepsParts(page).filter((part) => (part.tagName === "P") === text));
+      Gaitcal.stepsParts(page).filter((part) => (part.tagName === "DETAILS") === text));
     host.classList.add("for-print");
     host.append(
       html("section.leaf", head(sheet), copies(".curve-legend"), moved(".kinematics")),
