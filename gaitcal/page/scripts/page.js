@@ -36,6 +36,8 @@ Gaitcal.Page = class {
     Gaitcal.steps(get("steps"), this);
     Gaitcal.counting(get("counting"), this);
     Gaitcal.sections(get("sections"), this);
+    this.events = Gaitcal.events(this);
+    this.comments = Gaitcal.comments(get("comments"), this);
     this.print = Gaitcal.print(get("print"), this);
   }
 
