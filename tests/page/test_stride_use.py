@@ -9,7 +9,15 @@ import pytest
 
 from gaitcal.gait.strides import strides_of
 from gaitcal.page.stride_use import (
-    BESIDE, ENDS, NO_PLATES, NOT_WHOLLY, PART, REFUSED, UNSEEN, stride_uses, usable_words,
+    BESIDE,
+    ENDS,
+    NO_PLATES,
+    NOT_WHOLLY,
+    PART,
+    REFUSED,
+    UNSEEN,
+    stride_uses,
+    usable_words,
 )  # fmt: skip
 from gaitcal.session.result import TrialResult
 from tests.fake_result import fake_calibration
