@@ -205,21 +205,22 @@ def test_steps_leave_out_a_stride_that_is_off(visit: Visit, everything: Path) ->
     assert page.run(count) == before - 1
 
 
-def test_two_pages_first_then_everything_of_all_trials(visit: Visit, everything: Path) -> None:
+def test_three_pages_first_then_everything_of_all_trials(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "joints")
     page.send("Emulation.setEmulatedMedia", media="print")
     try:
         page.send("Emulation.setDeviceMetricsOverride", width=695, height=1017, deviceScaleFactor=1, mobile=False)
         page.run("gaitcal.print.build()")
         heights = page.run("[...document.querySelectorAll('#print .leaf')].map(leaf => leaf.scrollHeight)")
-        assert len(heights) == 2 and all(height <= A4_HEIGHT + PIXELS for height in heights)
+        assert len(heights) == 3 and all(height <= A4_HEIGHT + PIXELS for height in heights)
         assert page.run("document.documentElement.scrollWidth") <= 695 + PIXELS
         assert page.run("[...document.body.children].filter(e => e.offsetParent || e.offsetHeight).map(e => e.id)") == [
             "print"
         ]
-        assert len(text(page, "#print .leaf:first-child .curve-panel")) == 4
+        assert text(page, "#print .leaf:first-child .leaf-steps > h2") == ["Steps and phases"]
+        assert text(page, "#print .leaf:first-child .leaf-strides > h2") == ["Which strides count"]
         assert len(text(page, "#print .leaf:nth-child(2) .curve-panel")) == 4
-        assert text(page, "#print .leaf:nth-child(2) .leaf-steps > h2") == ["Steps and phases"]
+        assert len(text(page, "#print .leaf:nth-child(3) .curve-panel")) == 4
         assert len(text(page, "#print .appendix .of-trial")) == len(PRESETS) * len(REFUSED)
         page.run("gaitcal.print.clear()")
     finally:
