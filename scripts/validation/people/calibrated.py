@@ -25,8 +25,8 @@ from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.study import nominal_of
 from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.recordings import changed, only, study_of_person
-from scripts.validation.truth.outcome import TO_UNIT
 from scripts.validation.truth.people import hip_parameters, isolated_person, static_frames
+from scripts.validation.truth.report import TO_UNIT
 from scripts.validation.truth.skin import TABLE_MM, Kind, disturbed
 from scripts.validation.vendors import LABS, QUANTITIES, Walk, agreement, calibrated_walk, unit_of_walks
 
