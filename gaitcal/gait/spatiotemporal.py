@@ -341,30 +341,3 @@ def _average(strides: Mapping[str, Sequence[Stride]], side: str, name: str) -> A
         sd_within=within,
         sd_between=between_trials,
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class StridePeaks:
-    """The largest values of a curve in the strides of a leg."""
-
-    mean: float  # over the strides that count; NaN where none does
-    error: float  # standard deviation over them; of one alone, the standard error of its peak; NaN: not known
-    count: int  # strides that count
-    strides: int  # all that were looked at
-
-
-def stride_peaks(values: Array, errors: Array) -> StridePeaks:
-    """Of the largest value of each stride.
-
-    Parameters
-    ----------
-    values : (n, points) n strides; NaN where a value is not valid.
-    errors : (n, points) standard errors; NaN where not known.
-    """
-    counting = np.flatnonzero(np.isfinite(values).mean(axis=1) >= LEAST_VALID)
-    if not len(counting):
-        return StridePeaks(mean=np.nan, error=np.nan, count=0, strides=len(values))
-    places = np.nanargmax(values[counting], axis=1)
-    peaks = values[counting, places]
-    error = peaks.std(ddof=1) if len(peaks) > 1 else errors[counting[0], places[0]]
-    return StridePeaks(mean=float(peaks.mean()), error=float(error), count=len(counting), strides=len(values))
