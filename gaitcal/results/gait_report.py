@@ -213,16 +213,16 @@ def _why(missing: int, turning: int, plates: bool) -> str:
 
 
 def _steps(summary: Mapping[str, object], norms: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, ...]]:
-    yield ("measure", "unit", "right", "left", "asymmetry, %", *(["norm"] if norms else []))
+    yield ("measure", "unit", "right", "left", "asymmetry, % ± SE", *(["norm"] if norms else []))
     found = table_of(summary, "spatiotemporal")
     for name, (title, digits) in SHOWN_MEASURES.items():
         measure = table_of(found, name)
         if measure:
             cells = (_average(table_of(measure, side), digits) for side in SIDES)
-            asymmetry = measure.get("symmetry_percent")
+            asymmetry, error = (measure.get(f"symmetry_{name}") for name in ("percent", "se_percent"))
+            apart = "" if asymmetry is None else f"{asymmetry:.1f} ± {error:.1f}"
             norm = [" ± ".join(f"{part:.{digits}f}" for part in norms.get(name, ()))] if norms else []
-            share = "" if asymmetry is None else f"{asymmetry:.1f}"
-            yield (title, str(measure.get("unit", "")), *cells, share, *norm)
+            yield (title, str(measure.get("unit", "")), *cells, apart, *norm)
 
 
 def _average(of_side: Mapping[str, object], digits: int) -> str:
