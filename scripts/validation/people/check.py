@@ -226,7 +226,6 @@ PARTS = {
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Parts and people."""
     kinds = [kind.value for kind in Kind]
-    parser.add_argument("--parts", type=commas(PARTS), default=list(PARTS), help=f"of {', '.join(PARTS)}")
     parser.add_argument("--study", action="append", default=[], metavar="FILE", help="one person more; may be repeated")
     parser.add_argument("--kinds", type=commas(kinds), default=[Kind.PEOPLE.value], help="how skin moves in part skin")
     parser.add_argument("--seeds", type=int, default=5, help="of each kind of movement and person (default 5)")

@@ -20,7 +20,7 @@ from gaitcal.compare.stride_sets import Common
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.study.study_trial import Role, Trial
-from scripts.validation.error_bars import coverage
+from scripts.validation.error_bars import coverage, rms, shares
 from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.people.hips import HIP
 from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
@@ -110,8 +110,8 @@ def figures(found: Mapping[tuple[str, str], Array]) -> dict[str, float]:
     """% of the differences of each kind inside bars of 68 and 95 %."""
     out = {}
     for kind in dict.fromkeys(kind for kind, _ in found):
-        z = np.abs(np.concatenate([z for (k, _), z in found.items() if k == kind]))
-        out |= {f"{kind}, {p} %": 100.0 * float(np.mean(z < limit)) for p, limit in ((68, 1.0), (95, 1.96))}
+        within = shares(np.concatenate([z for (k, _), z in found.items() if k == kind]))
+        out |= {f"{kind}, {p} %": share for p, share in zip((68, 95), within, strict=True)}
     return out
 
 
@@ -149,5 +149,5 @@ def marker_lines(people: Sequence[str], settings: Mapping[str, object], out: dic
                     yield f"  {person:12}{part:7}hip_{side}{np.linalg.norm(gap):8.1f}  {told}"
                     moved.setdefault(part, []).append(float(np.linalg.norm(gap)))
     for part, distances in moved.items():
-        out[f"without third marker of {part}, RMS mm"] = float(np.sqrt(np.mean(np.square(distances))))
-        yield f"  RMS, {part}: {out[f'without third marker of {part}, RMS mm']:.1f} mm"
+        out[f"without third marker of {part}, RMS mm"] = rms(distances)
+        yield f"  RMS, {part}: {rms(distances):.1f} mm"
