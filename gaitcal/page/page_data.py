@@ -28,7 +28,7 @@ from gaitcal.gait.conventions import Bands
 from gaitcal.gait.cycles import coordinate_of, kind_of
 from gaitcal.gait.moments import explained
 from gaitcal.gait.peaks import Figure, peak_means
-from gaitcal.gait.spatiotemporal import MEASURES
+from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES
 from gaitcal.io.toml import package_version
 from gaitcal.model.anthropometry import looks_like_child
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, Coordinate, is_of_leg
@@ -166,7 +166,7 @@ def person_page_data(subject: Subject, verdict: Verdict, normal: Bands | None = 
         "lines": [],
         "rows": coordinate_rows(),
         "measures": [
-            {"name": name, "title": title, "digits": digits, "unit": MEASURES[name]}
+            {"name": name, "title": title, "digits": digits, "unit": MEASURES[name], "least": LEAST_SD[MEASURES[name]]}
             for name, (title, digits) in SHOWN_MEASURES.items()
         ],
         "bands": bands,

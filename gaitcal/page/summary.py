@@ -52,8 +52,8 @@ HOW_TO_READ = (
     "which a recording shows a part; n strides. Strides that turn by more than "
     f"{number(TURNING, 0)} deg are left out, and legs that are refused, with steps and supports beside them. "
     "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the "
-    "one that ends with the named foot. Symmetry: 100 (right − left) / mean of both; the width is one of both "
-    "feet.",
+    "one that ends with the named foot. Asymmetry: 100 (right − left) / mean of both ± its standard error; "
+    "the width is one of both feet.",
 )
 MOST_SPANS = 6
 """Strides whose times are told one by one."""

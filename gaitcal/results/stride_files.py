@@ -100,13 +100,14 @@ def spatiotemporal_means(trials: Sequence[TrialResult]) -> tuple[MeasureMeans, .
 
 
 def means_summary(trials: Sequence[TrialResult]) -> dict[str, Json]:
-    """Measure -> unit, mean, SD and number of strides of each leg, and symmetry index (%), as `summary.json` has it."""
+    """Measure -> unit; of each leg mean, SD and number of strides; symmetry index (%) and its error."""
     out: dict[str, Json] = {}
     for found in spatiotemporal_means(trials):
         entry: dict[str, Json] = {"unit": found.unit}
         entry |= {side: _entry(of) for side, of in (("r", found.right), ("l", found.left)) if of is not None}
-        if found.symmetry is not None:
+        if found.symmetry is not None and found.symmetry_error is not None:
             entry["symmetry_percent"] = round(found.symmetry, TIME_DIGITS)
+            entry["symmetry_se_percent"] = round(found.symmetry_error, TIME_DIGITS)
         out[found.name] = entry
     return out
 

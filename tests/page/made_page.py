@@ -11,7 +11,7 @@ import pandas as pd
 
 from gaitcal.codes import Code
 from gaitcal.gait.cycles import GaitCycle, normalise, usable
-from gaitcal.gait.spatiotemporal import MEASURES, Stride
+from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, Stride
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.bone_files import BoneMeshes
 from gaitcal.page.page_data import FORMAT, SHOWN_MEASURES, coordinate_rows, explained_code
@@ -180,7 +180,10 @@ def everything_page(**changes: Any) -> str:
          "action": "look at the plates", "trials": ["walk 2"], "leg": "l"},
         {"severity": "warning", "cause": "few markers", "evidence": "", "action": "", "trials": [], "leg": ""},
     ]  # fmt: skip
-    measures = [{"name": n, "title": t, "digits": d, "unit": MEASURES[n]} for n, (t, d) in SHOWN_MEASURES.items()]
+    measures = [
+        {"name": n, "title": t, "digits": d, "unit": MEASURES[n], "least": LEAST_SD[MEASURES[n]]}
+        for n, (t, d) in SHOWN_MEASURES.items()
+    ]
     data = page_data(
         scene,
         [_everything_of(trial, strides[trial.name]) for trial in scene.trials],
