@@ -40,12 +40,15 @@ Gaitcal.stepsTable = (rows) => {
       ? { t: Gaitcal.plusMinus(average.mean, average.sd, digits), note: average.n !== usual && `(${average.n})` }
       : "–";
   const [n, m] = [rows[0]?.right?.n ?? 0, rows[0]?.left?.n ?? 0];
+  const known = rows.some(({ norm }) => norm?.length);
+  const ofNorm = ({ norm, digits }) => (known ? [norm?.length ? Gaitcal.plusMinus(...norm, digits) : "–"] : []);
   const table = {
-    head: ["Mean ± SD (strides)", { t: `Right (${n})`, side: "r" }, { t: `Left (${m})`, side: "l" }, "R − L, %"],
-    rows: rows.map(({ title, unit, digits, right, left, symmetry, error }) => [
+    head: ["Mean ± SD (strides)", { t: `Right (${n})`, side: "r" }, { t: `Left (${m})`, side: "l" }, ...(known ? ["Norm"] : []), "R − L, %"],
+    rows: rows.map(({ title, unit, digits, right, left, norm, symmetry, error }) => [
       { t: `${title},`, unit },
       leg(right, digits, n),
       leg(left, digits, m),
+      ...ofNorm({ norm, digits }),
       symmetry === null ? "–" : Gaitcal.plusMinus(symmetry, error, 1),
     ]),
   };
