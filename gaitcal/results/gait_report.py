@@ -27,7 +27,7 @@ from gaitcal.io.toml import read_toml
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.page_data import SHOWN_MEASURES
+from gaitcal.page.page_data import SHOWN_MEASURES, person_facts
 from gaitcal.results.cycles_export import strides_in_convention
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.verdict import SUMMARY, entries_of, table_of
@@ -66,7 +66,7 @@ def report_content(folder: Path, bands: Bands, comments: Mapping[str, str]) -> R
     strides = typed(strides_in_convention(folder, CLINICAL, model))
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
     return ReportContent(
-        person=_person(model.subject, manifest),
+        person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
         sentence=_sentence(summary),
         reasons=_reasons(summary),
@@ -124,18 +124,6 @@ def read_comments(path: Path) -> dict[str, str]:
                 code=Code.COMMENTS,
             )
     return {name: str(text) for name, text in found.items()}
-
-
-def _person(subject: Subject, manifest: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
-    known = (
-        ("Name or code", subject.name),
-        ("Session", subject.session or "not told"),
-        ("Sex", subject.sex or "not told"),
-        ("Body mass", f"{subject.mass:.1f} kg"),
-        ("Height", f"{subject.height:.3f} m"),
-        ("Marker set", str(manifest.get("marker_set", ""))),
-    )
-    return tuple((label, value) for label, value in known if value)
 
 
 def _sentence(summary: Mapping[str, object]) -> str:
@@ -213,14 +201,15 @@ def _why(missing: int, turning: int, plates: bool) -> str:
 
 
 def _steps(summary: Mapping[str, object]) -> Iterator[tuple[str, ...]]:
-    yield ("measure", "unit", "right", "left", "asymmetry, %")
+    yield ("measure", "unit", "right", "left", "asymmetry, % ± SE")
     found = table_of(summary, "spatiotemporal")
     for name, (title, digits) in SHOWN_MEASURES.items():
         measure = table_of(found, name)
         if measure:
             cells = (_average(table_of(measure, side), digits) for side in SIDES)
-            asymmetry = measure.get("symmetry_percent")
-            yield (title, str(measure.get("unit", "")), *cells, "" if asymmetry is None else f"{asymmetry:.1f}")
+            asymmetry, error = (measure.get(f"symmetry_{name}") for name in ("percent", "se_percent"))
+            apart = "" if asymmetry is None else f"{asymmetry:.1f} ± {error:.1f}"
+            yield (title, str(measure.get("unit", "")), *cells, apart)
 
 
 def _average(of_side: Mapping[str, object], digits: int) -> str:
