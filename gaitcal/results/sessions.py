@@ -16,15 +16,18 @@ from gaitcal.compare.difference import DIFFERENCES_HEADER
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Session
 from gaitcal.errors import InputError
+from gaitcal.figures.comparison import comparison_page
 from gaitcal.gait.cycles import typed
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, put_back, read_object, sha256_of
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.model.model_file import load_model
+from gaitcal.page.page_data import person_facts
 from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.cycles_export import made_with_another_model, trial_files
+from gaitcal.results.gait_report import CLINICAL, KINEMATICS, KINETICS
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty, settings_of
 from gaitcal.results.stride_files import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
 from gaitcal.results.summary import JOINT_PRIOR
@@ -33,7 +36,7 @@ from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.trial_result import axis_deviations
 
-DIFFERENCES, CURVES, WORDS = "differences.csv", "curve_differences.csv", "comparison.txt"
+DIFFERENCES, CURVES, WORDS, PAGE = "differences.csv", "curve_differences.csv", "comparison.txt", "comparison.html"
 SHARED = "shared_parameters.csv"
 SHARED_HEADER = (
     "joint parameters of a and b, each in its own segment frames: by its own trials alone, and by those of both; se:",
@@ -70,6 +73,9 @@ def write_comparison(
         write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
         if shared is not None:
             write_csv(shared, out / SHARED, SHARED_HEADER)
+        people = [person_facts(person) for person in comparison.subjects]
+        page = comparison_page(comparison, CLINICAL, {"Kinematics": KINEMATICS, "Kinetics": KINETICS}, people)
+        (out / PAGE).write_text(page, encoding="utf-8")
         (out / WORDS).write_text("".join(f"{one_line(line)}\n" for line in comparison.lines), encoding="utf-8")
     return folder
 
