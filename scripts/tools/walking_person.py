@@ -5,8 +5,8 @@
 Drawn and printed is the truth of the built-in person, or of the one that `gaitcal synthesize --perturb --seed N` writes
 (`gaitcal demo`: 2009), not a fit: internal moments per kg of body mass over each leg's stride, ground reactions, the
 pelvis residual, and from above where the ground reactions act in the soles (`dynamics/foot_contact.py`). The bands are
-those of `models/normal_walking.csv`, which tells source, people and licence, and the peak of the hip abductors that is
-published for adults; other moments are drawn without a band.
+those of `models/norms/schwartz2008_free.csv`, which tells source, people and licence, and the peak of the hip
+abductors that is published for adults; other moments are drawn without a band.
 
 Perturbed people walk the same walk with axes up to 10 mm and 10 degrees elsewhere: about these, the moment that adducts
 a knee is up to 6 standard deviations from people's (16 seeds), other peaks up to 3.
@@ -47,9 +47,9 @@ from gaitcal.figures.chart import (
     new_figure,
     write,
 )
+from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.io.force_plate import point_and_torque
-from gaitcal.io.toml import models_path
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import Motion
@@ -64,7 +64,9 @@ WITHIN = 2.0
 """Standard deviations: what 95 in 100 people keep to."""
 NO_MATTER = 0.05
 """N·m/kg: in swing the bands of the ankle are narrower than any laboratory measures."""
-BANDS = "normal_walking.csv"
+BANDS = "schwartz2008-free"
+OF_ADULTS = ("hip_flexion", "knee_angle", "knee_adduction", "ankle_angle")
+"""Children's moments that adults have, too: abductors of their hips make 0.5 N·m/kg, those of adults 1.1."""
 
 MOMENTS = {
     "hip_flexion": ("Hip flexion", "extensor", "flexor"),
@@ -134,9 +136,10 @@ def true_walk(seed: int | None = None) -> Walk:
 
 
 def normal_bands() -> dict[str, pd.DataFrame]:
-    """Variable without its ending -> percent, mean, sd (N·m/kg)."""
-    table = pd.read_csv(models_path() / BANDS, comment="#")
-    return {str(name).removesuffix("_moment"): rows for name, rows in table.groupby("variable", sort=False)}
+    """Variable without its ending -> percent, mean, sd (N·m/kg), internal, positive in the coordinate's direction."""
+    bands = read_normal_bands(BANDS)
+    found = {name: bands[f"{name}_moment"] for name in OF_ADULTS}
+    return {n: pd.DataFrame({"percent": b.percent, "mean": -b.mean, "sd": b.sd}) for n, b in found.items()}
 
 
 def within(walk: Walk, band: pd.DataFrame, stem: str, foot: int) -> BoolArray:
@@ -203,7 +206,7 @@ def passes(walk: Walk) -> bool:
     return inside and pushes and all(abs(p.off) <= WITHIN for p in peaks(walk, normal_bands()))
 
 
-SOURCES = "Bands: Schwartz et al. 2008, free speed, children and adolescents; models/normal_walking.csv tells more."
+SOURCES = "Bands: Schwartz et al. 2008, children 4 to 17 years, free speed; models/norms/ tells more."
 
 
 def draw(walk: Walk) -> Figure:

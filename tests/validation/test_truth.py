@@ -52,14 +52,6 @@ def _moving(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return Rotation.random(count, random_state=seed).as_matrix(), rng.normal(size=(count, 3))
 
 
-def test_rigid_motion_finds_the_motion() -> None:
-    rotation, origin = _moving(7, 3)
-    local = np.random.default_rng(4).normal(size=(3, 3))
-    found = rigid.rigid_motion(local, local @ rotation.swapaxes(1, 2) + origin[:, None])
-    np.testing.assert_allclose(found[0], rotation, atol=ROUNDING)
-    np.testing.assert_allclose(found[1], origin, atol=ROUNDING)
-
-
 def test_score_finds_a_ball_joint() -> None:
     (above, at), below = _moving(30, 5), Rotation.random(30, random_state=6).as_matrix()
     c, d = np.array([0.1, -0.2, 0.3]), np.array([0.0, 0.4, -0.1])

@@ -24,9 +24,10 @@ import numpy as np
 from gaitcal import Recording, Study, SubjectModel, read_recording
 from gaitcal.arrays import Array
 from gaitcal.io.opensim_files import read_table
+from gaitcal.model.segment_frames import rigid_motions
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from scripts.validation.truth.opensim_trials import ISOLATED, TRIALS, make_trials
-from scripts.validation.truth.rigid import Line, rigid_motion
+from scripts.validation.truth.rigid import Line
 
 CENTRES = {"hip": "HJC", "knee": "KJC", "ankle": "AJC"}
 """Joint -> ending of the label of its centre."""
@@ -129,7 +130,7 @@ def _static_point(study: Study, known: Recording, track: Array) -> Array:
     static = study.static.recording
     labels = study.marker_set.tracking["pelvis"]
     rest = static.markers.mean(axis=0)[[static.labels.index(label) for label in labels]]
-    rotation, origin = rigid_motion(rest, known.markers[:, [known.labels.index(label) for label in labels]])
+    rotation, origin = rigid_motions(rest, known.markers[:, [known.labels.index(label) for label in labels]])
     back: Array = np.einsum("fji,fj->fi", rotation, track - origin)
     return np.asarray(back.mean(axis=0))
 
@@ -175,7 +176,7 @@ def static_frames(nominal: SubjectModel, static: Recording) -> dict[str, Segment
         carried = [(label, local) for label, s, local in placed if s == segment and label in seen]
         if len(carried) >= 3:
             local, measured = np.array([x for _, x in carried]), np.array([seen[label] for label, _ in carried])
-            rotation, origin = rigid_motion(local, measured[None])
+            rotation, origin = rigid_motions(local, measured[None])
             frames[segment] = SegmentPose(rotation[0], origin[0])
     return frames
 

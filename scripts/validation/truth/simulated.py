@@ -19,6 +19,7 @@ import gaitcal
 from gaitcal import COORDINATES, Calibration, Motion, Study
 from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.segment_frames import rigid_motions
 from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.truth.people import (
     DIRECTIONS,
@@ -36,7 +37,7 @@ from scripts.validation.truth.people import (
     z_axis,
 )
 from scripts.validation.truth.report import Figure, Fitted, Gathered, Outcome, fitted_parameters, timed_fit
-from scripts.validation.truth.rigid import Line, Poses, across, rigid_motion, sara, score
+from scripts.validation.truth.rigid import Line, Poses, across, sara, score
 from scripts.validation.truth.skin import Kind, beside, disturbed
 
 JOINT_OF = {"hip": "hip_flexion", "knee": "knee_angle", "ankle": "ankle_angle"}
@@ -79,7 +80,9 @@ def compare_gait(calibration: Calibration, person: WalkingPerson, study: Study) 
 def whole_turn(before: Array, after: Array) -> tuple[Array, Array]:
     """Rotation (3, 3) and origin (3,) by which all markers (nf, nm, 3) of a recording were turned."""
     pairs = np.isfinite(before).all(axis=2) & np.isfinite(after).all(axis=2)
-    rotation, origin = rigid_motion(before[pairs], after[pairs][None])
+    if pairs.sum() < 3:
+        return np.eye(3), np.zeros(3)
+    rotation, origin = rigid_motions(before[pairs], after[pairs][None])
     return rotation[0], origin[0]
 
 
@@ -208,7 +211,7 @@ def poses(study: Study, joint: str) -> tuple[Poses, Poses]:
     def pose(segment: str) -> Poses:
         labels = study.marker_set.tracking[segment]
         columns = [recording.labels.index(label) for label in labels]
-        return rigid_motion(np.array([rest[label] for label in labels]), recording.markers[:, columns])
+        return rigid_motions(np.array([rest[label] for label in labels]), recording.markers[:, columns])
 
     above, below = beside(joint)
     return pose(above), pose(below)

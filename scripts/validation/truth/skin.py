@@ -43,7 +43,8 @@ from scipy.spatial.transform import Rotation
 from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
-from scripts.validation.truth.rigid import relative, rigid_motion
+from gaitcal.model.segment_frames import rigid_motions
+from scripts.validation.truth.rigid import relative
 
 TABLE_MM = 15.0
 SIZES = {"thigh": {"hip": 15.0, "knee": 10.0}, "shank": {"knee": 6.0, "ankle": 3.0}, "pelvis": {"hip": 4.0}}
@@ -277,7 +278,7 @@ def clusters_of(
     for segment, labels in tracking.items():
         if segment.split("_")[0] in ("pelvis", "thigh", "shank", "foot"):
             markers, at = tuple(column[label] for label in labels), np.array([rest[label] for label in labels])
-            rotation, _ = rigid_motion(at, recording.markers[:, list(markers)])
+            rotation, _ = rigid_motions(at, recording.markers[:, list(markers)])
             out[segment] = Cluster(segment=segment, markers=markers, rest=at, rotation=rotation)
     return out
 
