@@ -218,13 +218,13 @@ def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
     facts = (
         ("Name or code", subject.name),
         ("Session", ", ".join(filter(None, dict.fromkeys((record.session_date, subject.session)))) or "date not told"),
-        ("Sex", subject.sex),
+        ("Sex", subject.sex or "not told"),
         ("Age", f"{age}, born {record.birth_date}" if record.birth_date else age),
         ("Diagnosis", record.diagnosis),
         ("Affected side", record.affected_side),
         ("Aids", record.aids),
         ("Body mass", f"{subject.mass:.1f} kg"),
-        ("Height", f"{subject.height:.3f} m"),
+        ("Height", f"{subject.height:.3f} m" + (f" ± {subject.height_error:.2f} m" if subject.height_error else "")),
         ("Segment masses", "adults' table: no age told" if adults else ""),
         ("Laboratory", record.laboratory),
     )
