@@ -277,17 +277,13 @@ Gaitcal.ROWS = ["pelvis", "hip", "knee", "ankle", "trunk", "arm"];
 // The curves of one joint: a row of angles in columns 1 to 3 (flexion, adduction, rotation), moments in 4 and 5, power in 6.
 // A moment about the third axis, and powers by axis, stand there when the row is enlarged.
 Gaitcal.jointGroup = ({ joint, title, power, rows }, has) => {
-  const subjects = rows.flatMap(({ base }, i) => {
-    const own = [{ base, kind: "angle", joint, column: i + 1 }, { base, kind: "moment", joint, column: i + 4 }].filter(has);
-    const total = { base: power, kind: "power", joint, column: 6 };
-    const detail = { base, kind: "power", joint, detail: true };
-    return [
-      ...own.map((subject) => (subject.column === 6 && has(total) ? { ...subject, third: true } : subject)),
-      ...(i === 0 && power && has(total) ? [total] : []),
-      ...(power !== base && has(detail) ? [detail] : []),
-    ];
-  });
-  return { joint, title, subjects };
+  const total = [{ base: power, kind: "power", joint, column: 6 }].filter(has);
+  const own = rows.flatMap(({ base }, i) =>
+    [{ base, kind: "angle", joint, column: i + 1 }, { base, kind: "moment", joint, column: i + 4 }].filter(has));
+  const third = (subject) => subject.column === 6 && total.length > 0;
+  const details = rows.map(({ base }) => ({ base, kind: "power", joint, detail: true })).filter(({ base }) => base !== power);
+  const beyond = own.filter(third).map((subject) => ({ ...subject, third: true }));
+  return { joint, title, subjects: [...own.filter((one) => !third(one)), ...total, ...beyond, ...details.filter(has)] };
 };
 
 Gaitcal.groundGroup = (has) => {
@@ -313,11 +309,12 @@ Gaitcal.curveGroup = ({ joint, title, subjects }, curves) => {
   return { joint, root, cells, panels };
 };
 
-// Panels of curves as they stand on paper: kinematics on one page, kinetics on the other.
+// Panels of curves as they stand on paper: kinematics on one page, kinetics on the other, what is not in the sheet last.
 Gaitcal.curvePapers = (panels) => {
   const whole = panels.filter(({ subject }) => !subject.detail && subject.joint !== "arm");
-  const paper = (title, ...kinds) =>
+  const sheet = whole.sort((a, b) => Boolean(a.subject.third) - Boolean(b.subject.third));
+  const paper = (title, angles) =>
     html(`section.curve-paper.${title.toLowerCase()}`, html("h2", title), html("div.curve-cells",
-      kinds.flatMap((kind) => whole.filter(({ subject }) => subject.kind === kind)).map(({ root }) => root)));
-  return html("div.curve-papers", paper("Kinematics", "angle"), paper("Kinetics", "moment", "power", "force"));
+      sheet.filter(({ subject }) => (subject.kind === "angle") === angles).map(({ root }) => root)));
+  return html("div.curve-papers", paper("Kinematics", true), paper("Kinetics", false));
 };
