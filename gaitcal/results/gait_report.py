@@ -18,13 +18,12 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, CurvePanel, ReportContent, Sheet
 from gaitcal.gait.conventions import Bands, Convention, MomentUnit, Signs
-from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, coordinate_of, kind_of, typed
+from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, kind_of, typed
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.toml import read_toml
-from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import SHOWN_MEASURES
@@ -261,7 +260,7 @@ def _panels(strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subje
             average, sd = (CLINICAL.values(variable, part, "r", subject) for part in band.for_person(subject))
             norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
-            title=_title(variable),
+            title=CLINICAL.title(variable),
             unit={Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}[kind],
             senses=CLINICAL.senses(variable, "r"),
             strides=curves,
@@ -270,20 +269,6 @@ def _panels(strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subje
             norm=norm,
             least=LEAST[kind],
         )
-
-
-def _title(variable: str) -> str:
-    """`Hip adduction`, `Hip abduction moment`, `Hip power`: a moment by what it does where it is positive."""
-    if variable == GROUND_REACTION:
-        return "Vertical ground reaction"
-    title = coordinate_words(coordinate_of(variable)).title
-    match kind_of(variable):
-        case Kind.MOMENT:
-            return f"{title.split()[0]} {CLINICAL.senses(variable, 'r')[0]} moment"
-        case Kind.POWER:
-            return f"{title.capitalize()} power"
-        case _:
-            return title
 
 
 def _norm_words(bands: Bands) -> str:

@@ -6,13 +6,13 @@ Gaitcal.DRAWN_FOR = [
 ];
 // ms between the numbers above panels that nobody points at.
 Gaitcal.READ_EVERY = 120;
-Gaitcal.POINT_AT = "Point at a curve for its values; drag over it to loop a stretch; click its title to come near.";
+Gaitcal.POINT_AT = "Point at a curve for its values; drag to replay this part; click a title to enlarge.";
 
 Gaitcal.Curves = class {
   constructor(host, page) {
     const { state } = page;
     Object.assign(this, { host, page, state, strides: new Gaitcal.Strides(page) });
-    Object.assign(this, { density: 1, lead: "r", pointed: null, readAt: 0, panels: [], groups: [] });
+    Object.assign(this, { density: 1, lead: "r", looped: "r", pointed: null, readAt: 0, panels: [], groups: [] });
     const part = (name) => host.querySelector(`.curve-${name}`);
     Object.assign(this, { legend: part("legend"), notes: part("notes"), grid: part("groups"), sentence: part("sentence") });
     this.peaks = new Gaitcal.Peaks(part("peaks"), this);
@@ -21,7 +21,9 @@ Gaitcal.Curves = class {
     state.on(["seconds"], () => this.tick());
     state.on(Gaitcal.DRAWN_FOR, (changed) => (changed.has("result") ? this.build() : this.refresh()));
     state.on(["window"], () => {
+      this.looped = this.lead;
       for (const panel of this.panels) panel.window();
+      this.tell();
     });
     state.on(["joint"], () => this.enlarge(true));
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.refresh());
@@ -40,7 +42,7 @@ Gaitcal.Curves = class {
     const trials = strides.sheets.filter(Boolean).flatMap((sheet) => sheet.trials);
     const known = new Set(trials.flatMap(({ packed }) => packed.curves.map(({ base, kind }) => `${base}/${kind}`)));
     const has = ({ base, kind }) => known.has(`${base}/${kind}`);
-    const joints = strides.sheet.joints.map((joint) => Gaitcal.jointGroup(joint, has));
+    const joints = Gaitcal.conventions().joints.map((joint) => Gaitcal.jointGroup(joint, has));
     this.groups = [...joints, Gaitcal.groundGroup(has)]
       .filter(({ subjects }) => subjects.length)
       .map((group) => Gaitcal.curveGroup(group, this));
@@ -118,12 +120,12 @@ Gaitcal.Curves = class {
     return strides.percent ? ["r", "l"].map((side) => strides.near(side, state.seconds)) : [];
   }
 
+  // Where the clock stands on the axis, of each leg in its own stride: {r, l: percents, "": seconds}, null where nowhere.
   moment() {
     const { strides, state } = this;
-    if (!strides.percent) return { r: null, l: null, "": state.seconds, percent: null };
+    if (!strides.percent) return { r: null, l: null, "": state.seconds };
     const [r, l] = ["r", "l"].map((side) => strides.percentAt(side, state.seconds));
-    const percent = this.lead === "l" ? (l ?? r) : (r ?? l);
-    return { r, l, "": null, percent };
+    return { r, l, "": null };
   }
 
   // Each frame while the clock runs.
@@ -165,10 +167,10 @@ Gaitcal.Curves = class {
     return this.page.results[i].name || this.strides.sheets[i].person.name;
   }
 
-  // The looped window as percents of the stride of a leg that it lies in; null where it lies in none.
-  windowPercents(side) {
+  // The looped window as percents of the stride that it lies in, of the leg that led; null where it lies in none.
+  windowPercents() {
     const { window } = this.state;
-    const stride = this.strides.nearAny(side, 0.5 * (window[0] + window[1]));
+    const stride = this.strides.nearAny(this.looped, 0.5 * (window[0] + window[1]));
     const percents = window.map((t) => Math.min(100, Math.max(0, Gaitcal.percentOf(stride, t))));
     return percents[1] > percents[0] ? percents : null;
   }
@@ -184,7 +186,6 @@ Gaitcal.Curves = class {
       group.root.classList.toggle("dim", here && !chosen);
       if (chosen && "open" in group.root) group.root.open = true;
       for (const panel of group.panels) {
-        if (side) panel.lead = side;
         if (panel.subject.joint) panel.title.setAttribute("aria-pressed", String(chosen));
       }
     }
@@ -229,13 +230,16 @@ Gaitcal.Curves = class {
       nominal: state.nominal && has("nominal"),
       truth: state.truth && has("truth"),
       norm: state.norm && percent && sheet.bands.length > 0,
+      now: percent,
       off: percent,
       stance: !percent,
+      window: state.window !== null,
       second: Boolean(second),
     };
     const words = {
       se: means ? "± standard error of the mean" : "± standard error",
       second: second ? this.named(1 - state.result) : "",
+      window: `replayed part${percent ? `, of the ${Gaitcal.LEGS[this.looped]} stride` : ""}`,
     };
     for (const item of this.legend.children) {
       const { key } = item.dataset;
@@ -272,7 +276,7 @@ Gaitcal.Curves = class {
 // The curves of one joint, and how they stand: powers in the last column, whatever else there is. Three angles stand above
 // their moments; fewer beside them; what has angles or forces alone is a row.
 Gaitcal.jointGroup = ({ joint, title, power, rows }, has) => {
-  const subjects = rows.flatMap(({ base }, i) => {
+  const subjects = rows.flatMap((base, i) => {
     const own = ["angle", "moment"].map((kind) => ({ base, kind, joint })).filter(has);
     const alone = own.length === 1 && own[0].kind === "moment";
     const total = { base: power, kind: "power", joint };
@@ -289,7 +293,8 @@ Gaitcal.jointGroup = ({ joint, title, power, rows }, has) => {
 };
 
 Gaitcal.groundGroup = (has) => {
-  const subjects = Object.keys(Gaitcal.GROUND).map((base) => ({ base, kind: "force", joint: null })).filter(has);
+  const bases = ["vertical", "forward", "sideways"].map((way) => `ground_reaction_${way}`);
+  const subjects = bases.map((base) => ({ base, kind: "force", joint: null })).filter(has);
   return { joint: "ground", title: "Ground reactions", subjects, layout: "flow" };
 };
 

@@ -36,7 +36,7 @@ Gaitcal.Peaks = class {
   of({ base, kind }, side) {
     const { strides, state, conventions } = this.curves;
     const { percent } = strides;
-    const factor = conventions[state.result].factor(base, kind, percent ? side : "");
+    const factor = conventions[state.result].factor(base, kind, side);
     const whole = percent ? null : strides.trial.curve(base, side, kind)?.whole();
     const laid = percent ? strides.laid(state.result, side, { base, kind }) : [whole].filter(Boolean);
     const peaks = laid.map((one) => Gaitcal.extremes(one, factor)).filter(Boolean);
@@ -116,7 +116,7 @@ Gaitcal.Peaks = class {
       caption: `${Gaitcal.PEAK_TABLES[kind]}, ${convention.unit(kind)}`,
       head: ["", ...columns.map(({ leg, k, part }) => ({ t: `${leg} ${words[part]}`, side: ["r", "l"][k] }))],
       rows: told.map(({ base, of }) => [
-        { t: convention.title(base, kind), note: `+ ${convention.positive(base, kind, strides.percent ? "r" : "")}` },
+        { t: convention.title(base, kind), note: `+ ${convention.positive(base, kind, strides.percent || kind === "force" ? "r" : "")}` },
         ...columns.map(({ k, part }) => {
           const [t, note] = this.cell(of[k], part, convention.digits(kind));
           return { t, note };
