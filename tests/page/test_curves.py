@@ -166,9 +166,8 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
 
 def standing(page: Page, at: str, side: str) -> float:
     """Where a cursor stands on its axis."""
-    return float(page.run(f"""(p => {{
-        const px = Number(/translateX\\(([-\\d.]+)px/.exec(p.cursors['{side}'].style.transform)[1]);
-        return p.span.min + px / p.span.wide * (p.span.max - p.span.min); }})({at})"""))  # fmt: skip
+    return float(page.run(f"""(p => p.span.min + p.cursor('{side}', gaitcal.curves.now) / p.span.wide *
+        (p.span.max - p.span.min))({at})"""))
 
 
 @pytest.mark.slow
@@ -189,8 +188,19 @@ def test_the_clock_moves_every_cursor(axis: str, page: Page) -> None:
                 percent = 100 * (seconds - start) / (stop - start)
                 assert standing(page, at, side) == pytest.approx(percent, abs=100 * ON_LINE / wide)
     page.run("gaitcal.clock.seek(0.05)")  # before any stride: no cursor over the cycle, one over time
-    hidden = page.run(f"{panel('hip_flexion', 'angle')}.cursors.r.style.transform") == "translateX(-99px)"
-    assert hidden
+    assert page.run(f"{panel('hip_flexion', 'angle')}.cursor('r', gaitcal.curves.now)") is None
+
+
+def test_cursors_are_drawn_where_the_clock_stands(page: Page) -> None:
+    """Over each panel in view there is ink at its cursor, and none beside it."""
+    at = panel("hip_flexion", "angle")
+    place(page, at, 0.5)
+    inks = page.run(f"""(p => {{ const {{ overlay, now }} = gaitcal.curves, pen = overlay.getContext('2d');
+        const plot = p.plot.over.getBoundingClientRect(), over = overlay.getBoundingClientRect();
+        const ink = (side, away) => pen.getImageData(Math.round(plot.left - over.left + p.cursor(side, now)) + away - 1,
+          Math.round(plot.top - over.top + 0.5 * plot.height), 3, 9).data.some((part) => part > 0);
+        return ['r', 'l'].flatMap((side) => [ink(side, 0), ink(side, 9)]); }})({at})""")
+    assert inks == [True, False, True, False]
 
 
 def test_the_pointed_panel_tells_its_values(page: Page, walked: Any) -> None:

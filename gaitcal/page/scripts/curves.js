@@ -4,8 +4,9 @@
 Gaitcal.DRAWN_FOR = [
   "result", "trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off", "second",
 ];
-// ms between the numbers above panels that nobody points at.
-Gaitcal.READ_EVERY = 120;
+// ms between the numbers above panels that nobody points at, at rest and while the clock runs: nobody reads them then, and
+// to set them anew costs more than the body.
+Gaitcal.READ_EVERY = { rest: 120, playing: 1000 };
 Gaitcal.POINT_AT = "Point at a curve for its values; drag to replay this part; click a title to enlarge.";
 
 Gaitcal.Curves = class {
@@ -16,6 +17,7 @@ Gaitcal.Curves = class {
     const part = (name) => host.querySelector(`.curve-${name}`);
     Object.assign(this, { legend: part("legend"), notes: part("notes"), grid: part("groups"), sentence: part("sentence") });
     this.peaks = new Gaitcal.Peaks(part("peaks"), this);
+    this.overlay = part("now");
     this.watch = new IntersectionObserver((entries) => this.came(entries), { rootMargin: "120px" });
     this.build();
     state.on(["seconds"], () => this.tick());
@@ -26,8 +28,14 @@ Gaitcal.Curves = class {
       this.tell();
     });
     state.on(["joint"], () => this.enlarge(true));
+    state.on(["playing"], () => {
+      if (!this.strides.sheet) return;
+      this.follow();
+      this.readings();
+    });
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.refresh());
     new ResizeObserver(() => this.resized()).observe(host);
+    window.addEventListener("scroll", () => !host.hidden && this.cursors(), { passive: true });
   }
 
   // The frame of the grid: what of the result has curves.
@@ -82,6 +90,7 @@ Gaitcal.Curves = class {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = null;
       this.draw(this.panels.filter(({ dirty, visible, held }) => dirty && visible && held === undefined));
+      this.cursors();
       this.readings();
     });
   }
@@ -92,13 +101,29 @@ Gaitcal.Curves = class {
     for (const [i, panel] of panels.entries()) if (!sizes[i].includes(0)) panel.draw(sizes[i]);
   }
 
+  // The cursors of all panels in one picture above them: one element each, put together anew in every frame, costs a
+  // processor without a graphics card ten times as much.
+  cursors() {
+    const { overlay, host, colours, now } = this;
+    if (!this.strides.sheet) return;
+    const { left, top } = overlay.parentElement.getBoundingClientRect();
+    const ratio = Math.min(2, window.devicePixelRatio);
+    const size = { width: Math.round(ratio * host.clientWidth), height: Math.round(ratio * window.innerHeight) };
+    if (overlay.width !== size.width || overlay.height !== size.height) Object.assign(overlay, size);
+    overlay.style.width = `${size.width / ratio}px`;
+    const pen = overlay.getContext("2d");
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    pen.clearRect(0, 0, size.width, size.height);
+    pen.setTransform(ratio, 0, 0, ratio, -ratio * left, -ratio * top);
+    Object.assign(pen, { font: "700 9px system-ui, sans-serif", textAlign: "center", textBaseline: "middle" });
+    for (const panel of this.panels) if (panel.visible && panel.span) panel.follow(pen, now, colours);
+  }
+
   came(entries) {
-    if (this.strides.sheet) this.now = this.moment();
     for (const { target, isIntersecting } of entries) {
       const panel = this.panels.find(({ root }) => root === target);
       if (!panel) continue;
       panel.visible = isIntersecting;
-      if (isIntersecting && !panel.dirty) panel.follow(this.now);
     }
     this.schedule();
   }
@@ -131,19 +156,25 @@ Gaitcal.Curves = class {
   // Each frame while the clock runs.
   tick() {
     if (!this.strides.sheet || this.host.hidden) return;
-    const held = this.current();
-    const others = held.some((stride, i) => stride !== this.held[i]);
-    this.held = held;
-    if (others && this.state.spread !== "mean") this.redraw();
+    this.follow();
     this.now = this.moment();
-    for (const panel of this.panels) if (panel.visible) panel.follow(this.now);
+    this.cursors();
     if (this.pointed) {
       this.pointed.read(this.now);
       this.sentence.textContent = this.pointed.sentence(this.now);
     }
     const since = performance.now() - this.readAt;
-    if (since >= Gaitcal.READ_EVERY) this.readings();
-    else this.reading ??= setTimeout(() => this.readings(), Gaitcal.READ_EVERY - since);
+    const every = Gaitcal.READ_EVERY[this.state.playing ? "playing" : "rest"];
+    if (since >= every) this.readings();
+    else this.reading ??= setTimeout(() => this.readings(), every - since);
+  }
+
+  // The stride in which the clock stands is thick; while it runs all panels would be drawn anew again and again.
+  follow() {
+    if (this.state.playing || this.state.spread === "mean") return;
+    const held = this.current();
+    if (held.some((stride, i) => stride !== this.held[i])) this.redraw();
+    this.held = held;
   }
 
   readings() {

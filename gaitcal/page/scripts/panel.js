@@ -13,7 +13,6 @@ Gaitcal.Panel = class {
       : html("span.curve-title");
     this.unit = html("span.curve-unit");
     this.told = sided("span");
-    this.cursors = sided("div.curve-cursor");
     this.place = html("div.curve-plot");
     this.root = html("div.curve-panel",
       {
@@ -50,7 +49,6 @@ Gaitcal.Panel = class {
     this.place.classList.toggle("empty", !this.traces.lines.length);
     this.plot?.destroy();
     this.plot = Gaitcal.plot(this.place, size, this.drawing());
-    this.plot.over.append(...Object.values(this.cursors));
     Gaitcal.dress(this.plot.over, {
       pointermove: (event) => this.moved(event),
       pointerdown: (event) => this.grasped(event),
@@ -110,7 +108,6 @@ Gaitcal.Panel = class {
   drawn({ bbox, scales }) {
     const { min, max } = scales.x;
     this.span = { min, max, wide: bbox.width / uPlot.pxRatio };
-    this.follow(this.curves.now);
     this.window();
   }
 
@@ -126,13 +123,27 @@ Gaitcal.Panel = class {
     return Math.min(max, Math.max(min, min + (px / wide) * (max - min)));
   }
 
-  // The cursors at a moment {r, l: percents, "": seconds}, each null where it is not; no layout, no drawing.
-  follow(now) {
-    if (!this.span) return;
-    for (const [side, cursor] of Object.entries(this.cursors)) {
-      const x = this.traces.percent === (side === "") ? null : now[side];
-      const shift = x === null ? "translateX(-99px)" : `translateX(${this.px(x).toFixed(1)}px)`;
-      if (cursor.style.transform !== shift) cursor.style.transform = shift;
+  // px of a side's cursor at a moment {r, l: percents, "": seconds}; null where it has none.
+  cursor(side, now) {
+    return !this.span || now[side] === null || this.traces.percent === (side === "") ? null : this.px(now[side]);
+  }
+
+  // The cursors in the picture of all panels, those of legs with their letters: a line without one is a toe-off.
+  follow(pen, now, { right, left, ink, paper }) {
+    const { left: begin, top, height } = this.plot.over.getBoundingClientRect();
+    for (const [k, [side, colour]] of [["r", right], ["l", left], ["", ink]].entries()) {
+      const px = this.cursor(side, now);
+      if (px === null) continue;
+      Object.assign(pen, { strokeStyle: colour, fillStyle: colour, lineWidth: 1.5 });
+      pen.setLineDash(side === "l" ? [4, 2.5] : []);
+      pen.beginPath();
+      pen.moveTo(begin + px, top);
+      pen.lineTo(begin + px, top + height);
+      pen.stroke();
+      if (!side) continue;
+      pen.fillRect(begin + px - 5.5, top + 11 * k, 11, 11);
+      pen.fillStyle = paper;
+      pen.fillText(side.toUpperCase(), begin + px, top + 11 * k + 6);
     }
   }
 
