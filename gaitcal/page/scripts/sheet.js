@@ -6,9 +6,9 @@ Gaitcal.PERCENTS = Float64Array.from({ length: 101 }, (_, i) => i);
 Gaitcal.ON_FRAME = 1e-3;
 
 Gaitcal.Sheet = class {
-  constructor({ sheet, leastValid }) {
-    const { person, bands } = sheet;
-    Object.assign(this, { leastValid, person, bands });
+  constructor({ sheet }) {
+    const { person, bands, peaks } = sheet;
+    Object.assign(this, { person, bands, peaks });
     this.trials = sheet.trials.map((trial) => new Gaitcal.SheetTrial(trial));
   }
 };
