@@ -89,7 +89,7 @@ Gaitcal.Curves = class {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = null;
       this.draw(this.panels.filter(({ dirty, visible, held }) => dirty && visible && held === undefined));
-      this.cursors();
+      requestAnimationFrame(() => this.cursors()); // panels draw after this frame's scripts
       this.readings();
     });
   }
