@@ -17,9 +17,7 @@ Sex = Annotated[str | None, typer.Option(help="female or male, the same.")]
 Age = Annotated[float | None, typer.Option(help="Age in years, the same; may be left out.")]
 Normal = Annotated[
     Path | None,
-    typer.Option(
-        help="CSV of normal bands, drawn behind the report's angles and moments; schwartz2008: published, of children."
-    ),
+    typer.Option(help="CSV of normal bands, or schwartz2008; unless given, children's where age and speed fit them."),
 ]
 Priors = Annotated[
     Path | None,
@@ -128,7 +126,7 @@ FigureBands = Annotated[
     typer.Option("--normal", help="CSV of normal bands, or schwartz2008; else those of the result, if it has any."),
 ]
 FigureSigns = Annotated[
-    str | None, typer.Option("--convention", help="For paper: signs, opensim (unless given) or clinical.")
+    str | None, typer.Option("--convention", help="For paper: signs, clinical (unless given) or opensim.")
 ]
 FigureExternal = Annotated[bool, typer.Option("--external", help="For paper: external instead of internal moments.")]
 FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/kg (unless given), Nm or %BW*H.")]

@@ -105,7 +105,7 @@ class _Line:
 
 def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> Chart:
     lines = [line for side in SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
-    kind, title = kind_of(variable), _title(variable, convention)
+    kind, title = kind_of(variable), variable_title(variable, convention)
     # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one sense for both sides,
     # OpenSim's have not.
     bands = _different([line for line in lines if line.healthy is not None])
@@ -213,7 +213,8 @@ def _off_keys(offs: Mapping[str, float]) -> Iterator[Key]:
         yield Key(label="thin upright lines: toe-off", colour=FAINT, width=TOE_OFF)
 
 
-def _title(variable: str, convention: Convention) -> str:
+def variable_title(variable: str, convention: Convention) -> str:
+    """`Hip extension moment`: named by what is positive."""
     return "Vertical ground reaction force" if variable == GROUND_REACTION else convention.title(variable)
 
 
