@@ -13,6 +13,7 @@ import pytest
 
 from gaitcal import ensemble
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
+from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.page.page_data import coordinate_rows, peak_page_rows
 from gaitcal.page.plain_data import lengths
 from gaitcal.page.scene import Scene
@@ -120,7 +121,7 @@ def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
 
 def test_conventions_are_those_of_the_package(page: Page) -> None:
     units = {"Nm": MomentUnit.NM, "Nm/kg": MomentUnit.NM_PER_KG, "%BWH": MomentUnit.PERCENT_BWH}
-    bases = [base for joint in coordinate_rows() for base in joint["rows"]]
+    bases = [base for joint in coordinate_rows() for base in joint["rows"] if base in COORDINATE_TABLE]
     for signs, acting, (unit, moment_unit) in itertools.product(Signs, Acting, units.items()):
         convention = Convention(signs=signs, acting=acting, unit=moment_unit)
         chosen = json.dumps({"signs": signs.value, "acting": acting.key, "unit": unit})
