@@ -73,8 +73,8 @@ def test_a_recording_with_joint_centres_is_the_walk_again(data_dir: Path) -> Non
     assert again.reason == "the same recording as walk.trc"
 
 
-SWAY = 5e-3
-"""m and rad, of a marker against its mean while somebody stands, and of the axes that follow."""
+SWAY = 0.01
+"""rad, and m: axes of one frame turn by 0.5 deg against those of the mean, centres lie within 1 mm."""
 HEIGHTS = {"children/HC002D": 1.45, "labs_c3d/multi": 1.634, "pig_c3d": 1.79, "subject01": 1.803, "uf3": 1.70}
 """m, as files and sources tell them."""
 
@@ -101,7 +101,8 @@ def test_one_frame_stands_for_a_static_trial(data_dir: Path) -> None:
     study = study_of(made)
     standing_still, whole = study.static.recording, nominal_of(study).parameters.joint
     legs = [i for i, name in enumerate(JP_NAMES) if name.startswith(("hip", "knee", "talocrural", "subtalar"))]
-    for frame in (0, 60, len(standing_still.time) - 1):
+    shown = np.flatnonzero(np.isfinite(standing_still.markers).all(axis=(1, 2)))
+    for frame in shown[[0, len(shown) // 2, -1]]:
         moment = standing_still.frames(np.arange(len(standing_still.time)) == frame)
         one = replace(study, trials=(replace(study.static, recording=moment), *study.trials[1:]))
         assert np.abs(nominal_of(one).parameters.joint - whole)[legs].max() < SWAY
