@@ -14,7 +14,7 @@ from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import UsageError, nearest
-from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, joints_csv
+from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, Verdict, joints_csv
 from gaitcal.export.muscle_paths import (
     MuscleChange,
     MusclePath,
@@ -202,6 +202,7 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         prior=prior_of_study(saved.settings.joint_prior),
         names=options.names,
         recorded=recorded_coordinates(result),
+        marker_set=saved.marker_set,
     )
     done = transfer.result()
     for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
@@ -252,17 +253,21 @@ def _tell_joints(console: Console, done: CalibratedOsim) -> None:
         theirs = move.theirs if found_by in ("", "name") else f"{move.theirs} (by {found_by})"
         ends = [end for end in (move.parent, move.child) if end is not None]
         if not ends:
-            table.add_row(move.joint, Text(theirs), Text(move.verdict.value), "", "", "", "")
+            table.add_row(move.joint, Text(theirs), "", "left" if theirs else "none", "", "", "")
         for k, end in enumerate(ends):
             numbers = (1e3 * end.moved, 1e3 * end.errors[0], np.degrees(end.turn), np.degrees(end.errors[1]))
             words = [f"{x:.1f}" if np.isfinite(x) else "" for x in numbers]
             table.add_row("" if k else move.joint, Text("" if k else theirs), Text(end.body), *words)
     console.out.print(table)
+    for verdict in (Verdict.UNDETERMINED, Verdict.ABSENT):
+        if which := [move.joint for move in done.joints if move.verdict is verdict]:
+            console.line(f"{', '.join(which)}: {verdict.value}")
     for move in done.joints:
         if max(1e3 * move.rolls[0], np.degrees(move.rolls[1])) > TOLD:
             console.line(
-                f"{move.theirs} rolls or cannot turn as the bones do: as the person stands, it and our hinge differ by "
-                f"{1e3 * move.rolls[0]:.1f} mm, {np.degrees(move.rolls[1]):.1f} deg"
+                f"{move.theirs} rolls, or cannot turn as the bones are turned: "
+                f"as the person stands, it and our hinge differ by {1e3 * move.rolls[0]:.1f} mm, "
+                f"{np.degrees(move.rolls[1]):.1f} deg"
             )
     for note in done.notes:
         console.line(f"note: {note}")

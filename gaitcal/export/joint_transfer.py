@@ -43,10 +43,11 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.export.osim_correspondence import Hinge, LegJoint, leg_joints
 from gaitcal.export.osim_reader import OsimDocument, Place, peer_of, read_document
-from gaitcal.export.osim_registration import Registration, axis_of_ours, registrations
+from gaitcal.export.osim_registration import Registration, axis_of_ours, registrations, with_landmarks
 from gaitcal.export.peer_model import Axis, PeerJoint, PeerModel
 from gaitcal.model.chain import Chain, ChainConstants, axis_rotation, forward, segment_poses
 from gaitcal.model.linkage import JOINTS, LEG_JOINTS, LOWER_BODY, SIDES
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
@@ -55,6 +56,10 @@ from gaitcal.study.joint_prior import JointPrior
 
 LITTLE = 0.9
 """Of the standard error before; nine tenths are a fifth of the variance."""
+APART = 0.010
+"""m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to some millimetres."""
+FAR_M = 0.020
+"""m; twice what the best regressions miss a hip by, in three directions together (`calibration/joint_prior.py`)."""
 UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
 """Below these a joint stays in the very bytes of its file: the solvers' rounding."""
 _LINKAGE = {joint.name: joint for joint in JOINTS}
@@ -66,8 +71,8 @@ class Verdict(Enum):
     """What became of a joint."""
 
     MOVED = "moved"
-    UNDETERMINED = "left: the recordings say little of it"
-    ABSENT = "left: the model has no such joint"
+    UNDETERMINED = "left as it is: the recordings say little of it"
+    ABSENT = "the model has no such joint"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +140,7 @@ def into_osim(
     prior: JointPrior | None = None,
     names: Path | None = None,
     recorded: Mapping[str, Array] | None = None,
+    marker_set: MarkerSet | None = None,
 ) -> CalibratedOsim:
     """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
 
@@ -145,6 +151,8 @@ def into_osim(
     names : a TOML file that says which joints are meant (`read_names`).
     recorded : our coordinate -> (n,) rad in the recordings, over which a knee that rolls is taken; unless given, over a
         stride of the built-in person.
+    marker_set : whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
+        segments by these markers, too.
 
     Returns
     -------
@@ -155,7 +163,9 @@ def into_osim(
     InputError
         The file is no model, or has no legs that can be told, or its markers do not fit this person.
     """
-    return Transfer.prepared(model, osim, errors=errors, prior=prior, names=names, recorded=recorded).result()
+    return Transfer.prepared(
+        model, osim, errors=errors, prior=prior, names=names, recorded=recorded, marker_set=marker_set
+    ).result()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,8 +192,10 @@ class Transfer:
         prior: JointPrior | None = None,
         names: Path | None = None,
         recorded: Mapping[str, Array] | None = None,
+        marker_set: MarkerSet | None = None,
     ) -> Transfer:
         """Read the model, find its legs and lay its bodies on our segments; arguments as of `into_osim`."""
+        model = model if marker_set is None else with_landmarks(model, marker_set)
         document = read_document(osim)
         peer = peer_of(document)
         legs = leg_joints(peer, names, recorded)
@@ -351,7 +363,19 @@ class Transfer:
         for move in moves:
             if move.verdict is Verdict.MOVED and (names := self.document.hangs_on(move.theirs)):
                 yield f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with it"
+            ends = [e for e in (move.parent, move.child) if e is not None and e.moved > FAR_M]
+            if ends:
+                bodies = ", ".join(e.body for e in ends)
+                yield (
+                    f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {bodies}: muscle points beside it stay "
+                    "on their bones, and may no longer suit it"
+                )
         for r in self.bodies.values():
+            if r.rms > APART:
+                yield (
+                    f"{r.body}: its markers are {1e3 * r.rms:.0f} mm from this person's, so that it may be of another "
+                    "size: scale the model to this person first, with these markers, and export again"
+                )
             if r.common < FEWEST_MARKERS:
                 yield (
                     f"{r.body} shares {r.common} markers with {r.segment}: laid on it by the axes of the joints, "

@@ -114,24 +114,24 @@ def leg_joints(
     joints, coordinates = ({}, {}) if names is None else read_names(names)
     by_name = {j.name: j for j in peer.joints.values()}
     require_known(joints.values(), by_name, "joint of the model", source=names or Path(), field="joints")
-    shape: dict[str, PeerJoint] | None = None
+    usual = [s for s in SIDES if peer.joint_of(f"hip_flexion_{s}") and peer.joint_of(f"knee_angle_{s}")]
+    shape = None if usual or any(name.startswith("hip") for name in joints) else _by_topology(peer)
     out = []
     for side in SIDES:
         told = {joint: by_name[joints[f"{joint}_{side}"]] for joint in LEG_JOINTS if f"{joint}_{side}" in joints}
         named = {k: j for k, c in COORDINATE_OF.items() if (j := peer.joint_of(f"{c}_{side}")) is not None}
         ours, found_by = {**named, **told}, "name"
-        if "hip" not in ours or "knee" not in ours:
-            shape = _by_topology(peer) if shape is None else shape
+        if shape is not None:
             ours = {k.removesuffix(f"_{side}"): j for k, j in shape.items() if k.endswith(f"_{side}")} | told
             found_by = "topology"
         for joint in LEG_JOINTS:
             if joint not in ours or (joint == "subtalar" and ours[joint] is ours.get("talocrural")):
                 continue
             known = [c.name for c in ours[joint].coordinates]
-            usual, own = f"{COORDINATE_OF[joint]}_{side}", coordinates.get(f"{joint}_{side}")
+            first, own = f"{COORDINATE_OF[joint]}_{side}", coordinates.get(f"{joint}_{side}")
             if own is not None:
                 require_known([own], known, "coordinate of that joint", source=names or Path(), field="coordinates")
-            name = own or (usual if usual in known else _widest(ours[joint]))
+            name = own or (first if first in known else _widest(ours[joint]))
             by = "your file" if joint in told else found_by
             leg = LegJoint(ours=f"{joint}_{side}", theirs=ours[joint], coordinate=name, found_by=by, hinge=None)
             out.append(leg)

@@ -12,7 +12,7 @@ models have them; what they disagree in is then in the residual as well.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -24,8 +24,9 @@ from gaitcal.export.osim import frames_of
 from gaitcal.export.osim_correspondence import LegJoint, same_label, segment_of, slides
 from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.linkage import JOINTS
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_distances, rigid_fit
 
 JOINT_OF = {joint.name: joint for joint in JOINTS}
@@ -65,6 +66,23 @@ class Registration:
         shift = rng.normal(size=3) * np.sqrt(self.shift_variance)
         about = pin.SE3(pin.exp3(turn), self.centre + shift) * pin.SE3(np.eye(3), -self.centre)
         return about * self.pose
+
+
+def with_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
+    """The same person wearing the markers of the static trial, too, which stand at the ends of bones."""
+    m = model.markers
+    at = {labels[0]: model.landmarks.get(name) for name, labels in marker_set.landmarks.items() if len(labels) == 1}
+    further = {label: place for label, place in at.items() if place is not None and label not in m.labels}
+    if not further:
+        return model
+    segments, places = zip(*further.values(), strict=True)
+    markers = MarkerPlacement(
+        labels=(*m.labels, *further),
+        segments=(*m.segments, *segments),
+        local=np.vstack([m.local, *places]),
+        weight=np.concatenate([m.weight, np.zeros(len(further))]),
+    )
+    return replace(model, markers=markers)
 
 
 def shared_markers(

@@ -23,8 +23,9 @@ from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
 from gaitcal.export.peer_model import PeerModel
 from gaitcal.model.linkage import COORDINATES, LEG_JOINTS, LEGS, SIDES
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JP_NAMES
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from tests.export.osim_people import person_of
@@ -284,6 +285,41 @@ def test_the_users_own_names(published: SubjectModel, tmp_path: Path) -> None:
     names.write_text('[joints]\nhip_r = "hipr"\n')
     with pytest.raises(InputError, match="found 'hipr', which is no joint of the model; did you mean 'hip_r'"):
         leg_joints(read_osim(path), names)
+
+
+def test_a_model_of_one_leg(published: SubjectModel, tmp_path: Path) -> None:
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    tree = ET.parse(path)
+    for tag, names in (("BodySet", LEGS["l"]), ("JointSet", ("hip_l", "knee_l", "talocrural_l", "subtalar_l"))):
+        (holder,) = tree.iter(tag)
+        objects = holder.find("objects")
+        assert objects is not None
+        for element in [e for e in objects if e.get("name") in names]:
+            objects.remove(element)
+    tree.write(path)
+    done = into_osim(published, path)
+    assert done.content == path.read_bytes()
+    assert [m.joint for m in done.joints if m.verdict is Verdict.ABSENT] == [f"{j}_l" for j in LEG_JOINTS]
+
+
+def test_markers_of_the_static_trial_count(published: SubjectModel, tmp_path: Path) -> None:
+    """Landmarks that the model wears as markers lay its bodies on our segments, too."""
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    few = [k for k, s in enumerate(published.markers.segments) if s != "thigh_r"]
+    own = [k for k, s in enumerate(published.markers.segments) if s == "thigh_r"][:3]
+    m = published.markers
+    fewer = MarkerPlacement(
+        tuple(m.labels[k] for k in few), tuple(m.segments[k] for k in few), m.local[few], m.weight[few]
+    )
+    names = ("knee_lat_r", "knee_med_r", "thigh_r")
+    landmarks = {name: ("thigh_r", m.local[k]) for name, k in zip(names, own, strict=True)}
+    worn = {name: (m.labels[k],) for name, k in zip(names, own, strict=True)}
+    marker_set = MarkerSet(name="few", description="", landmarks=worn, tracking={})
+    person = replace(published, markers=fewer, landmarks=landmarks)
+    (told,) = [r for r in into_osim(person, path, marker_set=marker_set).registrations if r.segment == "thigh_r"]
+    assert (told.markers, told.common) == (3, 3) and told.rms < BACK
+    (bare,) = [r for r in into_osim(person, path).registrations if r.segment == "thigh_r"]
+    assert bare.common == 0
 
 
 def without_legs(tree: ET.ElementTree) -> None:
