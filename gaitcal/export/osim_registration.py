@@ -1,4 +1,4 @@
-"""Where the bodies of an OpenSim model lie in our segments, and how well that is known.
+"""Where the bodies of an OpenSim model lie in our segments, how well that is known, and where they stand.
 
 A body is laid on our segment by the rigid motion that fits the markers that both have on it, Kabsch's. With residuals
 e of n markers at x_k about their mean c and s^2 = |e|^2 / (3 n - 6), a point p of the body then has the covariance
@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
@@ -23,7 +24,8 @@ from gaitcal.errors import InputError
 from gaitcal.export.osim import frames_of
 from gaitcal.export.osim_correspondence import LegJoint, same_label, segment_of, slides
 from gaitcal.export.peer_model import Axis, PeerModel
-from gaitcal.model.linkage import JOINTS
+from gaitcal.model.chain import Chain, ChainConstants, forward, segment_poses
+from gaitcal.model.linkage import JOINTS, LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
@@ -214,3 +216,38 @@ def _axis_points(
             theirs += [a + _ARM * direction]
             ours += [b + _ARM * direction]
     return np.array(theirs).reshape(-1, 3), np.array(ours).reshape(-1, 3)
+
+
+_HOLD = 1e-6
+"""m per rad: what holds a coordinate of the standing posture that no marker shows."""
+
+
+def standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
+    """Segment of pelvis and legs -> pose in the laboratory of the static trial.
+
+    The linkage with these parameters, fitted to the markers where the nominal one in the static posture has them.
+    """
+    chain = Chain("pelvis", LOWER_BODY)
+    start = np.array([model.posture.get(name, 0.0) for name in chain.coordinates])
+    at = [k for k, s in enumerate(model.markers.segments) if s in LOWER_BODY]
+    of = [chain.segments.index(model.markers.segments[k]) for k in at]
+    local = model.markers.local[at]
+
+    def poses(constants: ChainConstants, q: Array) -> tuple[Array, Array]:
+        axes, origins = segment_poses(chain, constants, forward(chain, constants, q[None]))
+        return axes[..., 0], origins[..., 0]
+
+    def places(constants: ChainConstants, q: Array) -> Array:
+        axes, origins = poses(constants, q)
+        out: Array = np.einsum("mji,mj->mi", axes[of], local) + origins[of]
+        return out
+
+    nominal, now = (chain.constants(p.joint, p.zero_angles) for p in (model.nominal, parameters))
+    measured = places(nominal, start)
+
+    def residual(q: Array) -> Array:
+        return np.concatenate([(places(now, q) - measured).ravel(), _HOLD * (q - start)])
+
+    q = least_squares(residual, start, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12).x
+    axes, origins = poses(now, q)
+    return {s: pin.SE3(axes[k].T, origins[k]) for k, s in enumerate(chain.segments)}
