@@ -49,11 +49,13 @@ from gaitcal.export.osim_correspondence import (
     standing_coordinates,
     turn_between,
 )
-from gaitcal.export.osim_reader import OsimDocument, Place, peer_of, read_document
+from gaitcal.export.osim_reader import OsimDocument, Place, Weight, peer_of, read_document
 from gaitcal.export.osim_registration import (
     JOINT_OF,
     Registration,
+    SegmentMass,
     axis_of_ours,
+    body_weights,
     registrations,
     standing_segments,
     with_landmarks,
@@ -137,6 +139,8 @@ class CalibratedOsim:
     legs: tuple[LegJoint, ...]
     """Which joints of the model are meant, and how they were found."""
     registrations: tuple[Registration, ...]
+    masses: tuple[SegmentMass, ...]
+    """Of the segments whose bodies weigh what ours do; empty unless asked for."""
     notes: tuple[str, ...]
     """What the user should know, one sentence each."""
 
@@ -151,6 +155,7 @@ def into_osim(
     names: Path | None = None,
     recorded: Mapping[str, Array] | None = None,
     marker_set: MarkerSet | None = None,
+    masses: bool = False,
 ) -> CalibratedOsim:
     """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
 
@@ -163,6 +168,7 @@ def into_osim(
         stride of the built-in person.
     marker_set : whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
         segments by these markers, too.
+    masses : the bodies weigh what our segments weigh, too (`body_weights`).
 
     Returns
     -------
@@ -175,7 +181,7 @@ def into_osim(
     """
     return Transfer.prepared(
         model, osim, errors=errors, prior=prior, names=names, recorded=recorded, marker_set=marker_set
-    ).result()
+    ).result(masses=masses)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,11 +225,15 @@ class Transfer:
             known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
         )
 
-    def result(self) -> CalibratedOsim:
+    def result(self, *, masses: bool = False) -> CalibratedOsim:
         """With the calibrated parameters."""
+        weights, told = (
+            body_weights(self.model.parameters, self.document, self.peer, self.bodies) if masses else ({}, ())
+        )
         moves = self.moves(self.model.parameters, {s: r.pose for s, r in self.bodies.items()})
         return CalibratedOsim(
-            content=self.content(moves),
+            content=self.content(moves, weights),
+            masses=told,
             joints=moves,
             legs=self.legs,
             registrations=tuple(self.bodies.values()),
@@ -231,7 +241,7 @@ class Transfer:
         )
 
     def drawn(self, rng: np.random.Generator) -> bytes:
-        """A file with joints drawn from their errors, and bodies registered with theirs."""
+        """A file with joints drawn from their errors, bodies registered with theirs, and masses as they were."""
         parameters = self.model.parameters
         if self.errors is not None:
             own = self.errors.of([name for name in self.errors.free if name in JP_INDEX])  # soft tissue is no joint
@@ -241,8 +251,8 @@ class Transfer:
         poses = {s: r.drawn(rng) for s, r in self.bodies.items()}
         return self.content(replace(self, errors=None).moves(parameters, poses))
 
-    def content(self, moves: Sequence[JointMove]) -> bytes:
-        """The file with these joints."""
+    def content(self, moves: Sequence[JointMove], weights: Mapping[str, Weight] | None = None) -> bytes:
+        """The file with these joints, and bodies of these weights."""
         places: dict[tuple[str, str], Place] = {}
         for move in moves:
             joint = next((leg.theirs for leg in self.legs if leg.ours == move.joint), None)
@@ -254,7 +264,7 @@ class Transfer:
                     end.place.translation if shift_between(was, end.place) > UNMOVED_M else None,
                     end.place.rotation if turn_between(was, end.place) > UNMOVED_RAD else None,
                 )
-        return self.document.placed(places)
+        return self.document.changed(places, weights)
 
     def moves(self, parameters: Parameters, poses: Mapping[str, pin.SE3]) -> tuple[JointMove, ...]:
         """What becomes of every joint, with these joint parameters and poses of their bodies in our segments."""

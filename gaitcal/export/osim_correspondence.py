@@ -369,6 +369,7 @@ def standing_coordinates(
     return values(least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x)
 
 
+ARMS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand"))
 _MIDDLE = {"pelvis": "pelvis", "torso": "head_trunk", "trunk": "head_trunk", "head": "head_trunk"}
 _SIDED = {
     "femur": "thigh",
