@@ -57,7 +57,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError, nearest
-from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of, known_variables
+from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, coordinate_of, kind_of, known_variables
 from gaitcal.io.text_file import read_lines
 from gaitcal.io.toml import models_path
 from gaitcal.model.coordinates import coordinate_words, is_of_leg, senses_of, split_side
@@ -156,6 +156,19 @@ class Convention:
                 positive = self.positive_angle(name, side)
         both = _senses(name)
         return positive, both[1 - both.index(positive)] if positive in both else ""
+
+    def title(self, variable: str) -> str:
+        """`Hip adduction`, `Hip abduction moment`, `Hip power`: a moment by what it does where it is positive."""
+        if variable == GROUND_REACTION:
+            return "Vertical ground reaction"
+        title = coordinate_words(coordinate_of(variable)).title
+        match kind_of(variable):
+            case Kind.MOMENT:
+                return f"{title.split()[0]} {self.senses(variable, 'r')[0]} moment"
+            case Kind.POWER:
+                return f"{title[:1].upper()}{title[1:]} power"
+            case _:
+                return title
 
     def positive_moment(self, name: str) -> str:
         """What a positive moment means: `internal, abduction`."""

@@ -146,9 +146,14 @@ def test_normal_bands_are_per_body_mass(tmp_path: Path) -> None:
     bands = {curve["name"]: curve.get("normal") for curve in content(page)["curves"]}
     own = read_normal_bands("schwartz2008")["knee_angle_moment"]
     np.testing.assert_allclose(
-        bands["knee_angle_moment"]["mean"], np.interp(range(0, 101, 2), own.percent, own.mean), atol=1e-4
+        bands["knee_angle_moment"]["mean"], -np.interp(range(0, 101, 2), own.percent, own.mean), atol=1e-4
+    )  # the file has clinical signs, the page its coordinates'
+    own_file = tmp_path / "own.csv"
+    own_file.write_text(
+        "# signs: gaitcal\nvariable,unit,percent,mean,sd\nknee_angle,deg,0,5,4\nknee_angle,deg,100,5,4\n"
     )
-    assert bands["hip_adduction_moment"] is None
+    page = write_cohort(tmp_path / "other", some_people(), CommonSettings(normal=own_file))
+    assert {curve["name"] for curve in content(page)["curves"] if curve.get("normal")} == {"knee_angle"}
 
 
 def test_a_cohort_of_nobody(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from gaitcal.dynamics.joint_kinetics import COMPONENTS, MomentFrame
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
+from gaitcal.gait.cycles import known_variables
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.subject_model import Subject
 
@@ -90,3 +91,23 @@ def test_every_variable_says_what_is_positive_and_every_convention_says_itself()
         text = "\n".join(convention.lines)
         assert acting.words in text and frame.words in text and unit.words in text and unit.power in text
         assert list(convention.keys.values())[:4] == [signs.value, acting.key, frame.key, unit.key]
+
+
+@pytest.mark.parametrize(
+    ("convention", "ankle", "knee"),
+    [
+        (Convention(), "Ankle dorsiflexion moment", "Knee adduction moment"),
+        (Convention(signs=Signs.CLINICAL), "Ankle plantarflexion moment", "Knee abduction moment"),
+        (
+            Convention(signs=Signs.CLINICAL, acting=Acting.EXTERNAL),
+            "Ankle dorsiflexion moment",
+            "Knee adduction moment",
+        ),
+    ],
+)
+def test_titles_name_what_is_positive(convention: Convention, ankle: str, knee: str) -> None:
+    assert (convention.title("ankle_angle_moment"), convention.title("knee_adduction_moment")) == (ankle, knee)
+    assert convention.title("hip_power") == "Hip power" and convention.title("pelvis_list") == "Pelvic obliquity"
+    for variable in known_variables():
+        title, positive = convention.title(variable), convention.senses(variable, "r")[0]
+        assert not variable.endswith("_moment") or positive in title
