@@ -16,8 +16,8 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.compare.peer_model import our_leg
 from gaitcal.dynamics.axis_errors import AxisErrors
+from gaitcal.export.peer_model import our_leg
 from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of
 from gaitcal.gait.strides import TURNING
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
