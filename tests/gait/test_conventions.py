@@ -98,11 +98,7 @@ def test_every_variable_says_what_is_positive_and_every_convention_says_itself()
     [
         (Convention(), "Ankle dorsiflexion moment", "Knee adduction moment"),
         (Convention(signs=Signs.CLINICAL), "Ankle plantarflexion moment", "Knee abduction moment"),
-        (
-            Convention(signs=Signs.CLINICAL, acting=Acting.EXTERNAL),
-            "Ankle dorsiflexion moment",
-            "Knee adduction moment",
-        ),
+        (Convention(acting=Acting.EXTERNAL), "Ankle dorsiflexion moment", "Knee adduction moment"),
     ],
 )
 def test_titles_name_what_is_positive(convention: Convention, ankle: str, knee: str) -> None:
