@@ -19,6 +19,7 @@ import pandas as pd
 from gaitcal.compare.difference import Difference, numbers_of, subject
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.figures.chart import FAINT, FONT, INK, SIDE_COLOURS, SIDE_DASHES, dress, limits, line_style, new_figure
+from gaitcal.figures.paper import variable_title
 from gaitcal.figures.report import SALT
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import Kind, kind_of
@@ -167,8 +168,9 @@ def _panel(axes: Axes, comparison: SessionComparison, convention: Convention, cu
 
     before, after = told("a", 0), told("b", 1)
     band = 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
-    dress(axes, ylabel=f"{UNITS[kind]}\n{convention.senses(variable, side)[0]} +")
-    axes.set_title(f"{convention.title(variable)}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
+    positive, title = convention.senses(variable, side)[0], variable_title(variable, convention)
+    dress(axes, ylabel=f"{UNITS[kind]}\n{positive} +")
+    axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)
     axes.fill_between(percent, before - band, before + band, color="#000000", alpha=0.12, linewidth=0)
     axes.plot(percent, before, color="#555555", linewidth=1.3)

@@ -105,7 +105,7 @@ class _Line:
 
 def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> Chart:
     lines = [line for side in SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
-    kind, title = kind_of(variable), convention.title(variable)
+    kind, title = kind_of(variable), variable_title(variable, convention)
     # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one sense for both sides,
     # OpenSim's have not.
     bands = _different([line for line in lines if line.healthy is not None])
@@ -211,6 +211,11 @@ def _band_keys(bands: list[_Line]) -> Iterator[Key]:
 def _off_keys(offs: Mapping[str, float]) -> Iterator[Key]:
     if offs:
         yield Key(label="thin upright lines: toe-off", colour=FAINT, width=TOE_OFF)
+
+
+def variable_title(variable: str, convention: Convention) -> str:
+    """`Hip extension moment`: named by what is positive."""
+    return "Vertical ground reaction force" if variable == GROUND_REACTION else convention.title(variable)
 
 
 def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
