@@ -234,6 +234,14 @@ def test_static_trial_too_short_to_be_still(sound: Study, frames: int, step: flo
     assert not [f for f in check_study(spoilt) if f.severity is ERROR]
 
 
+@pytest.mark.parametrize(
+    ("label", "severity"), [("R.Toe.Tip", INFO), ("R.Thigh.Front", WARNING)]
+)
+def test_a_marker_that_others_replace_may_be_lost(sound: Study, label: str, severity: Severity) -> None:
+    lost = with_trial(sound, "walk", moved(label, lambda x: put(x, slice(60, None), np.nan)))
+    assert [f.severity for f in findings(lost, "gaps")] == [severity]
+
+
 def test_a_static_trial_of_one_frame_is_a_posture(sound: Study) -> None:
     """Nothing blurs a moment; that nobody can see stillness in it is a note."""
     cut = with_trial(sound, "static", lambda r: replace(r, time=r.time[:1], markers=r.markers[:1]))
