@@ -8,6 +8,7 @@ import json
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import pandas as pd
@@ -79,6 +80,11 @@ def test_help_shows_the_commands_in_order() -> None:
     text = CliRunner().invoke(app, ["--help"]).output
     places = [text.index(f"\n  {name}") for name in ORDER]
     assert places == sorted(places)
+
+
+def test_the_version_is_told() -> None:
+    told = CliRunner().invoke(app, ["--version"])
+    assert (told.exit_code, told.output) == (0, f"gaitcal {version('gaitcal')}\n")
 
 
 def test_usage_errors_end_with_2() -> None:

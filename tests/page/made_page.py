@@ -319,7 +319,6 @@ def every_block() -> list[dict[str, Any]]:
         {"kind": "fold", "title": "Monte Carlo", "blocks": [_heading("Spread", 4), _boxes()]},
         _heading("Pair"),
         {"kind": "pair", **{side: [{"kind": "text", "text": side}, _table()] for side in ("left", "right")}},
-        {"kind": "curves", "kinds": ["residual_force", "residual_moment", "marker_error"],
-         "limits": {"residual_force": 40.0, "residual_moment": 9.0}},
+        {"kind": "curves", "kinds": ["residual_force", "residual_moment", "marker_error"]},
         {"kind": "of a later version"},
     ]  # fmt: skip

@@ -15,7 +15,7 @@ KINDS = {
     "intervals": {"unit", "rows"},
     "bars": {"unit", "rows"},
     "boxes": {"unit", "title", "groups"},
-    "curves": {"kinds", "limits"},
+    "curves": {"kinds"},
     "pair": {"left", "right"},
     "fold": {"title", "blocks"},
 }
