@@ -21,10 +21,10 @@ from gaitcal.export.muscle_paths import leg_ranges, muscle_changes, muscle_paths
 from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
-from gaitcal.export.peer_model import PeerModel
+from gaitcal.export.peer_model import PeerModel, read_numbers
 from gaitcal.model.linkage import COORDINATES, LEG_JOINTS, LEGS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JP_NAMES
+from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
@@ -103,7 +103,7 @@ def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0
             way *= rng.uniform(*DISTURBED) / np.linalg.norm(way)
             turn = pin.exp3(np.deg2rad(deg) * rng.normal(size=3))
             places[leg.theirs.name, end] = Place(frame.translation + way, frame.rotation @ turn if deg else None)
-    out.write_bytes(document.placed(places))
+    out.write_bytes(document.changed(places))
     return out
 
 
@@ -320,6 +320,34 @@ def test_markers_of_the_static_trial_count(published: SubjectModel, tmp_path: Pa
     assert (told.markers, told.common) == (3, 3) and told.rms < BACK
     (bare,) = [r for r in into_osim(person, path).registrations if r.segment == "thigh_r"]
     assert bare.common == 0
+
+
+@pytest.mark.parametrize("variant", ["opensim 4", "opensim 3", "other frames"])
+def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant: str) -> None:
+    """Bodies weigh what our segments weigh, and have their mass centres; nothing else of the document changes."""
+    path = written(published, tmp_path / "m.osim", variant)
+    heavier = table(published.parameters.inertial).copy()
+    heavier[:, 0] *= np.linspace(0.8, 1.3, len(heavier))
+    heavier[:, 1:4] += 0.01
+    p = published.parameters.with_inertial(heavier.ravel())
+    done = into_osim(replace(published, parameters=p), path, masses=True)
+    (tmp_path / "out.osim").write_bytes(done.content)
+    was, now = read_document(path), read_document(tmp_path / "out.osim")
+    weights = peer_of(now).masses
+    for k, segment in enumerate(MASSIVE_SEGMENTS):
+        assert weights[segment] == pytest.approx(heavier[k, 0], rel=1e-12)
+        if segment in (*LEGS["r"], *LEGS["l"], "pelvis"):
+            shift = np.linalg.norm(now.mass_centre(segment) - was.mass_centre(segment))
+            expected = np.linalg.norm(heavier[k, 1:4] - table(published.parameters.inertial)[k, 1:4])
+            if variant == "other frames":  # whose mass centres were not taken along
+                continue
+            assert shift == pytest.approx(expected, abs=BACK)
+    assert peer_of(now).joints.keys() == peer_of(was).joints.keys()
+    numbers = re.compile(rb"<(mass|mass_center|inertia\w*)>[^<]*<")
+    assert numbers.sub(b"", now.content) == numbers.sub(b"", was.content)
+    ratio = heavier[0, 0] / peer_of(was).masses[MASSIVE_SEGMENTS[0]]
+    moments = [read_numbers(d.body(MASSIVE_SEGMENTS[0]), "inertia", path) for d in (was, now)]
+    assert moments[1] == pytest.approx(ratio * moments[0], rel=1e-12)
 
 
 def without_legs(tree: ET.ElementTree) -> None:
