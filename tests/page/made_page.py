@@ -227,7 +227,7 @@ def _everything_of(trial: MotionScene, strides: tuple[Stride, ...]) -> dict[str,
     return trial_data(
         trial,
         (*(Curve(k, "", k, u, v, valid, nominal=1.2 * v) for k, u, v in kinds), *joint),
-        [{"side": s, "number": 1, "start": 0.1, "stop": 0.9, "off": 0.6, "turns": False} for s in "rl"],
+        [{"side": s, "number": 1, "start": 0.1, "stop": 0.9, "off": 0.6, "turns": False, "peaks": {}} for s in "rl"],
         refused=list(refused),
         verdict={"judgement": "refused" if refused else "trustworthy", **legs},
         measures=[
