@@ -6,7 +6,6 @@ import importlib
 import importlib.util
 import json
 import re
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -15,7 +14,7 @@ import pandas as pd
 import pytest
 
 import gaitcal as gc
-from tests.kept import copied_person, kept_object
+from tests.kept import copied_person, kept_calibration
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "scripts" / "examples"
@@ -61,14 +60,9 @@ def test_benchmark_refuses_an_unknown_section(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.fixture
 def once(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The person of the first two scripts is the same: he is made and calibrated by the one that comes first."""
-    monkeypatch.setattr(gc, "synthesize", partial(copied_person, kept))
-    calibrate = gc.calibrate
-
-    def calibrated(study: gc.Study, tell: Callable[[str], None] = lambda _: None) -> gc.Calibration:
-        return kept_object(kept / "calibration--seed1--noise--perturb", lambda: calibrate(study, tell))
-
-    monkeypatch.setattr(gc, "calibrate", calibrated)
+    """The person of the first two scripts is one of which other tests ask, too."""
+    monkeypatch.setattr(gc, "synthesize", lambda out, **_: copied_person(kept, out, seed=3, noise=True, perturb=True))
+    monkeypatch.setattr(gc, "calibrate", lambda *_: kept_calibration(kept))
 
 
 @pytest.mark.slow

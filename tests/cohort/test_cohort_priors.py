@@ -408,13 +408,6 @@ def test_what_nobody_shows_stays_as_it_was() -> None:
     np.testing.assert_allclose(unseen.T @ covariance @ unseen, np.eye(unseen.shape[1]), atol=SINGULAR)
 
 
-def test_the_order_of_evidence_makes_no_difference() -> None:
-    made = evidence(10, 0.1 * np.eye(SIZE), np.zeros(SIZE), 9)
-    one, other = (learn(e, effects(), mirror(KNEES), axes()).population for e in (made, made.of(np.arange(10)[::-1])))
-    np.testing.assert_allclose(one.spread, other.spread, atol=EXACT)
-    np.testing.assert_allclose(one.effects, other.effects, atol=EXACT)
-
-
 def test_people_seen_in_a_mirror_teach_the_same() -> None:
     made, reflected = evidence(10, 0.1 * np.eye(SIZE), np.zeros(SIZE), 10), mirror(KNEES)
     turned = Evidence(

@@ -141,17 +141,9 @@ def test_exchanged_landmarks_are_found_on_everybody(
             assert isinstance(first, Exchange) and first.pairs == pairs, (name, first)
 
 
-def test_both_medial_landmarks_across_are_two_faults_of_one_trial(
-    people: dict[str, tuple[dict[str, Array], float]],
-) -> None:
-    p, height = people["uf3"]
-    wrong = (("knee_med_r", "knee_med_l"), ("asis_r", "asis_l"))
-    found = [f for f in faults(exchanged(p, wrong), height) if isinstance(f, Exchange)]
-    assert {pair for f in found for pair in f.pairs} == set(wrong)
-
-
 # The same ones every time: of 1780 draws 10 are missed, heels across a foot that is turned out, whom nothing but the
 # foot's own direction would betray, and feet do turn.
+@pytest.mark.slow
 @settings(max_examples=40, derandomize=True)
 @given(
     person=st.sampled_from(["synthetic", *REAL]),
@@ -179,6 +171,7 @@ def test_a_landmark_90_mm_off_is_found_and_named(
     assert 0.05 < first.size < 0.14
 
 
+@pytest.mark.slow
 def test_how_often_a_landmark_40_mm_off_is_found(people: dict[str, tuple[dict[str, Array], float]]) -> None:
     """In nine of ten cases on thirteen people; three of four are asked for here, as only two people stand for all."""
     rng = np.random.default_rng(1)
@@ -215,12 +208,6 @@ def test_a_knee_as_wide_as_two_is_refused(sound: Study) -> None:
     found = spoilt(sound, moved("R.Knee.Lat", lambda x: x + [0.0, 0.0, 0.145]))
     assert found[0].severity is ERROR
     assert "knee width, right 25" in found[0].found and "'R.Knee.Lat'" in found[0].cause
-
-
-def test_markers_of_thigh_and_shank_exchanged(sound: Study) -> None:
-    found = spoilt(sound, swapped("R.Thigh.Upper", "R.Shank.Rear"))
-    assert [f.severity for f in found] == [ERROR]
-    assert "'R.Thigh.Upper'" in found[0].found and "nearest: shank_r" in found[0].found
 
 
 @pytest.mark.parametrize("factor", [0.87, 1.15])
@@ -268,15 +255,6 @@ def test_sitting_is_refused(sound: Study) -> None:
 
 def sitting() -> Recording:
     return bent(170.0, 170.0)
-
-
-def test_arms_do_not_matter(sound: Study) -> None:
-    def raised(r: Recording) -> Recording:
-        for label in ("R.Elbow", "R.Wrist.Lat", "R.Wrist.Med", "L.Elbow", "L.Wrist.Lat", "L.Wrist.Med"):
-            r = moved(label, lambda x: x + [0.1, 0.4, 0.0])(r)
-        return r
-
-    assert spoilt(sound, raised) == []
 
 
 @pytest.mark.parametrize("seed", range(1, 7))

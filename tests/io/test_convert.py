@@ -94,17 +94,6 @@ def test_trc_to_csv_and_back_is_the_same_bits(data_dir: Path, tmp_path: Path) ->
     require_same(read_recording(tmp_path / "w.trc"), expected)
 
 
-def test_mot_to_csv_and_back_is_the_same_bits(data_dir: Path, tmp_path: Path) -> None:
-    source = data_dir / "subject01/subject01_walk1_grf.mot"
-    convert(source, tmp_path / "f.csv")
-    convert(tmp_path / "f.csv", tmp_path / "f.mot")
-    expected = read_forces(source).plates
-    for name in ("f.csv", "f.mot"):
-        for a, b in zip(read_forces(tmp_path / name).plates, expected, strict=True):
-            np.testing.assert_array_equal(a.time, b.time)
-            np.testing.assert_array_equal(a.wrench(), b.wrench())
-
-
 def test_c3d_to_trc_brings_its_forces(tmp_path: Path) -> None:
     write_c3d(tmp_path / "x.c3d", loaded_body())
     written = tuple(tmp_path / name for name in ("y.trc", "y_forces.mot", "y_plates.csv"))

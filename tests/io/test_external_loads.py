@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -97,12 +96,6 @@ def test_the_table_is_found_beside_it(tmp_path: Path, table: str) -> None:
     assert read_forces(path).plates[0].force[0, 1] == 700
 
 
-def test_a_table_of_each_force(tmp_path: Path) -> None:
-    path = write(tmp_path, force(source="grf.mot"), force("two", "calcn_l", "b", source="other.mot"), table="")
-    shutil.copy(tmp_path / "grf.mot", tmp_path / "other.mot")
-    assert len(loads_tables(path)) == 2 and read_forces(path).feet == {"one": "r", "two": "l"}
-
-
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
@@ -130,11 +123,6 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         (tmp_path / "x.xml").write_text(text)
         with pytest.raises(InputError, match=message):
             read_forces(tmp_path / "x.xml")
-
-
-def test_convert_keeps_the_names(tmp_path: Path) -> None:
-    convert(write(tmp_path, force("right one"), force("left one", "calcn_l", "b")), tmp_path / "f.csv")
-    assert [plate.name for plate in read_forces(tmp_path / "f.csv").plates] == ["right one", "left one"]
 
 
 def test_a_study_takes_feet_and_table_from_it(tmp_path: Path) -> None:

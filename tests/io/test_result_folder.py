@@ -10,8 +10,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -35,6 +33,7 @@ from gaitcal.io.result_folder import (
     sha256_of,
 )
 from gaitcal.results.cycles import read_cycles
+from tests.commands import content
 
 
 def write_result(
@@ -52,10 +51,6 @@ def result(target: Path) -> str:
 
 def names(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir())
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 # ------------------------------------------------------------------------------------------- whole, or not at all
@@ -121,28 +116,6 @@ def test_who_reads_after_a_kill_puts_the_hidden_result_back_and_says_so(
     assert result(target) == "one"
     assert names(tmp_path) == ["out"]
     assert "the earlier result is back" in caplog.text
-
-
-def test_a_result_that_is_being_replaced_while_it_is_read_is_the_new_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    """The writer is between its two renames when the reader looks, and has ended when the reader has the lock."""
-    target = tmp_path / "out"
-    write_result(target, "new")
-    held = result_folder.locked
-
-    @contextmanager
-    def late(folder: Path) -> Iterator[None]:
-        with held(folder):
-            (tmp_path / "new").rename(target)
-            yield
-
-    target.rename(tmp_path / "new")
-    write_result(target, "one")
-    target.rename(tmp_path / f"{OLD}out")
-    monkeypatch.setattr(result_folder, "locked", late)
-    result_folder.put_back(target)
-    assert (result(target), names(tmp_path), caplog.text) == ("new", ["out"], "")
 
 
 REPLACE = """
@@ -386,17 +359,6 @@ with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(float(sys.argv[2]))
 """
-COUNT = """
-import sys, time
-from pathlib import Path
-from gaitcal.io.result_folder import locked
-path = Path(sys.argv[1])
-for _ in range(40):
-    with locked(path.parent):
-        number = int(path.read_text())
-        time.sleep(0.001)
-        path.write_text(str(number + 1))
-"""
 
 
 def holder(folder: Path, seconds: float) -> subprocess.Popen[str]:
@@ -407,16 +369,6 @@ def holder(folder: Path, seconds: float) -> subprocess.Popen[str]:
     with process.stdout as stream:
         assert stream.readline() == "held\n"
     return process
-
-
-def test_no_change_of_several_processes_is_lost(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out/number").write_text("0")
-    command = [sys.executable, "-c", COUNT, str(tmp_path / "out/number")]
-    for process in [subprocess.Popen(command) for _ in range(3)]:
-        assert process.wait() == 0
-    assert (tmp_path / "out/number").read_text() == "120"
-    assert names(tmp_path) == ["out"]
 
 
 def test_it_is_told_while_waiting_and_at_the_end(

@@ -62,23 +62,6 @@ def test_a_restless_person_is_used_with_the_speed_told() -> None:
         still_window(body(200, speed=0.12), LABELS)
 
 
-def test_whoever_stands_still_somewhere_is_not_taken_from_where_they_are_restless() -> None:
-    recording = body(300, speed=0.0)
-    way = np.minimum(recording.time, 1.5) * 0.07
-    markers = recording.markers + way[:, None, None] * [1.0, 0.0, 0.0]
-    markers[150:, 3] = np.nan  # more markers are seen while the person drifts
-    window = still_window(replace(recording, markers=markers), LABELS)
-    assert window.start >= 1.4
-
-
-def test_a_window_in_which_every_marker_is_seen_comes_first() -> None:
-    recording = body(300, speed=0.0)
-    markers = recording.markers + np.random.default_rng(0).normal(0, 1e-4, recording.markers.shape)
-    markers[:200, 3] = np.nan
-    window = still_window(replace(recording, markers=markers), LABELS)
-    assert window.frames.stop > 200
-
-
 def test_only_the_markers_asked_for_count() -> None:
     recording = body(100, speed=0.0)
     recording.markers[:, 7, 0] += np.linspace(0, 3, 100)

@@ -253,14 +253,6 @@ def test_no_medial_markers_use_defaults_and_say_so() -> None:
     assert any("ankle, both sides: no medial marker" in note for note in model.notes)
 
 
-@pytest.mark.parametrize("lost", ["R.Knee.Med", "L.Ankle.Med"])
-def test_one_medial_marker_missing_is_assumed_on_its_side_only(lost: str) -> None:
-    model = nominal_model(without(published_static(), lost), load_marker_set("published"), PUBLISHED)
-    told = [note for note in model.notes if "no medial marker" in note]
-    assert len(told) == 1
-    assert ("right" if lost[0] == "R" else "left") in told[0]
-
-
 def test_without_arms_they_are_frozen() -> None:
     arms = [f"{s}.{m}" for s in "RL" for m in ("Bicep", "Elbow", "Wrist.Lat", "Wrist.Med")]
     model = nominal_model(without(published_static(), *arms), load_marker_set("published"), PUBLISHED)
@@ -338,18 +330,6 @@ def test_raised_arms_lower_the_weights_of_shoulders_and_arms(data_dir: Path) -> 
     assert (weight["R.Elbow"], weight["R.Heel"], weight["L.Heel"], weight["Top.Head"]) == (0.7, 0.5, 1.0, 0.0)
 
 
-def test_exchanged_elbow_markers_are_noticed(data_dir: Path) -> None:
-    person = PEOPLE["functional"]
-    model = nominal_model(person.static(data_dir), person.markers, person.subject)
-    assert sum("the two markers were exchanged" in note for note in model.notes) == 2
-
-
-def test_a_tracking_marker_less_is_told() -> None:
-    model = nominal_model(without(published_static(), "R.Midfoot.Sup"), load_marker_set("published"), PUBLISHED)
-    assert any("left out: R.Midfoot.Sup" in note for note in model.notes)
-    assert "R.Midfoot.Sup" not in model.markers.labels
-
-
 def spoiled(change: str) -> tuple[Recording, Subject]:
     static, subject = published_static(), PUBLISHED
     if change == "millimetres":
@@ -403,13 +383,6 @@ def test_a_thigh_without_markers_is_refused(data_dir: Path) -> None:
     person = PEOPLE["plug-in-gait"]
     with pytest.raises(InputError, match="segment thigh_l: found 0 markers with weight, 'LTHI' not seen"):
         nominal_model(without(person.static(data_dir), "LTHI"), person.markers, person.subject, weights={"LKNE": 0})
-
-
-def test_a_thigh_of_one_marker_is_placed_and_the_other_is_said_to_be_left_out(data_dir: Path) -> None:
-    person = PEOPLE["plug-in-gait"]
-    model = nominal_model(without(person.static(data_dir), "LTHI"), person.markers, person.subject)
-    assert "LTHI" not in model.markers.labels
-    assert any("left out" in note and "LTHI" in note for note in model.notes)
 
 
 LARGER = 1.07

@@ -18,7 +18,6 @@ from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.present_markers import complete_static, worn
-from gaitcal.model.subject_model import Subject
 from tests.model.people import PEOPLE
 
 PIG = "plug-in-gait"
@@ -174,12 +173,6 @@ def test_capitals_are_forgiven_where_one_marker_alone_is_meant(data_dir: Path) -
     assert "RASI" not in load_marker_set(PIG).renamed(two).labels
 
 
-def test_a_child_with_one_sacral_marker_needs_no_set_of_its_own(data_dir: Path) -> None:
-    recording = read_recording(data_dir / "children/HC002D/static.c3d")
-    model = nominal_model(recording, load_marker_set(PIG), Subject("child", 32.1, 1.45, "male"))
-    assert {"SACR", "RHFB", "LTUB", "RP5M"} <= set(model.markers.labels)
-
-
 def test_clusters_take_the_place_of_landmarks_that_walks_lack() -> None:
     rng = np.random.default_rng(1)
     made: MarkerSet = load_marker_set("cast")
@@ -217,11 +210,6 @@ def test_a_label_of_another_landmark_is_not_proposed(data_dir: Path) -> None:
     misspelt = with_marker(misspelt, "RPSIx", path_of(static(data_dir), "RPSI"))
     with pytest.raises(InputError, match="did you mean 'RPSIx'"):
         nominal_model(misspelt, load_marker_set(PIG), PEOPLE[PIG].subject)
-
-
-def test_markers_of_a_device_stay_known_once_they_have_served(data_dir: Path) -> None:
-    made = worn(load_marker_set(PIG), static(data_dir))
-    assert {"RKAX", "RKD1", "LKD2"} <= set(made.devices) and not set(made.devices) & set(made.labels)
 
 
 ROUNDING = 1e-12

@@ -146,15 +146,6 @@ def test_tracking_ends_where_gauss_newton_does_not() -> None:
     assert found.cost <= without.cost * (1 + 1e-9)
 
 
-def test_well_placed_markers_need_no_curvature() -> None:
-    rng, parameters, problem, _ = seeded_trial(42, frames=60, nodes=10)
-    measured = problem.data.measured + rng.normal(0, 0.002, problem.data.measured.shape)
-    problem = replace(problem, data=replace(problem.data, measured=measured))
-    constants = problem.constants(parameters)
-    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    assert not track_nodes(problem, constants, start).curved
-
-
 SAME = 1e-5
 """m, rad: how near to the minimum tracking ends at its own tolerance."""
 FEW = 14

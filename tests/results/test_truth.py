@@ -15,11 +15,10 @@ from matplotlib.lines import Line2D
 
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.errors import InputError
-from gaitcal.figures.chart import INK, TRUTH_DASHES, Panel, line_style
+from gaitcal.figures.chart import INK, Panel, line_style
 from gaitcal.figures.curves import TRUTH_WIDTH
-from gaitcal.figures.report import SheetRecording
 from gaitcal.io.csv import write_markers_csv
-from gaitcal.model.linkage import COORDINATES, SIDES
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.calibration import json_text
@@ -32,9 +31,11 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
 from gaitcal.synthetic.motion import WALK_NODES
-from tests.figures.told import charts, panel_figure, told
+from tests.figures.told import charts, panel_figure
 from tests.kept import copied_person, kept_person
 from tests.page.page_words import page_words
+
+pytestmark = pytest.mark.slow
 
 SAME_ANGLE, SAME_PLACE = 0.05, 0.05
 """deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; the documented 0.02 deg of leg angles are RMS."""
@@ -75,7 +76,6 @@ def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) ->
             assert curve.compared.sum() == known.trial("gait").loads.reactions.valid_for(name).sum()  # type: ignore[union-attr]
 
 
-@pytest.mark.slow
 def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -> None:
     """Joints 10 mm and 10 deg off, and segments whose true axes are others than those of the static trial."""
     study = Study.load(kept_person(kept, seed=3, perturb=True))
@@ -151,24 +151,6 @@ def drawn(panel: Panel, style: tuple[float, ...]) -> list[np.ndarray]:
     found = [line for line in axes.lines if line.get_color() == INK]
     wanted = Line2D([], [], linestyle=line_style(style), linewidth=TRUTH_WIDTH)
     return [np.asarray(line.get_ydata()) for line in found if line._dash_pattern == wanted._dash_pattern]
-
-
-def test_curves_of_the_truth_are_drawn_beside_the_fitted_ones(known: Calibration) -> None:
-    found, shown = charts(known), SheetRecording(told(known).sheet["trials"][-1]).layout
-    truth, mass = errors(known).of("gait"), known.model.subject.mass
-    for kind, curves, name, title, scale in (
-        ("angles", truth.coordinates, "knee_angle", "Knee flexion", 1.0),
-        ("moments", truth.forces, "knee_adduction", "Knee adduction", mass),
-    ):
-        (panel,) = (p for p in found[kind].panels if p.label.startswith(title))
-        for side in SIDES:
-            (line,) = drawn(panel, TRUTH_DASHES[side])
-            true = curves[f"{name}_{side}"].truth / scale
-            np.testing.assert_allclose(line, shown.lay(side, true)[1], atol=np.ptp(true[np.isfinite(true)]) / 60_000)
-    (axes,) = panel_figure(found["joint_parameters"].panels[0]).axes
-    rings = [line for line in axes.lines if line.get_markerfacecolor() == "none"]
-    changes = sorted(p.truth - p.nominal for p in errors(known).fitted("joint position"))
-    np.testing.assert_allclose(sorted(float(ring.get_xdata()[0]) for ring in rings), changes, atol=1e-12)
 
 
 def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path) -> None:
@@ -253,25 +235,3 @@ def test_sums_tell_legs_from_arms_and_count_what_is_undetermined(known: Calibrat
     page = page_words(known)
     assert "Two markers track upper arm r" in page
     assert "but for what its study file says: force_filter_hz: none" in page and "nodes" not in settings_sentence(known)
-
-
-def test_intervals_and_directions() -> None:
-    """What `within` and the angle of an axis are, on numbers made by hand."""
-    from gaitcal.session.truth_comparison import _angle, _distance
-    from gaitcal.session.truth_errors import CurveTruth
-
-    curve = CurveTruth(
-        name="hip_flexion_r",
-        truth=np.array([0.0, 0.0, 0.0, np.nan]),
-        fitted=np.array([1.9, -2.0, 50.0, 7.0]),
-        nominal=np.array([3.0, -4.0, 0.0, 0.0]),
-        error_bar=np.ones(4),
-        counts=np.array([True, True, False, True]),
-    )
-    assert curve.within.tolist() == [True, False]
-    assert curve.rms == pytest.approx(np.sqrt((1.9**2 + 2.0**2) / 2))
-    assert curve.nominal_rms == pytest.approx(np.sqrt(12.5))
-    for directions in (("front", "trans"), ("trans", "sag")):
-        assert _angle(directions, np.array([0.0, 0.0]), np.array([0.0, 5.0])) == pytest.approx(5.0)
-        assert _angle(directions, np.array([20.0, 0.0]), np.array([17.0, 0.0])) == pytest.approx(3.0)
-    assert _distance(np.array([0.0, 3.0]), np.array([4.0, 0.0])) == 5.0

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.model.marker_set import built_in_sets, load_marker_set
+from gaitcal.model.marker_set import load_marker_set
 from gaitcal.session.marker_sets import choose_set, people_in
 
 NAMES = ("gait2354", "rcnl", "conventional73", "plug-in-gait")
@@ -52,12 +52,6 @@ def test_files_of_two_protocols_are_kept_apart() -> None:
     best, second = choose_set([one, other, one])[:2]
     assert (best.entry, best.members) == ("rcnl", (0, 2))
     assert (second.entry, second.members) == ("conventional73", (1,))
-
-
-def test_every_built_in_set_is_scored() -> None:
-    for name in built_in_sets():
-        found = [choice.entry for choice in choose_set([load_marker_set(name).labels])]
-        assert name in found, name
 
 
 def test_one_body_has_one_prefix() -> None:
