@@ -27,6 +27,7 @@ from gaitcal.faults.study import check_further, check_study
 from gaitcal.faults.verdict import Judgement, judge, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.conventions import bands_file, read_normal_bands
+from gaitcal.io.event_table import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.results.calibration import PAGE, write_results
 from gaitcal.results.saved import SavedResult, load_result
@@ -153,7 +154,8 @@ def analyse_further(
             "found two trials with one name; a trial's name is its file's, without the ending", code=Code.PART_OF_TRIAL
         )
     folder = out or result / "dynamics"
-    inputs = [*trials, *([options.forces] if options.forces else [])]
+    tables = dict.fromkeys(table for path in trials for table in events_beside(path))
+    inputs = [*trials, *([options.forces] if options.forces else []), *tables]
     require_room(folder, ResultKind.DYNAMICS, inputs)
     saved = load_result(result)
     with console.working() as step:

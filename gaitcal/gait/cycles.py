@@ -40,6 +40,8 @@ POINTS = 101  # 0, 1, ..., 100 %
 class EventSource(Enum):
     """What tells an event, the first that there is."""
 
+    PERSON = "corrected"
+    """A person, in `events.csv`: nothing else is asked then."""
     FILE = "file"
     """The recording's own list of events, where it fits forces and motion."""
     PLATES = "plates"
@@ -49,6 +51,7 @@ class EventSource(Enum):
 
 
 _SOURCE_WORDS = {
+    EventSource.PERSON: "corrected by hand",
     EventSource.FILE: "the file's events",
     EventSource.PLATES: "force plates",
     EventSource.MOTION: "the motion of the feet",

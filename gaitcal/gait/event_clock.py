@@ -104,6 +104,16 @@ def checked_events(
     return [], (*twice, _fault(file, shown, time, fit))
 
 
+def corrected_findings(events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> tuple[Finding, ...]:
+    """Which events that a person set lie apart from what forces and motion show; they are used all the same."""
+    inside = [e for e in events if shown and time[0] + EDGE < e.time < time[-1] - EDGE]
+    apart = [_name(e) for e in inside if abs(_nearest(e, shown)) > AGREE]
+    if not apart:
+        return ()
+    found = f"{', '.join(apart)}: more than {1e3 * AGREE:.0f} ms from what forces and motion show; used as they stand"
+    return (_info("corrected events lie apart from forces and motion", found),)
+
+
 def _fault(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, fit: _Fit) -> Finding:
     """The single fault that makes most of the events agree, with its rival; else that none is known."""
     swapped = _fit([replace(e, side=OTHER_SIDE[e.side]) for e in file], shown, time)

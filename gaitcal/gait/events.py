@@ -32,7 +32,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, has_feet
 from gaitcal.findings import Finding
 from gaitcal.gait.cycles import EventSource, FootEvents, GaitEvent, steady
-from gaitcal.gait.event_clock import SAME_EVENT, checked_events, order_findings
+from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findings, order_findings
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording
@@ -82,7 +82,17 @@ def trial_events(
         feet = foot_points(model, motion, model.parameters)
         by_motion = motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
     by_plates = [] if reactions is None else plate_events(motion.time, reactions.loaded, recording.plates)
+    if recording.corrected:
+        return corrected(motion.time, recording.events, [*by_plates, *by_motion])
     return joined_events(motion.time, recording.events, by_plates, by_motion)
+
+
+def corrected(time: Array, events: Sequence[FootEvent], shown: Sequence[FootEvent]) -> GaitEvents:
+    """The events that a person set, inside the trial `time` (nf,) s; `shown`: by plates and motion, to tell of."""
+    inside = [e for e in events if time[0] - 1e-3 <= e.time <= time[-1] + 1e-3]
+    found = GaitEvents(tuple(GaitEvent(e.moment, e.side, e.time, EventSource.PERSON) for e in inside))
+    orders = order_findings({side: found.of(side) for side in SIDES})
+    return replace(found, findings=(*corrected_findings(inside, shown, time), *orders))
 
 
 def joined_events(

@@ -64,6 +64,8 @@ class Recording:
     """What was assumed, converted or left out on reading, one sentence each; shown in every output."""
     events: tuple[FootEvent, ...] = ()
     """Foot strikes and offs that the file tells, in order of time."""
+    corrected: bool = False
+    """Whether a person set `events` (`events.csv`): then there are no others."""
     facts: Facts = field(default=Facts())
     """What the file says about the person."""
     computed: ComputedPoints | None = None

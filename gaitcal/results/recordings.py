@@ -23,6 +23,7 @@ from gaitcal.gait.event_clock import SAME_EVENT
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d.reader import PER_METRE
 from gaitcal.io.c3d.writer import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d, write_c3d
+from gaitcal.io.event_table import EVENTS
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask
@@ -102,7 +103,7 @@ def _write(trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: P
     per_metre = PER_METRE.get(original.unit("UNITS").strip().lower(), 1e3)
     turn = _turn_to_file(trial.markers, original.places()[rows] / per_metre, paths["file"])
     points, named = _points(trial, original, rows, turn, per_metre)
-    events, told = _new_events(trial, recording)
+    events, told = _new_events(trial, recording, corrected="events" in paths)
     group = {
         "VERSION": [f"gaitcal {package_version('gaitcal')}"],
         "TRIAL": [trial.name],
@@ -228,10 +229,12 @@ def _points(
     return out, start
 
 
-def _new_events(trial: SavedWalk, recording: Recording) -> tuple[list[FootEvent], tuple[str, ...]]:
-    """Events of a walk that the file does not tell itself, in order of time."""
+def _new_events(trial: SavedWalk, recording: Recording, *, corrected: bool) -> tuple[list[FootEvent], tuple[str, ...]]:
+    """Events of a walk that the file does not tell itself, in order of time; none where they contradict the file's."""
     if not trial.events:
         return [], ()
+    if corrected and recording.events:
+        return [], (f"{len(recording.events)} events of the file kept; those that were corrected stand in {EVENTS}",)
 
     def known(event: FootEvent) -> bool:
         return any(

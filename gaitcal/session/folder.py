@@ -22,6 +22,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.csv import CORNER_HEADER, is_force_header, read_header
+from gaitcal.io.event_table import EVENTS, read_events
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import FORCE_READERS, read_forces, read_recording
@@ -46,6 +47,7 @@ class FileKind(Enum):
     EXTERNAL_LOADS = "external forces"
     """OpenSim's XML that says which columns of a table are which force."""
     CORNERS = "corners of plates"
+    EVENTS = "foot events"
     MARKER_SET = "marker set"
     STUDY = "study"
     UNREADABLE = "not readable"
@@ -164,6 +166,9 @@ def _understood(path: Path) -> FolderFile:
 
 
 def _csv(file: FolderFile) -> FolderFile:
+    if file.path.name == EVENTS:
+        read_events(file.path)
+        return replace(file, kind=FileKind.EVENTS)
     try:
         header = read_header(file.path)
     except InputError:

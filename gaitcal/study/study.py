@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
+from gaitcal.io.event_table import events_beside
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording
 from gaitcal.io.result_folder import sha256_of
@@ -217,10 +218,11 @@ def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
     """The study file at `path`, its recordings and forces, a marker set of one's own, priors, and a known truth."""
     forces = (f for trial in file.trials if trial.forces for f in (trial.forces, *loads_tables(trial.forces)))
+    events = (table for trial in file.trials for table in events_beside(trial.file))
     marker_set = [file.markers.set_path] if file.markers.set_path else []
     priors = [file.calibration.priors] if file.calibration.priors else []
     truth = truth_files(file.truth, [trial.name for trial in file.trials])
-    return (path, *(trial.file for trial in file.trials), *forces, *marker_set, *priors, *truth)
+    return (path, *(trial.file for trial in file.trials), *forces, *events, *marker_set, *priors, *truth)
 
 
 def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:

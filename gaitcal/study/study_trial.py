@@ -19,6 +19,7 @@ import numpy as np
 from gaitcal.arrays import Array, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.io.event_table import events_beside, with_corrected_events
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, seen_mask
@@ -62,7 +63,7 @@ class Trial:
     file_labels: tuple[str, ...] = ()
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
-    """`file` and, where forces have one of their own, `forces`."""
+    """`file`; where forces have one of their own, `forces`; where a person corrected events, `events`."""
     strays: tuple[Outlier, ...] | None = None
     """Markers that were left out where they were metres away from the body; None: not looked for yet."""
 
@@ -85,7 +86,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     InputError
         One line: file, field, what was found, what is allowed.
     """
-    whole = read_recording(trial.file, forces=trial.forces)
+    whole = with_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
     recording = marker_set.renamed(_rename(whole, rename))
     known = [plate.name for plate in recording.plates]
     for name in trial.plates:
@@ -103,6 +104,8 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     files = {"file": trial.file}
     if trial.forces is not None:
         files |= {"forces": trial.forces} | {f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))}
+    if recording.corrected:
+        files["events"] = events_beside(trial.file)[0]
     return Trial(
         name=trial.name,
         role=Role(trial.role),

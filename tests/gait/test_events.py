@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gaitcal.findings import Severity
 from gaitcal.gait.cycles import EventSource, source_words
-from gaitcal.gait.events import OFF, STRIKE, joined_events, plate_events, swing_events
+from gaitcal.gait.events import OFF, STRIKE, corrected, joined_events, plate_events, swing_events
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate
 from tests.gait.walks import TIME, moved, walk
@@ -27,6 +28,19 @@ def test_the_file_comes_first_then_plates_then_motion() -> None:
     expected = [EventSource.FILE] * of_file + [EventSource.PLATES] * of_plates
     assert sources == expected + [EventSource.MOTION] * (len(walk()) - of_file - of_plates)
     assert [e.time for e in found.events[:of_file]] == [e.time for e in file]
+
+
+def test_corrected_events_are_the_only_ones_and_what_is_apart_is_told() -> None:
+    """No other joins them, none is moved; the trial's ends cut; forces and motion are a finding, no reason."""
+    far = FootEvent(FootMoment.STRIKE, "r", 1.5 * TIME[-1])
+    moved_one, *rest = walk(2.0, 3.0)
+    set_by_hand = [FootEvent(moved_one.moment, moved_one.side, moved_one.time + 0.15), *rest[:2], far]
+    found = corrected(TIME, set_by_hand, walk())
+    assert [e.time for e in found.events] == [e.time for e in set_by_hand[:-1]]
+    assert {e.source for e in found.events} == {EventSource.PERSON}
+    [apart] = [f for f in found.findings if f.cause == "corrected events lie apart from forces and motion"]
+    assert f"{set_by_hand[0].time:.2f} s: more than 100 ms" in apart.found and apart.severity is Severity.INFO
+    assert not corrected(TIME, walk(), walk()).findings
 
 
 def test_events_of_the_motion_are_moved_to_mean_the_same_as_those_known_better() -> None:

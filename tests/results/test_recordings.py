@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 
 from gaitcal.cli.application import app
 from gaitcal.errors import UsageError
+from gaitcal.io.event_table import EVENTS
 from gaitcal.io.formats import convert, read_recording
 from gaitcal.io.labels import FootMoment
 from gaitcal.io.result_folder import listed, self_hash, sha256_of
@@ -133,6 +134,15 @@ def test_events_are_those_of_the_file_and_the_missing_ones(folder: Path) -> None
     assert again.events == events
     found, _ = points(folder / "again/walk.c3d")
     assert same(found["gcRHipAngles"], found["RHipAngles"])
+    # Those that a person corrected would contradict the file's own.
+    (folder / "study" / EVENTS).write_text("as hashed", encoding="utf-8")
+    content["trials"]["walk"]["events"] = EVENTS
+    content["inputs_sha256"][EVENTS] = sha256_of(folder / "study" / EVENTS)
+    content["own_sha256"] = self_hash(content)
+    manifest.write_text(json.dumps(content), encoding="utf-8")
+    done = run("export", result, "--format", "c3d", "--out", folder / "third", "--inputs", folder / "study")
+    assert "events of the file kept; those that were corrected stand in events.csv" in " ".join(done.output.split())
+    assert read_recording(folder / "third/walk.c3d").events == events
 
 
 def test_no_torque_leaves_a_refused_trial(folder: Path) -> None:

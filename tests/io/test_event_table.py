@@ -1,0 +1,75 @@
+"""`events.csv`: what a person corrected wins over file, plates and motion; every fault names file, line, field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gaitcal.errors import InputError
+from gaitcal.io.csv import write_markers_csv
+from gaitcal.io.event_table import EVENTS, read_events, with_corrected_events
+from gaitcal.io.labels import FootEvent, FootMoment
+from gaitcal.session.draft import study_of
+from gaitcal.session.folder import FileKind, read_folder
+from tests.io.recordings import body
+from tests.session.folders import draft, recordings, write
+
+HEAD = "file,time,side,event\n"
+
+
+def folder_with(folder: Path, rows: str, head: str = HEAD) -> Path:
+    write_markers_csv(folder / "walk.csv", body())  # 0 to 0.49 s
+    (folder / EVENTS).write_text(head + rows, encoding="utf-8")
+    return folder / "walk.csv"
+
+
+def test_rows_are_events_in_order_of_time_and_others_stay(tmp_path: Path) -> None:
+    walk = folder_with(tmp_path, "walk.csv,0.4,left,foot off\n\nwalk.csv, 0.125 ,right,foot strike\n")
+    recording = with_corrected_events(body(), walk)
+    strike, off = FootEvent(FootMoment.STRIKE, "r", 0.125), FootEvent(FootMoment.OFF, "l", 0.4)
+    assert recording.events == (strike, off) and recording.corrected
+    assert "2 foot events are those of events.csv" in recording.notes[-1]
+    assert not with_corrected_events(body(), tmp_path / "other.csv").corrected
+    (tmp_path / EVENTS).unlink()
+    assert not with_corrected_events(body(), walk).corrected
+
+
+@pytest.mark.parametrize(
+    "rows, told",
+    [
+        ("walk.csv,0.4,l,foot off\n", "line 2, side: found 'l'; allowed: right, left"),
+        ("walk.csv,0.4,left,toe off\n", "line 2, event: found 'toe off'; allowed: foot strike, foot off"),
+        ("walk.csv,nan,left,foot off\n", "line 2, time: found 'nan'; allowed: a number, in s"),
+        ("walk.csv,0.5,left,foot off,\n", "line 2: found 5 cells; 4 are needed"),
+        ("\nrun.csv,0.4,left,foot off\n", "line 3, file: found 'run.csv'; allowed: the name of a recording in this"),
+        ("../walk.csv,0.4,left,foot off\n", "line 2, file: found '../walk.csv'"),
+        ("walk.csv,0.4,left,foot off\nwalk.csv,0.40,left,foot off\n", "line 3, time: found '0.40'; allowed: each"),
+        ("walk.csv,0.4,left,foot off\nwalk.csv,7,left,foot off\n", "line 3, time: found 7; allowed: 0 to 0.49 s"),
+    ],
+)
+def test_a_fault_names_file_line_and_field(tmp_path: Path, rows: str, told: str) -> None:
+    walk = folder_with(tmp_path, rows)
+    with pytest.raises(InputError) as fault:
+        with_corrected_events(body(), walk)
+    assert str(fault.value).startswith(f"{tmp_path / EVENTS}: {told}")
+
+
+def test_a_table_of_other_columns_is_refused(tmp_path: Path) -> None:
+    folder_with(tmp_path, "walk.csv,0.4,left\n", head="trial,time,side\n")
+    with pytest.raises(InputError, match="line 1: found 'trial,time,side'; a header 'file,time,side,event' is needed"):
+        read_events(tmp_path / EVENTS)
+
+
+def test_a_study_of_a_folder_uses_it_and_has_its_hash(tmp_path: Path) -> None:
+    folder = write(tmp_path, recordings())
+    (folder / EVENTS).write_text(f"{HEAD}walk.csv,0.5,right,foot strike\n", encoding="utf-8")
+    read = read_folder(folder)
+    assert [file.name for file in read.of_kind(FileKind.EVENTS)] == [EVENTS]
+    made = draft(folder)
+    assert [row.used for row in made.seen if row.name == EVENTS] == ["foot events of the recordings that it names"]
+    study = study_of(made)
+    static, walk = study.static, next(trial for trial in study.trials if trial.name == "walk")
+    assert [event.time for event in walk.recording.events] == [0.5] and walk.recording.corrected
+    assert not static.recording.corrected
+    assert EVENTS in study.inputs and study.input_names(walk)["events"] == EVENTS
