@@ -36,7 +36,7 @@ from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, full_set, is_physical, symmetric_set, table
 from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.spline import NodeRule, spline_basis
+from gaitcal.motion.spline import NodeRule, frame_rate, spline_basis
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from tests.synthetic_studies import made_recording
@@ -204,6 +204,18 @@ def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None
         total += (change(foot, 1.02 * wrench[:, foot]) ** 2).sum(axis=0)
     found = (gains.rms_force**2 - without.rms_force**2, gains.rms_moment**2 - without.rms_moment**2)
     np.testing.assert_allclose(found, total.reshape(2, 3).sum(axis=1) / (3 * valid.sum()), rtol=1e-6)
+
+
+def test_what_is_independent_weighs_the_scores_like_white_noise() -> None:
+    """sigma^2 A^T A, as often as frames repeat each other: six of sixty a second."""
+    trial, rest = loaded(0.0), 0.007
+    rate = frame_rate(trial.problem.basis)
+    with_rest, without = (noise_of(trial, TRUE, PlateNoise(rest=r, memory=0.1)) for r in (rest, 0.0))
+    chart = LogChart(TRUE.inertial, WHICH)
+    rows = by_inertial(system(trial, TRUE).factor, TRUE.inertial) @ chart.jacobian(np.zeros(chart.size))
+    expected = max(0.1 * rate, 1.0) * rest**2 * rows.T @ rows
+    difference = with_rest.covariance - without.covariance
+    np.testing.assert_allclose(difference, expected, rtol=0, atol=1e-9 * np.abs(without.covariance).max())
 
 
 def test_half_an_octave_of_the_motion_is_a_source() -> None:

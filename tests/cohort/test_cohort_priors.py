@@ -274,7 +274,6 @@ def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing
 ) -> None:
     influence, deviation, information, right = fitted(names, prior)
     parts = parts_of(influence, deviation, JP_NAMES, prior)
-    assert parts is not None
     unit, origin = prior_root(LEGS, None)[[LEGS.index(name) for name in names]], prior_of(names, None)[0]
     wanted, pulled = unit.T @ information @ unit, unit.T @ (right - information @ origin)
     np.testing.assert_allclose(parts["legs"].information, wanted, atol=CLOSE * np.abs(wanted).max())

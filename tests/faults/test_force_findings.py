@@ -246,3 +246,13 @@ def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(monkeypatch: py
     assert len(choose([replace(evidence, doubtful=False)])[0]) == 1
     found[0] = replace(fit, explained=0.8)
     assert len(choose([evidence])[0]) == 1
+
+
+def test_the_share_of_missing_samples_is_known() -> None:
+    def blanked(recording: Recording) -> Recording:
+        markers = recording.markers.copy()
+        markers[::20] = np.nan
+        return replace(recording, markers=markers)
+
+    assert exact_walk().evidence().missing == 0.0
+    assert exact_walk().evidence(blanked).missing == pytest.approx(0.05, abs=0.005)

@@ -71,7 +71,6 @@ def test_ten_millimetres_are_below_the_floor(sound: Study) -> None:
 def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[str, Array]:
     """Landmarks of both legs turned about the vertical through their mean, lateral ends forward."""
     axes = body_axes(p)
-    assert axes is not None
     out = dict(p)
     for side, way in (("r", 1.0), ("l", -1.0)):
         own = [f"{name}_{side}" for name in names]

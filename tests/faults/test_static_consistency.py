@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gaitcal.faults.cluster import alignment, clusters_of
-from gaitcal.faults.contradiction import contradictions
+from gaitcal.faults.contradiction import contradictions, offset_limit
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.joint_link import flexion_of, links_of, nearest_rotation, side_turns
 from gaitcal.faults.role import nominal_model_of
@@ -76,6 +76,7 @@ def test_a_displaced_marker_is_named_with_its_size(sound: Study, trials: dict[st
     size = float(found.found.split(" mm off")[0])
     assert abs(size - SIZE_MM) < 0.35 * SIZE_MM
     assert f'weights = {{ "{label}" = 0 }}' in found.cure
+    assert told(replace(spoilt, weights={label: 0.0})) == [], "the cure silences it"
 
 
 def test_a_marker_that_all_moving_trials_have_elsewhere_is_told_once(
@@ -149,6 +150,14 @@ def test_alignment_and_turns_are_exact() -> None:
         np.testing.assert_allclose(back, shift, atol=ROUNDING)
 
 
+def test_a_segment_with_two_markers_borrows_the_hip_centre(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
+    walk = trials["walk"]
+    assert walk.stance is not None
+    fewer = clusters_of(walk.recording, walk.stance, sound.marker_set.landmarks, lambda m: m != "R.Thigh.Rear")
+    assert fewer["thigh_r"].labels[-1] == "hip centre" and fewer["thigh_r"].reduced
+    assert not fewer["thigh_l"].borrowed
+
+
 def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
     walk = sound.trials[1]
     rng = np.random.default_rng(0)
@@ -198,7 +207,6 @@ def test_in_a_further_trial_the_marker_itself_is_named(
 
 def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: dict[str, MarkerEvidence]) -> None:
     walk = trials["walk"]
-    assert walk.stance is not None
     flexion = np.abs(
         flexion_of(walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation)
     )
@@ -210,6 +218,16 @@ def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: di
     assert links["hip_r"].far > 0.1 and contradictions(clusters, links) == ()
     near = {joint: replace(link, far=0.0) for joint, link in links.items()}
     assert contradictions(clusters, near) != ()
+
+
+def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
+    tall = replace(sound, subject=replace(sound.subject, height=2.1))
+    model, _ = nominal_model_of(tall)
+    walk = next(t for t in evidence_of(tall, model) if t.name == "walk")
+    for segment, cluster in walk.clusters.items():
+        assert offset_limit(cluster) == pytest.approx(1.2 * offset_limit(trials["walk"].clusters[segment]))
+    for joint, link in walk.links.items():
+        assert link.reach == pytest.approx(1.2 * trials["walk"].links[joint].reach, rel=0.01)
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.02])

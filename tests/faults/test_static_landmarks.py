@@ -210,6 +210,12 @@ def test_a_knee_as_wide_as_two_is_refused(sound: Study) -> None:
     assert "knee width, right 25" in found[0].found and "'R.Knee.Lat'" in found[0].cause
 
 
+def test_markers_of_thigh_and_shank_exchanged(sound: Study) -> None:
+    found = spoilt(sound, swapped("R.Thigh.Upper", "R.Shank.Rear"))
+    assert [f.severity for f in found] == [ERROR]
+    assert "'R.Thigh.Upper'" in found[0].found and "nearest: shank_r" in found[0].found
+
+
 @pytest.mark.parametrize("factor", [0.87, 1.15])
 def test_a_height_that_no_length_goes_with(people: dict[str, tuple[dict[str, Array], float]], factor: float) -> None:
     for name, (p, height) in people.items():
@@ -246,15 +252,6 @@ def test_how_somebody_stands_is_told_and_no_landmark_accused(
     found = list(standing_straight(trial))
     assert [(f.severity, cause in f.cause) for f in found if cause] == ([(severity, True)] if cause else [])
     assert bool(found) is bool(cause)
-
-
-def test_sitting_is_refused(sound: Study) -> None:
-    trial = evidence(sound, replace(sound.static, recording=sitting()))
-    assert [f.severity for f in standing_straight(trial)] == [ERROR]
-
-
-def sitting() -> Recording:
-    return bent(170.0, 170.0)
 
 
 @pytest.mark.parametrize("seed", range(1, 7))

@@ -17,11 +17,6 @@ from tests.io.recordings import standing_points_mm, write_raw_c3d
 LABELS = [f"M{i}" for i in range(8)]
 
 
-def test_time_starts_at_the_first_frame(tmp_path: Path) -> None:
-    path = write_raw_c3d(tmp_path / "late.c3d", standing_points_mm(20), LABELS, rate=50.0, first_frame=341)
-    np.testing.assert_array_equal(read_recording(path).time, (341 + np.arange(20)) / 50.0)
-
-
 @pytest.mark.parametrize(
     "units, factor, told", [("mm", 1.0, False), ("m", 1e-3, False), ("cm", 0.1, False), ("ell", 1.0, True)]
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,12 @@ def test_the_table_is_found_beside_it(tmp_path: Path, table: str) -> None:
     path = write(tmp_path, force(), table=table)
     assert loads_tables(path) == (tmp_path / "grf.mot",)
     assert read_forces(path).plates[0].force[0, 1] == 700
+
+
+def test_a_table_of_each_force(tmp_path: Path) -> None:
+    path = write(tmp_path, force(source="grf.mot"), force("two", "calcn_l", "b", source="other.mot"), table="")
+    shutil.copy(tmp_path / "grf.mot", tmp_path / "other.mot")
+    assert len(loads_tables(path)) == 2 and read_forces(path).feet == {"one": "r", "two": "l"}
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gaitcal.io.c3d.plates import wrench_of
-from gaitcal.io.force_plate import centre_on_ground, empty_samples
+from gaitcal.io.force_plate import centre_on_ground, empty_samples, plate_frame
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from tests.io.recordings import CORNERS_MM, standing_points_mm, write_raw_c3d
@@ -212,6 +212,15 @@ def test_samples_without_numbers_at_the_end_are_cut_off(tmp_path: Path) -> None:
     (plate,) = read_plate(tmp_path, 2, channels, 1e3 * ARM).plates
     assert len(plate.time) == FRAMES * RATIO - 37
     assert np.isfinite(plate.wrench()).all()
+
+
+def test_tilted_corners_give_a_proper_frame() -> None:
+    tilted = CORNERS_MM / 1e3
+    tilted[:2, 2] += 0.02
+    frame = plate_frame(tilted)
+    np.testing.assert_allclose(frame.rotation.T @ frame.rotation, np.eye(3), atol=1e-12)
+    assert np.linalg.det(frame.rotation) == pytest.approx(1.0)
+    assert frame.up[2] > 0.99
 
 
 def test_empty_stretches_leave_out_landing_and_lift_off() -> None:

@@ -123,3 +123,11 @@ def test_type_1_file_without_analog_rate_is_laid_out_after_its_header(data_dir: 
     middle = 0.5 * (ankle + toe)
     away = (plate.point[loaded] - middle)[:, [0, 2]]
     assert np.nanmax(np.linalg.norm(away, axis=1)) < 0.15
+
+
+def test_a_file_of_unlabelled_trajectories_says_so(data_dir: Path) -> None:
+    file = data_dir / "uf3/static_unlabelled.c3d"
+    if not file.exists():
+        pytest.skip("not among the files that users may download")
+    with pytest.raises(InputError, match="47 trajectories, none with a name"):
+        read_recording(file)

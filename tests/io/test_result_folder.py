@@ -10,6 +10,8 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -116,6 +118,28 @@ def test_who_reads_after_a_kill_puts_the_hidden_result_back_and_says_so(
     assert result(target) == "one"
     assert names(tmp_path) == ["out"]
     assert "the earlier result is back" in caplog.text
+
+
+def test_a_result_that_is_being_replaced_while_it_is_read_is_the_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The writer is between its two renames when the reader looks, and has ended when the reader has the lock."""
+    target = tmp_path / "out"
+    write_result(target, "new")
+    held = result_folder.locked
+
+    @contextmanager
+    def late(folder: Path) -> Iterator[None]:
+        with held(folder):
+            (tmp_path / "new").rename(target)
+            yield
+
+    target.rename(tmp_path / "new")
+    write_result(target, "one")
+    target.rename(tmp_path / f"{OLD}out")
+    monkeypatch.setattr(result_folder, "locked", late)
+    result_folder.put_back(target)
+    assert (result(target), names(tmp_path), caplog.text) == ("new", ["out"], "")
 
 
 REPLACE = """

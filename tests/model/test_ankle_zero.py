@@ -21,6 +21,7 @@ from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.segment_frames import HipCentre, lower_body
 from gaitcal.motion.motion import track
 from gaitcal.motion.spline import NodeRule
+from gaitcal.study.settings import CalibrationSettings
 from tests.model.people import published_static
 
 SAME_DEG = 1e-9
@@ -77,6 +78,18 @@ def test_a_raised_heel_is_plantarflexed_by_what_it_is_raised(side: str, low_m: f
     assert degrees(after)[at] - degrees(before)[at] == pytest.approx(-15.0, abs=0.1)
     assert degrees(after)[1 - at] == pytest.approx(degrees(before)[1 - at], abs=SAME_DEG)
     assert "its heel seems off the floor; its markers" in after.notes[0]
+
+
+def test_a_foot_on_its_heel_is_dorsiflexed_by_what_its_toes_are_raised() -> None:
+    flat = published_posture()
+    heel, toe = flat.landmarks["heel_r"], flat.landmarks["toe_r"]
+    along, degree = toe - heel, np.deg2rad(12.0)
+    c, s = np.cos(degree), np.sin(degree)
+    up = heel + np.array([c * along[0] - s * along[1], s * along[0] + c * along[1], along[2]])
+    raised = ankles(replace(flat, landmarks={**flat.landmarks, "toe_r": up}), AnkleZero.AUTO)
+    before = degrees(ankles(flat, AnkleZero.AUTO))
+    assert np.subtract(degrees(raised), before) == pytest.approx([12.0, 0.0], abs=0.1)
+    assert "its toes seem off the floor" in raised.notes[0]
 
 
 def test_two_high_heels_are_left_as_their_markers_are_unless_the_file_tells() -> None:
@@ -183,3 +196,9 @@ def test_standing_ankles_as_the_laboratory_has_them(file: str, data_dir: Path) -
     labels = [label.split(":")[-1] for label in points["parameters"]["POINT"]["LABELS"]["value"]]
     angles = [np.nanmean(points["data"]["points"][0, labels.index(f"{s}AnkleAngles")]) for s in "RL"]
     assert found == pytest.approx(angles, abs=VENDOR_DEG)
+
+
+def test_the_published_protocol_keeps_the_markers() -> None:
+    assert CalibrationSettings().ankle_rule == "auto"
+    assert CalibrationSettings(protocol="published").ankle_rule == "markers"
+    assert CalibrationSettings(protocol="published", ankle_zero="sole").ankle_rule == "sole"

@@ -132,3 +132,10 @@ def test_labels_of_hip_centres() -> None:
     assert labelled_hips(["RHJC", "L_HJC"]) == {"r": "RHJC", "l": "L_HJC"}
     assert labelled_hips(["rhj", "LHipJC"]) == {"r": "rhj", "l": "LHipJC"}
     assert labelled_hips(["RKJC", "RHEE", "THJC", "RHJCX", "HJC"]) == {}
+
+
+def test_the_published_protocol_keeps_the_published_regression() -> None:
+    assert CalibrationSettings().hip_rule == "harrington"
+    assert CalibrationSettings(protocol="published").hip_rule == "bell"
+    assert CalibrationSettings(mode="simultaneous").hip_rule == "bell"
+    assert CalibrationSettings(protocol="published", hip_centre="harrington").hip_rule == "harrington"

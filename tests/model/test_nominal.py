@@ -99,20 +99,6 @@ def test_published_inertia_follows_but_for_the_limbs_that_the_shoulder_changes()
             np.testing.assert_allclose(got, wanted, rtol=2e-4, atol=6e-5, err_msg=segment)
 
 
-def test_published_markers_and_landmarks_come_back() -> None:
-    made, printed = of_published(), published_model(static_only=True)
-    legs_and_trunk = [i for i, s in enumerate(made.markers.segments) if not s.startswith(("upper_arm", "forearm"))]
-    for i in legs_and_trunk:
-        label = made.markers.labels[i]
-        j = printed.markers.labels.index(label)
-        assert made.markers.segments[i] == printed.markers.segments[j]
-        np.testing.assert_allclose(made.markers.local[i], printed.markers.local[j], atol=5e-5, err_msg=label)
-    for name in ("asis_r", "sacrum", "hjc_l", "kjc_r", "ajc_r", "heel_r", "toe_l", "acromion_r", "lumbar"):
-        segment, position = made.landmarks[name]
-        assert segment == printed.landmarks[name][0]
-        np.testing.assert_allclose(position, printed.landmarks[name][1], atol=2e-4, err_msg=name)
-
-
 def test_the_published_model_is_met_by_its_own_markers() -> None:
     recording = published_static()
     errors = static_errors(published_model(static_only=True), recording, slice(0, 60))
@@ -291,30 +277,6 @@ def test_the_posture_of_the_static_trial_is_kept() -> None:
         assert posture[name] == pytest.approx(angle, abs=POSTURE_RAD), name
 
 
-@pytest.mark.parametrize("flexion", [0.8, 1.4])
-def test_a_bent_arm_shows_the_axis_of_its_elbow(flexion: float) -> None:
-    """With one marker at the elbow, of the two planes that fit the one is taken in which the forearm bends forwards."""
-    q = np.zeros(len(COORDINATES))
-    for side in "rl":
-        q[COORDINATE_INDEX[f"elbow_flex_{side}"]] = flexion
-    model = nominal_model(standing(published_model(static_only=True), q), load_marker_set("published"), PUBLISHED)
-    assert sum("at right angles to the plane of the bent arm" in note for note in model.notes) == 2
-    for side in "rl":
-        assert abs(value(model, f"shoulder_{side}.upperarm.trans")) < 5.0  # deg; half a turn about the wrong axis
-
-
-def test_a_trunk_is_what_its_markers_show_however_few() -> None:
-    kept = ("R.Acromium", "L.Acromium")
-    lost = [m for m in load_marker_set("published").tracking["head_trunk"] if m not in kept]
-    model = nominal_model(without(published_static(), *lost), load_marker_set("published"), PUBLISHED)
-    assert not frozen_above(model)
-    assert [m for m, s in zip(model.markers.labels, model.markers.segments, strict=True) if s == "head_trunk"] == [
-        *kept
-    ]
-    whole = nominal_model(published_static(), load_marker_set("published"), PUBLISHED)
-    assert model.posture == whole.posture
-
-
 def test_a_wrist_that_is_not_there_freezes_the_elbow() -> None:
     model = nominal_model(without(published_static(), "L.Wrist.Med"), load_marker_set("published"), PUBLISHED)
     assert frozen_above(model) == {"elbow_flex_l"}
@@ -328,6 +290,18 @@ def test_raised_arms_lower_the_weights_of_shoulders_and_arms(data_dir: Path) -> 
     weight = dict(zip(model.markers.labels, model.markers.weight, strict=True))
     assert weight["L.Acromium"] == pytest.approx(RAISED * markers.weight("L.Acromium"))
     assert (weight["R.Elbow"], weight["R.Heel"], weight["L.Heel"], weight["Top.Head"]) == (0.7, 0.5, 1.0, 0.0)
+
+
+def test_exchanged_elbow_markers_are_noticed(data_dir: Path) -> None:
+    person = PEOPLE["functional"]
+    model = nominal_model(person.static(data_dir), person.markers, person.subject)
+    assert sum("the two markers were exchanged" in note for note in model.notes) == 2
+
+
+def test_a_tracking_marker_less_is_told() -> None:
+    model = nominal_model(without(published_static(), "R.Midfoot.Sup"), load_marker_set("published"), PUBLISHED)
+    assert any("left out: R.Midfoot.Sup" in note for note in model.notes)
+    assert "R.Midfoot.Sup" not in model.markers.labels
 
 
 def spoiled(change: str) -> tuple[Recording, Subject]:

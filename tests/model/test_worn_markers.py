@@ -212,6 +212,11 @@ def test_a_label_of_another_landmark_is_not_proposed(data_dir: Path) -> None:
         nominal_model(misspelt, load_marker_set(PIG), PEOPLE[PIG].subject)
 
 
+def test_markers_of_a_device_stay_known_once_they_have_served(data_dir: Path) -> None:
+    made = worn(load_marker_set(PIG), static(data_dir))
+    assert {"RKAX", "RKD1", "LKD2"} <= set(made.devices) and not set(made.devices) & set(made.labels)
+
+
 ROUNDING = 1e-12
 """m; a corner of a body of rods is found to rounding."""
 MODELLED_MM = 0.1
@@ -262,7 +267,6 @@ def test_other_markers_are_no_device() -> None:
 def test_it_is_where_the_vendors_program_has_it(lab: str, data_dir: Path) -> None:
     static = read_recording(data_dir / "labs_c3d" / lab / "static.c3d")
     whole = complete_static(static, load_marker_set("plug-in-gait"))
-    assert static.computed is not None
     for label in ("RKNE", "LKNE"):
         theirs = static.computed.points[:, static.computed.labels.index(label)]
         ours = whole.markers[:, whole.labels.index(label)]

@@ -121,6 +121,18 @@ def test_one_dense_motion_foretells_the_others() -> None:
         assert foretold.rms == pytest.approx(rms, rel=0.03)
 
 
+def test_information_does_not_depend_on_gaps() -> None:
+    """A marker lost for half of the trial counts half throughout: no frame is without information."""
+    problem = problem_of(MARKERS)
+    weight = problem.data.weight.copy()
+    weight[:, ::2] = 0.0
+    constants = problem.constants(MODEL.parameters)
+    whole, half = (frame_information(p, constants) for p in (problem, problem.with_weight(weight)))
+    np.testing.assert_allclose(whole, whole.T)
+    assert np.linalg.eigvalsh(whole)[0] > 0
+    np.testing.assert_allclose(half, 0.5 * whole, atol=0.1 * np.abs(whole).max())
+
+
 @pytest.mark.parametrize("every, first", [(8, 208), (4, 208), (2, 208), (1, 12), (1, 20), (1, 60)])
 def test_slow_cameras_and_short_trials(every: int, first: int) -> None:
     noisy = MARKERS + white(7, 0.0005)
@@ -157,6 +169,14 @@ def test_a_still_person() -> None:
         assert motion.converged
         assert np.abs(motion.q - TRUE[:1]).max() < 0.01
     assert asked(problem_of(still + white(9, 0.0003))) < 4.0
+
+
+def test_markers_with_nothing_to_spare_say_nothing() -> None:
+    """Three markers hold the pelvis' six coordinates with three to spare; two of a segment more leave none to all."""
+    kept = [int(k) for s in dict.fromkeys(SEGMENTS) for k in np.flatnonzero(s == SEGMENTS)[: 3 if s == "pelvis" else 1]]
+    lone = np.full_like(MARKERS, np.nan)
+    lone[:, kept] = MARKERS[:, kept]
+    assert np.isfinite(asked(problem_of(lone)))
 
 
 def test_a_long_trial_is_looked_at_where_most_happens() -> None:

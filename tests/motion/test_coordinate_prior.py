@@ -79,6 +79,15 @@ def test_cost_gradient_and_matrix_belong_together() -> None:
     np.testing.assert_allclose(np.diag(added), numeric, atol=BAND * np.abs(numeric).max())
 
 
+def test_a_share_of_the_cost_is_a_share_of_the_prior() -> None:
+    problem, nodes = far_away(np.random.default_rng(42))
+    half = problem.scaled(0.5)
+    for whole, part in zip(problem.pulls, half.pulls, strict=True):
+        assert part.both(nodes)[0] == pytest.approx(0.5 * whole.both(nodes)[0], rel=1e-12)
+    scores = [p.scores(problem.basis, problem.chain.coordinates) for p in (problem.priors[1], half.priors[1])]
+    np.testing.assert_allclose(scores[1], 0.5 * scores[0], rtol=1e-12)
+
+
 def test_a_part_keeps_what_is_known_of_its_own_coordinates() -> None:
     problem, _ = far_away(np.random.default_rng(43))
     part = problem.part("shank_r", ("shank_r", "talus_r", "foot_r"))

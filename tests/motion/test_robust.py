@@ -95,3 +95,11 @@ def test_spikes_move_nothing(clean: MotionProblem, loss: Loss) -> None:
     assert np.sqrt(np.mean((plain(spoilt)[:, angle] - true) ** 2)) > 4 * np.sqrt(np.mean((robust - true) ** 2))
     assert found.outliers[struck].mean() > 0.99
     assert found.outliers[~struck].mean() < 0.01
+
+
+def test_weight_zero_stays_zero(clean: MotionProblem) -> None:
+    weight = clean.data.weight.copy()
+    weight[0, :100] = 0.0
+    found = robust_tracking(clean.with_weight(weight), published_model().parameters, Loss.CAUCHY)
+    assert (found.problem.data.weight[0, :100] == 0).all()
+    assert (found.factor[0, :100] == 1).all()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gaitcal.errors import InputError, UsageError
+from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.page.monte_carlo import PART
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data
@@ -99,6 +99,13 @@ def test_draws_left_out_and_other_libraries_are_told(tmp_path: Path, monkeypatch
     path.write_text(json.dumps(content), encoding="utf-8")
     told = run(tmp_path, *small)
     assert f"draws kept here were begun with scipy 0.1, now {now}: old and new" in told
+
+
+@pytest.mark.slow
+def test_not_converged_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gaitcal.published.study.MOST_DRAWS", 25)
+    with pytest.raises(ConvergenceError, match="not converged after 25 draws"):
+        run(tmp_path, "--vary", "ip", "--levels", 100, "--draws", 21, "--jobs", 1, "--until-converged")
 
 
 CHOICES = ", ".join(str(choice.value) for choice in ParameterChoice)

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from gaitcal.model.linkage import LEGS
 from gaitcal.published.case import MonteCarloCase, nominal_case
 from gaitcal.published.claims import Verdict
-from gaitcal.published.draw import COLUMNS, TORQUES, MonteCarloContext, disturb, draw
+from gaitcal.published.draw import COLUMNS, TORQUES, MonteCarloContext, disturb, disturbed_model, draw
 from gaitcal.published.draw_sensitivity import (
     CONVERGED,
     OWN,
@@ -21,6 +22,7 @@ from gaitcal.published.draw_sensitivity import (
     PressureCentres,
     StoppedRefits,
     iteration_frame,
+    path,
     pressure_centre_claims,
     pressure_centre_rows,
     pressure_centres,
@@ -34,6 +36,7 @@ from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.synthetic.motion import synthetic_markers
 from tests.published.test_disturbance_claims import AS_PUBLISHED, disturbed_table
 
+NUMBER = 3
 MARKERS = COLUMNS.index("markers_l.rms")
 ALL_TORQUES = slice(0, COLUMNS.index("markers_r.rms"))
 
@@ -60,7 +63,6 @@ def test_no_iteration_leaves_the_undisturbed_motion(
     rms = 1e3 * np.sqrt((apart[:, leg] ** 2).sum(axis=2).mean())
     assert rows["jp", iteration.value, 0][MARKERS] == pytest.approx(rms, rel=1e-9)
     noise = disturb(context, Varied.NOISE, 50, 0).noise
-    assert noise is not None
     size = 1e3 * np.sqrt((noise[context.leg_markers[1]] ** 2).sum(axis=1).mean())
     still = rows["noise", iteration.value, 0]
     assert still[MARKERS] == pytest.approx(size, rel=1e-9)
@@ -77,6 +79,13 @@ def test_the_end_is_the_draw_of_the_study(
         )
     newton = rows[varied.value, Iteration.GAUSS_NEWTON.value, 10]
     np.testing.assert_allclose(newton, rows[varied.value, Iteration.GAUSS_NEWTON.value, CONVERGED], atol=1e-3)
+
+
+def test_steepest_descent_goes_to_the_lowest_point_of_its_line(context: MonteCarloContext) -> None:
+    model = disturbed_model(context, disturb(context, Varied.NOISE, 25, NUMBER))
+    start, end = path(context, model, Iteration.STEEPEST_DESCENT, (0, 1))
+    along = [model.problem.marker_cost(start + part * (end - start), model.constants) for part in (0.95, 1.0, 1.05)]
+    assert along[1] < min(along[0], along[2])
 
 
 KEYS = [(iteration, count) for iteration in Iteration for count in iteration.counts]
@@ -160,6 +169,13 @@ def test_the_sum_stays_and_the_centres_meet() -> None:
     np.testing.assert_allclose(again, shared, atol=1e-9)
 
 
+def test_a_frame_without_ground_is_divided_evenly() -> None:
+    case = nominal_case()
+    wrench = case.wrench.copy()
+    wrench[5] = 0.0
+    assert not with_shared_centre(replace(case, wrench=wrench)).wrench[5].any()
+
+
 def _centres(change: float, scatter: float = 0.0) -> PressureCentres:
     """Errors of 20 draws; with one centre the printed ones are so much larger, and the subtalar one twice as large."""
     rng = np.random.default_rng(0)
@@ -180,6 +196,14 @@ def test_claims_follow_the_size_of_the_difference_and_not_its_sign() -> None:
     assert "hindfoot inversion" in claim.ours.split("changes most")[0].rsplit("torques", 1)[1]
     assert claim.ours.endswith("-50 %")
     assert [c.verdict for c in pressure_centre_claims(None)] == [Verdict.NOT_RUN] * 2
+
+
+def test_the_error_is_that_of_pairs() -> None:
+    centres = _centres(0.0, scatter=0.01)
+    apart = centres.drawn[OWN][ReactionFrame.LAB] - centres.drawn[SHARED][ReactionFrame.LAB]
+    change, error = centres.difference(ReactionFrame.LAB)
+    np.testing.assert_allclose(change, apart.mean(axis=0))
+    np.testing.assert_allclose(error, stats.sem(apart, axis=0))
 
 
 def test_draws_are_those_of_the_study() -> None:

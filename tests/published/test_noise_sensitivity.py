@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from gaitcal.published.noise_sensitivity import (
     any_motion_share,
     joint_p,
     low_p,
+    place,
     trial_length_claims,
     trial_length_rows,
     trial_lengths,
@@ -75,6 +77,15 @@ def test_a_rank_sum_is_low_where_every_figure_is() -> None:
     assert low_p(draws, np.full(7, np.exp(1.0))) > 0.98
     ps = [low_p(*np.split(rng.lognormal(size=(40, 5)), [39])) for _ in range(2000)]
     assert np.mean(np.array(ps) <= 0.1) == pytest.approx(0.1, abs=0.03)
+
+
+@pytest.mark.parametrize(("test", "size"), [(joint_p, 1.2), (low_p, 0.8)])
+def test_the_error_is_that_of_other_draws(test: Callable[[Array, Array], float], size: float) -> None:
+    rng = np.random.default_rng(6)
+    printed = np.exp(-np.full(5, size))
+    places = [place(test, rng.lognormal(size=(120, 5)), printed) for _ in range(25)]
+    scatter = np.std([found.p for found in places])
+    assert 0.5 < np.mean([found.error for found in places]) / scatter < 2.0
 
 
 @pytest.fixture(scope="module")

@@ -63,7 +63,6 @@ def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibratio
 def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> None:
     """The left leg is not valid in the middle of its stride; the right leg knows nothing of that."""
     trial = whole.trial("walk")
-    assert trial.loads is not None
     reactions = trial.loads.reactions
     stride = {side: cycles[0] for side, cycles in strides_of(trial.events).items()}
     time, left = trial.body.time, np.ones(len(trial.body.time), dtype=bool)

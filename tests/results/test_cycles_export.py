@@ -177,3 +177,9 @@ def test_wrong_words_are_told(result: Path) -> None:
         assert done.exit_code and said in str(done.exception)
     done = run("export", result, "--format", "osim", "--external")
     assert done.exit_code and "--format cycles" in str(done.exception)
+
+
+def test_a_result_without_vectors_gives_no_moments_in_their_frames(result: Path) -> None:
+    shutil.rmtree(result / "moment_vectors")
+    done = run("export", result, "--format", "cycles", "--moments", "distal")
+    assert done.exit_code and not (result / "export").exists()

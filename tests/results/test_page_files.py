@@ -42,7 +42,6 @@ def trial(folder: Path, name: str) -> Path:
 def results(page: Path) -> list[dict[str, Any]]:
     """What the page holds."""
     found = re.search(r'<script type="application/json" id="results">(.*?)</script>', page.read_text(encoding="utf-8"))
-    assert found is not None
     held: list[dict[str, Any]] = json.loads(found.group(1))
     return held
 
@@ -111,7 +110,6 @@ def test_the_page_of_further_trials_has_those_of_every_run(folder: Path) -> None
     run("dynamics", result, trial(folder, "walk3"), "-q")
     assert trials(page) == [["walk2", "walk3"]]
     after = read_page(result / "dynamics")
-    assert before.data is not None and after.data is not None
     assert after.data["trials"][0] == before.data["trials"][0]
     assert after.scene.trials[0].origins.tobytes() == before.scene.trials[0].origins.tobytes()
     run("dynamics", result, folder / "study/walk2.csv", "-q")

@@ -13,6 +13,7 @@ import pytest
 import gaitcal.results.trials as trials_module
 from gaitcal.cli import calibrate as dynamics_command
 from gaitcal.cli import montecarlo as montecarlo_command
+from gaitcal.cli import other_programs
 from gaitcal.errors import InputError
 from gaitcal.io.result_folder import listed, locked, sha256_of
 from gaitcal.results.saved import load_result
@@ -99,6 +100,27 @@ def test_dynamics_of_a_model_that_changes_meanwhile(name: str, folder: Path, mon
     with pytest.raises(InputError, match=f"{name}: {CHANGED}"):
         run("dynamics", folder / "result", second_trial(folder))
     assert content(folder / "result/dynamics") == before
+
+
+def test_export_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, name = other_programs.WRITERS["urdf"]
+    changing = after(write, lambda: edit(folder / "result/model.toml"))
+    monkeypatch.setitem(other_programs.WRITERS, "urdf", (changing, name))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=CHANGED):
+        run("export", folder / "result")
+    assert not (folder / "result/export").exists()
+
+
+@pytest.mark.slow
+def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    changing = after(montecarlo_command.monte_carlo, lambda: edit(folder / "result/model.toml"))
+    monkeypatch.setattr(montecarlo_command, "monte_carlo", changing)
+    monkeypatch.setattr(montecarlo_command, "write_monte_carlo_figures", lambda *a: {})
+    page = (folder / "result/result.html").read_bytes()
+    with pytest.raises(InputError, match=CHANGED):
+        run("montecarlo", folder / "result", *DRAWS)
+    assert not (folder / "result/montecarlo/contributions.csv").exists()
+    assert (folder / "result/result.html").read_bytes() == page
 
 
 @pytest.mark.slow

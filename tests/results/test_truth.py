@@ -15,10 +15,11 @@ from matplotlib.lines import Line2D
 
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.errors import InputError
-from gaitcal.figures.chart import INK, Panel, line_style
+from gaitcal.figures.chart import INK, TRUTH_DASHES, Panel, line_style
 from gaitcal.figures.curves import TRUTH_WIDTH
+from gaitcal.figures.report import SheetRecording
 from gaitcal.io.csv import write_markers_csv
-from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.calibration import json_text
@@ -31,7 +32,7 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
 from gaitcal.synthetic.motion import WALK_NODES
-from tests.figures.told import charts, panel_figure
+from tests.figures.told import charts, panel_figure, told
 from tests.kept import copied_person, kept_person
 from tests.page.page_words import page_words
 
@@ -103,7 +104,6 @@ def test_files_hold_the_truth_at_the_frames_of_the_result(known: Calibration, tm
     assert {p.name for p in (tmp_path / "truth").iterdir()} == {"parameters.csv", "gait_motion.csv", "gait_moments.csv"}
     motion = pd.read_csv(tmp_path / "truth/gait_motion.csv", comment="#")
     body, study = known.trial("gait").body, known.study
-    assert study.truth is not None
     np.testing.assert_allclose(motion["time"], body.time)
     true = np.rad2deg(study.truth.motions["gait"].values["hip_flexion_r"])
     np.testing.assert_allclose(motion["hip_flexion_r"], true, **DIGITS)
@@ -111,7 +111,6 @@ def test_files_hold_the_truth_at_the_frames_of_the_result(known: Calibration, tm
     np.testing.assert_allclose(motion["hip_flexion_r_error"], found - true, rtol=1e-6, atol=1e-9)
     moments = pd.read_csv(tmp_path / "truth/gait_moments.csv", comment="#")
     loads = known.trial("gait").loads
-    assert loads is not None
     valid = loads.reactions.valid_for("knee_adduction_l")
     assert 0 < valid.sum() < len(valid)
     np.testing.assert_array_equal(moments["knee_adduction_l_error"].notna(), valid)
@@ -151,6 +150,24 @@ def drawn(panel: Panel, style: tuple[float, ...]) -> list[np.ndarray]:
     found = [line for line in axes.lines if line.get_color() == INK]
     wanted = Line2D([], [], linestyle=line_style(style), linewidth=TRUTH_WIDTH)
     return [np.asarray(line.get_ydata()) for line in found if line._dash_pattern == wanted._dash_pattern]
+
+
+def test_curves_of_the_truth_are_drawn_beside_the_fitted_ones(known: Calibration) -> None:
+    found, shown = charts(known), SheetRecording(told(known).sheet["trials"][-1]).layout
+    truth, mass = errors(known).of("gait"), known.model.subject.mass
+    for kind, curves, name, title, scale in (
+        ("angles", truth.coordinates, "knee_angle", "Knee flexion", 1.0),
+        ("moments", truth.forces, "knee_adduction", "Knee adduction", mass),
+    ):
+        (panel,) = (p for p in found[kind].panels if p.label.startswith(title))
+        for side in SIDES:
+            (line,) = drawn(panel, TRUTH_DASHES[side])
+            true = curves[f"{name}_{side}"].truth / scale
+            np.testing.assert_allclose(line, shown.lay(side, true)[1], atol=np.ptp(true[np.isfinite(true)]) / 60_000)
+    (axes,) = panel_figure(found["joint_parameters"].panels[0]).axes
+    rings = [line for line in axes.lines if line.get_markerfacecolor() == "none"]
+    changes = sorted(p.truth - p.nominal for p in errors(known).fitted("joint position"))
+    np.testing.assert_allclose(sorted(float(ring.get_xdata()[0]) for ring in rings), changes, atol=1e-12)
 
 
 def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path) -> None:
@@ -194,7 +211,6 @@ def test_another_static_trial_is_not_compared(known: Calibration, kept: Path, tm
 def test_true_curves_of_other_times(known: Calibration) -> None:
     """None of the frames: no curve, and the page says why. Some of them: the page says how many."""
     truth = known.study.truth
-    assert truth is not None
 
     def compared(**changes: TrueCurves) -> Calibration:
         motions = {"gait": changes.get("motion", truth.motions["gait"])}

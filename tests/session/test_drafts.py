@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gaitcal.cli.console import Console
 from gaitcal.cli.folder import study_or_draft
@@ -16,10 +18,12 @@ from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.session.draft import draft_notes, draft_text, missing_words, study_of
+from gaitcal.session.drafting import draft_study
+from gaitcal.session.folder import FileKind, Folder, FolderFile
 from gaitcal.session.people import exchange_told, pair_distances, placed_otherwise
 from gaitcal.session.person_facts import Options
 from gaitcal.study.study import Study
-from tests.session.folders import JOINTS, draft, other_person, recordings, roles, squat, write
+from tests.session.folders import JOINTS, SAID, draft, other_person, recordings, roles, squat, write
 
 SNAPSHOT = """\
 # Drafted from the folder 'person'. Each line says what told it; look at what is 'likely'.
@@ -84,6 +88,25 @@ def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> Non
     assert "study.toml" not in direct.inputs, "nobody wrote one"
     assert direct.changed_inputs() == ()
     assert set(direct.inputs) == {f"{name}.csv" for name in (*JOINTS, "static", "walk", "walk_forces")}
+
+
+@pytest.mark.slow
+@settings(max_examples=3)
+@given(st.permutations(range(8)))
+def test_names_of_files_decide_nothing(order: list[int]) -> None:
+    files = RECORDINGS.items()
+    renamed = {f"{number:03d}": name for number, name in zip(order, RECORDINGS, strict=True)}
+    read = [
+        FolderFile(path=Path(f"{new}.csv"), name=f"{new}.csv", kind=FileKind.RECORDING, recording=dict(files)[old])
+        for new, old in sorted(renamed.items())
+    ]
+    found = roles(draft_study(Folder(path=Path("x"), files=tuple(read), subfolders=()), SAID))
+    assert {renamed[new]: role for new, role in found.items()} == {"static": "static", "walk": "gait"} | {
+        joint: f"joint {joint}" for joint in JOINTS
+    }
+
+
+RECORDINGS = recordings(*JOINTS)
 
 
 def test_what_stands_walks_and_moves_one_joint_only(tmp_path: Path) -> None:
@@ -237,6 +260,25 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
     with pytest.raises(InputError, match="walk.csv is not used: another person"):
         study_or_draft(folder, Options(), Console(quiet=True, verbose=False))
     assert missing_words(made).startswith("no file that is used says subject.mass_kg")
+
+
+def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
+    files = recordings()
+    static, walk = files["static"], files["walk"]
+    both = [m for m in static.labels if m in walk.labels]
+    parts = [r.markers[:, [r.labels.index(m) for m in both]] for r in (static, walk)]
+    parts[1] += parts[0][-1:].mean(axis=1, keepdims=True) - parts[1][:1].mean(axis=1, keepdims=True)
+    markers = np.concatenate(parts)
+    whole = replace(walk, labels=tuple(both), markers=markers, time=np.arange(len(markers)) / walk.rate)
+    made = draft(write(tmp_path / "person", {"cap1": whole}))
+    assert 'in cap1.csv somebody stands for a part: call the file static, or write role = "static"' in made.fault
+    assert "somebody stands from 0." in made.seen[0].reason and "moves otherwise" in made.seen[0].reason
+
+
+def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
+    files = {name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()}
+    made = draft(write(tmp_path / "person", files))
+    assert "lengths look 1000 times too small: metres under a header that says mm" in made.fault
 
 
 def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ from gaitcal.session.session import MovingTrial, prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.motion import marker_noise
+from tests.commands import gaitcal
 from tests.faults.spoilt import sound_study
+from tests.synthetic_studies import write_synthetic_study
 
 
 @pytest.fixture(scope="module")
@@ -80,3 +84,15 @@ def test_a_merely_freer_model_is_not(study: Study) -> None:
 
     held = hold_out([trial], nominal, bend)["knee_r"]  # type: ignore[arg-type]
     assert held.calibrated > held.nominal
+
+
+@pytest.mark.slow
+def test_command_reports_it(tmp_path: Path) -> None:
+    path, result = write_synthetic_study(tmp_path / "study"), tmp_path / "result"
+    done = gaitcal("calibrate", path, "--out", result, "--hold-out")
+    assert "walk, pelvis and legs: on time blocks left out of the fit (4 folds)" in done.stdout, done.stderr
+    told = json.loads((result / "summary.json").read_text(encoding="utf-8"))["trials"]["walk"]
+    assert set(told["hold_out_mm"]) == {"nominal", "calibrated", "folds"}
+    assert told["pelvis_and_legs_hold_out_mm"]["calibrated"] == pytest.approx(
+        told["hold_out_mm"]["calibrated"], abs=1.0
+    )

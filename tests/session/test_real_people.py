@@ -35,7 +35,6 @@ def test_subject01_fits_its_walk(data_dir: Path, kept: Path) -> None:
 def test_subject01_contacts_are_found_on_its_treadmill(data_dir: Path, kept: Path) -> None:
     """A foot rests, against the belt, while its plate is loaded, but for a few frames at either end (60 Hz)."""
     walk = calibrated(kept, "subject01", data_dir).trial("walk")
-    assert walk.loads is not None
     reactions = walk.loads.reactions
     valid = reactions.valid[:, None]
     assert not (valid & reactions.resting & ~reactions.loaded).any()
@@ -47,7 +46,6 @@ def test_subject01_loads_are_explained_better_than_by_the_peer(data_dir: Path, k
     """OpenSim's own residuals on 0.4 to 1.6 s: 30.6 N and 13.1 N·m."""
     calibration = calibrated(kept, "subject01", data_dir)
     walk = calibration.trial("walk")
-    assert walk.loads is not None
     window = walk.loads.reactions.valid & (walk.body.time >= 0.4) & (walk.body.time <= 1.6)
     assert window.sum() >= 72
     before, after = (walk.loads.moments[stage].residual_rms(window) for stage in (Stage.JP, Stage.JP_IP))
@@ -79,7 +77,6 @@ def test_subject01_is_driven_as_the_peer_says(name: str, sign: int, data_dir: Pa
 def correlation(name: str, sign: int, calibration: Calibration, data: Path) -> tuple[float, float]:
     """Of angle and moment with OpenSim's, 0.4 to 1.6 s."""
     walk = calibration.trial("walk")
-    assert walk.loads is not None
     column, out = COORDINATE_INDEX[name], []
     for file, ours, suffix in (
         ("subject01_walk1_ik.mot", walk.body.q[:, column], ""),
@@ -134,7 +131,6 @@ def test_plug_in_gait_runs_from_c3d_to_torques(data_dir: Path, kept: Path) -> No
     """The right foot is on plate 1; the left one's toes rest beside plate 2, which reads 0.57 body weights."""
     calibration = calibrated(kept, "pig_c3d", data_dir)
     loads = calibration.trial("gait").loads
-    assert loads is not None
     valid, time = loads.reactions.valid, calibration.trial("gait").body.time
     assert valid[(time > 4.22) & (time < 4.72)].all()
     assert not valid[(time > 4.80) & (time < 5.35)].any()
@@ -145,6 +141,5 @@ def test_plug_in_gait_runs_from_c3d_to_torques(data_dir: Path, kept: Path) -> No
 def vertical_residual(calibration: Calibration) -> float:
     """RMS over valid frames, in body weights."""
     loads = calibration.trial("gait").loads
-    assert loads is not None
     vertical = loads.final.residual_force[loads.reactions.valid, 1]
     return float(np.sqrt(np.mean(vertical**2))) / calibration.model.subject.weight
