@@ -165,6 +165,8 @@ def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) 
     return tuple(found)
 
 
+RECORD: Final = ("session_date", "diagnosis", "affected_side", "aids", "laboratory")
+"""Of what a clinic writes down, the columns of the table of people."""
 Cell: TypeAlias = str | int | float | None
 """Of the table of people."""
 ANGLES: Final = tuple(r.name for r in COORDINATE_TABLE.values() if r.group != "arm" and r.name not in LOCKED)
@@ -222,6 +224,13 @@ def _columns() -> tuple[Column, ...]:
         Column("mass_kg", float, "kg", "body mass"),
         Column("height_m", float, "m", "body height"),
         Column("age_years", float, "years", "as told"),
+        *words(
+            ("session_date", "of the recordings"),
+            ("diagnosis", "as the study file says"),
+            ("affected_side", "of the diagnosis: right, left, both or none"),
+            ("aids", "orthoses, shoes, crutches, walkers, as the study file says"),
+            ("laboratory", "as the study file says"),
+        ),
         Column("walks", int, "", "walks that were used"),
         *(Column(f"walks_refused_{s}", int, "", f"walks in which the {leg} leg is refused") for s, leg in _LEGS),
     ]
@@ -346,7 +355,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
         "first_action": reasons[0].get("action", ""),
         "reasons": len(summary.get("reasons") or ()),
         "status": summary.get("status", ""),
-        **{name: subject.get(name) for name in ("sex", "mass_kg", "height_m", "age_years")},
+        **{name: subject.get(name) for name in ("sex", "mass_kg", "height_m", "age_years", *RECORD)},
         "walks": len(walks),
         **_legs(walks),
         **dict(_fits(walks or list(trials.values()))),

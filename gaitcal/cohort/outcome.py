@@ -315,7 +315,7 @@ def _ended(task: Task) -> Outcome:
     with atomic_file(state_file(task.out, person.place, ".parquet")) as target:
         pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)
     row = row_of(result) | {"person": person.name, "session": person.session, "folder": person.place}
-    row |= {"page": f"{person.place}/{row['page']}" if row["page"] else "", "age_years": person.told.age}
+    row |= {"page": f"{person.place}/{row['page']}" if row["page"] else ""}
     return Outcome(
         name=person.name,
         session=person.session,

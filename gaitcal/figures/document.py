@@ -34,6 +34,7 @@ INK, FAINT, GRID, NORM = (HexColor(colour) for colour in (chart.INK, chart.FAINT
 TONES: Final = {"trustworthy": HexColor("#2e7d32"), "doubtful": HexColor("#b26a00"), "refused": HexColor("#b00020")}
 MARGIN: Final = 15.0 * mm
 SHEET_COLUMNS, SHEET_ROWS = 3, 4
+HEADER_COLUMNS: Final = 5
 HEAD: Final = 18.0 * mm
 """Of a sheet's page: heading and note."""
 SANS, BOLD = "ReportSans", "ReportSans-Bold"
@@ -74,7 +75,7 @@ class ReportContent:
     """Everything that a report says; all text is data, not markup."""
 
     person: tuple[tuple[str, str], ...]
-    """Label and value: name, session, sex, mass, height."""
+    """Label and value: name, session, sex, age, diagnosis, mass, height, ...; the name first."""
     verdict: str
     """`trustworthy`, `doubtful` or `refused`."""
     sentence: str
@@ -201,15 +202,18 @@ def _comment(content: ReportContent, section: str) -> list[Flowable]:
 
 
 def _person(content: ReportContent, width: float) -> Table:
+    """Labels above values, in rows of `HEADER_COLUMNS`."""
     cells = [[_text(label, 7, colour=FAINT), _text(value, 9, bold=True)] for label, value in content.person]
-    columns = len(cells)
+    cells += [[]] * (-len(cells) % HEADER_COLUMNS)
+    rows = [cells[k : k + HEADER_COLUMNS] for k in range(0, len(cells), HEADER_COLUMNS)]
     return Table(
-        [[cell[0] for cell in cells], [cell[1] for cell in cells]],
-        colWidths=[width / columns] * columns,
+        rows,
+        colWidths=[width / HEADER_COLUMNS] * HEADER_COLUMNS,
         style=[
             ("LEFTPADDING", (0, 0), (-1, -1), 0),
             ("TOPPADDING", (0, 0), (-1, -1), 1),
-            ("BOTTOMPADDING", (0, 0), (-1, -1), 1),
+            ("BOTTOMPADDING", (0, 0), (-1, -1), 3),
+            ("VALIGN", (0, 0), (-1, -1), "TOP"),
         ],
     )
 

@@ -288,8 +288,8 @@ def _fact(name: str, value: Any) -> Any:
     """A fact of the right kind; ValueError or KeyError else."""
     if name not in _NAMES or (isinstance(value, dict) and not set(value) <= {"r", "l"}):
         raise KeyError(name)
-    if name in ("marker_set", "is_static"):
-        return str(value) if name == "marker_set" else bool(value)
+    if name in ("marker_set", "session_date", "birth_date", "is_static"):
+        return bool(value) if name == "is_static" else str(value)
     return {side: _number(part) for side, part in value.items()} if isinstance(value, dict) else _number(value)
 
 

@@ -9,6 +9,8 @@ standard's own group: TIMES is (2, n), minutes and seconds from the beginning of
 
 from __future__ import annotations
 
+import contextlib
+import datetime
 import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
@@ -141,6 +143,10 @@ class Facts:
     doubtful: dict[str, tuple[str, float | None]] = field(default_factory=dict)
     """Fact, as `height` or `knee_width_r` -> what the file says that cannot be in its units, in words, and what it is
     in the only other unit that makes sense of it; None where several do, or none."""
+    session_date: str | None = None
+    """Day of the recording, as 2016-03-09."""
+    birth_date: str | None = None
+    """As 2008-11-30."""
     is_static: bool | None = None
     """Whether the file calls itself a static trial."""
 
@@ -165,6 +171,8 @@ MOMENTS: Final = {
     "foot off": FootMoment.OFF,
     "toe off": FootMoment.OFF,
 }
+_SESSION_DAYS: Final = ("DATE", "RECORDING_DATE", "CAPTURE_DATE", "SESSION_DATE")
+_BIRTH_DAYS: Final = ("DATE_OF_BIRTH", "BIRTH_DATE")
 _MM, _CM, _INCH, _NEWTON = 1e-3, 1e-2, 0.0254, 1 / 9.80665
 _Range = tuple[float, float]
 
@@ -238,6 +246,8 @@ def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
         asis_distance=number("asis_distance", _ASIS),
         **sided,
         doubtful=doubtful,
+        session_date=_first_day(parameters, ("TRIAL", "PROCESSING", "SUBJECTS"), _SESSION_DAYS),
+        birth_date=_first_day(parameters, ("SUBJECT", "SUBJECTS", "PROCESSING"), _BIRTH_DAYS),
         is_static=True if static else None,
     )
 
@@ -264,6 +274,17 @@ def _texts(values: Any) -> list[str]:
 
 def _first_text(values: Any) -> str | None:
     return next((text for text in _texts(values) if text), None)
+
+
+def _first_day(parameters: Mapping[str, Mapping[str, Any]], groups: Sequence[str], names: Sequence[str]) -> str | None:
+    """The first date among such parameters that can be read in one way only: year, month, day."""
+    for group in groups:
+        told = {str(name).upper(): value for name, value in parameters.get(group, {}).items()}
+        for text in (_first_text(told.get(name)) or "" for name in names):
+            if found := re.fullmatch(r"(\d{4})[-/.]?(\d\d)[-/.]?(\d\d)([T ].*)?", text):
+                with contextlib.suppress(ValueError):
+                    return datetime.date(*(int(found[k]) for k in (1, 2, 3))).isoformat()
+    return None
 
 
 def _first_number(values: Any) -> float | None:

@@ -21,7 +21,7 @@ from gaitcal.io.atomic import atomic_file
 from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_value
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
-from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
+from gaitcal.model.subject_model import MarkerPlacement, PatientRecord, Subject, SubjectModel
 
 FORMAT = 1
 PRECISION = 60
@@ -75,9 +75,11 @@ class _Subject(Table):
     age_years: Annotated[_Number, Field(ge=0)] | None = None
     knee_width_mm: dict[str, _Number] = Field(default={})
     ankle_width_mm: dict[str, _Number] = Field(default={})
+    leg_length_mm: dict[str, _Number] = Field(default={})
     asis_distance_mm: _Number | None = None
     marker_diameter_mm: _Number | None = None
     session: str = ""
+    record: dict[str, str] = Field(default={})
 
 
 class _Value(Table):
@@ -144,10 +146,12 @@ def model_text(model: SubjectModel) -> str:
         f"sex = {toml_value(s.sex)}",
         *(f"{name} = {_text(value, unit)}" for name, (value, unit) in measured.items() if value is not None),
     ]
-    for joint, widths in (("knee", s.knee_width), ("ankle", s.ankle_width)):
-        inner = ", ".join(f"{side} = {_text(width, 'mm')}" for side, width in widths.items())
-        lines += [f"{joint}_width_mm = {{ {inner} }}"] if widths else []
+    sided = {"knee_width": s.knee_width, "ankle_width": s.ankle_width, "leg_length": s.leg_length}
+    for name, lengths in sided.items():
+        inner = ", ".join(f"{side} = {_text(length, 'mm')}" for side, length in lengths.items())
+        lines += [f"{name}_mm = {{ {inner} }}"] if lengths else []
     lines += [f"session = {toml_value(s.session)}"] if s.session else []
+    lines += [f"record = {toml_value(s.record.known)}"] if s.record.known else []
     for table, (names, units, words) in _TABLES.items():
         lines += ["", f"[{table}] # {words}"]
         width = max(map(len, names)) + 2
@@ -231,6 +235,7 @@ def load_model(path: Path | str) -> SubjectModel:
     s = file.subject
     if s.sex not in ("male", "female"):
         raise fault(f"found {shown(s.sex)}; allowed: 'male', 'female'", "subject.sex")
+    require_known(s.record, vars(PatientRecord()), "field of a record", source=source, field="subject.record")
     for coordinates, field in ((file.frozen, "frozen"), (file.posture_deg, "posture_deg")):
         require_known(coordinates, COORDINATES, "coordinate", source=source, field=field)
     for places, field in ((file.marker, "marker"), (file.landmarks.values(), "landmarks")):
@@ -248,7 +253,9 @@ def load_model(path: Path | str) -> SubjectModel:
             s.sex,
             knee_width={side: _si(width, "mm") for side, width in s.knee_width_mm.items()},
             ankle_width={side: _si(width, "mm") for side, width in s.ankle_width_mm.items()},
+            leg_length={side: _si(length, "mm") for side, length in s.leg_length_mm.items()},
             session=s.session,
+            record=PatientRecord(**s.record),
             **{f: None if value is None else _si(value, unit) for f, (value, unit) in measured.items()},
         ),
         parameters=Parameters(**values),

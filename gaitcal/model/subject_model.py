@@ -99,6 +99,29 @@ def set_inertias(linkage: LinkageModel, inertial: Array) -> None:
         linkage.model.inertias[linkage.segment_joint[segment]] = linkage.segment_placement[segment].act(inertia)
 
 
+@dataclass(frozen=True, kw_only=True)
+class PatientRecord:
+    """What a clinic writes down of a person and a session, as reports and tables show it; empty: nobody says it.
+
+    Nothing is computed from it but the age (`study/study.py`). Dates are `2016-03-09`.
+    """
+
+    birth_date: str = ""
+    session_date: str = ""
+    """Of the recordings: from the study, else from the files themselves; never that of the computation."""
+    diagnosis: str = ""
+    affected_side: str = ""
+    """`right`, `left`, `both` or `none`."""
+    aids: str = ""
+    """Orthoses, shoes, crutches, walkers."""
+    laboratory: str = ""
+
+    @property
+    def known(self) -> dict[str, str]:
+        """Field -> text of those that somebody says."""
+        return {name: text for name, text in vars(self).items() if text}
+
+
 @dataclass(frozen=True)
 class Subject:
     """The person."""
@@ -117,12 +140,16 @@ class Subject:
     """Side -> m across the femoral epicondyles, where measured."""
     ankle_width: Mapping[str, float] = field(default_factory=dict)
     """Side -> m across the malleoli, where measured."""
+    leg_length: Mapping[str, float] = field(default_factory=dict)
+    """Side -> m from the anterior superior iliac spine to the medial malleolus, where measured."""
     asis_distance: float | None = None
     """m between the two anterior superior iliac spines, where measured by hand."""
     marker_diameter: float | None = None
     """m; None where not known."""
     session: str = ""
     """A date or a label of the day of these recordings; empty where nobody says."""
+    record: PatientRecord = field(default_factory=PatientRecord)
+    """What a clinic writes down beside it."""
 
     @property
     def weight(self) -> float:

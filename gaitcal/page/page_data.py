@@ -27,6 +27,7 @@ from gaitcal.gait.cycles import coordinate_of, kind_of
 from gaitcal.gait.moments import explained
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.io.toml import package_version
+from gaitcal.model.anthropometry import looks_like_child
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, Coordinate, is_of_leg
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -156,6 +157,7 @@ def person_page_data(subject: Subject, verdict: Verdict, normal: Bands | None = 
             "sex": subject.sex,
             "weight": subject.weight,
             "bwh": subject.bwh,
+            "facts": [list(fact) for fact in person_facts(subject)],
         },
         "verdict": verdict_page_data(verdict),
         "lines": [],
@@ -166,6 +168,30 @@ def person_page_data(subject: Subject, verdict: Verdict, normal: Bands | None = 
         ],
         "bands": bands,
     }
+
+
+def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
+    """Label and value of what is known of person and session, as page and report head with it.
+
+    Of whom no age is known, it says so; and by which table the masses start, where that is one of adults.
+    """
+    record = subject.record
+    age = "not told" if subject.age is None else f"{subject.age:.1f} years"
+    adults = looks_like_child(subject)
+    facts = (
+        ("Name or code", subject.name),
+        ("Session", ", ".join(filter(None, dict.fromkeys((record.session_date, subject.session)))) or "date not told"),
+        ("Sex", subject.sex),
+        ("Age", f"{age}, born {record.birth_date}" if record.birth_date else age),
+        ("Diagnosis", record.diagnosis),
+        ("Affected side", record.affected_side),
+        ("Aids", record.aids),
+        ("Body mass", f"{subject.mass:.1f} kg"),
+        ("Height", f"{subject.height:.3f} m"),
+        ("Segment masses", "by a table of adults, as no age is told; looks like a child" if adults else ""),
+        ("Laboratory", record.laboratory),
+    )
+    return tuple((label, value) for label, value in facts if value)
 
 
 def verdict_page_data(verdict: Verdict) -> dict[str, Any]:

@@ -40,7 +40,7 @@ from gaitcal.page.scene_file import load_scene, save_scene
 from gaitcal.page.view import BodyText, Shown, body_texts, data_text, joined_page, with_trials
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import write_stride_files
-from gaitcal.results.summary import summary, write_kinetics, write_truth
+from gaitcal.results.summary import subject_summary, summary, write_kinetics, write_truth
 from gaitcal.results.table_file import Json, columns_of, refused_lines, write_csv
 from gaitcal.results.verdict import table_of
 from gaitcal.runtime import with_one_blas_thread
@@ -214,7 +214,7 @@ def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = Non
     return {
         "gaitcal": package_version("gaitcal"),
         "versions": {name: package_version(name) for name in VERSIONED} | {"python": platform.python_version()},
-        "subject": {"name": subject.name, "mass_kg": subject.mass, "height_m": subject.height, "sex": subject.sex},
+        "subject": subject_summary(subject),
         "marker_set": calibration.study.marker_set.name,
         "rename": dict(calibration.study.rename),
         "settings": json.loads(calibration.study.settings.model_dump_json()) | leaning | dict(settings or {}),

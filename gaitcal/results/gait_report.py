@@ -27,7 +27,7 @@ from gaitcal.io.toml import read_toml
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.page_data import SHOWN_MEASURES
+from gaitcal.page.page_data import SHOWN_MEASURES, person_facts
 from gaitcal.results.cycles_export import strides_in_convention
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.verdict import SUMMARY, entries_of, table_of
@@ -66,7 +66,7 @@ def report_content(folder: Path, bands: Bands, comments: Mapping[str, str]) -> R
     strides = typed(strides_in_convention(folder, CLINICAL, model))
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
     return ReportContent(
-        person=_person(model.subject, manifest),
+        person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
         sentence=_sentence(summary),
         reasons=_reasons(summary),
@@ -124,18 +124,6 @@ def read_comments(path: Path) -> dict[str, str]:
                 code=Code.COMMENTS,
             )
     return {name: str(text) for name, text in found.items()}
-
-
-def _person(subject: Subject, manifest: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
-    known = (
-        ("Name or code", subject.name),
-        ("Session", subject.session or "not told"),
-        ("Sex", subject.sex or "not told"),
-        ("Body mass", f"{subject.mass:.1f} kg"),
-        ("Height", f"{subject.height:.3f} m"),
-        ("Marker set", str(manifest.get("marker_set", ""))),
-    )
-    return tuple((label, value) for label, value in known if value)
 
 
 def _sentence(summary: Mapping[str, object]) -> str:

@@ -16,7 +16,7 @@ from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.faults.verdict import Verdict
 from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.stride_files import means_summary
 from gaitcal.results.table_file import Json, columns_of, refused_lines, write_csv
 from gaitcal.results.verdict import verdict_summary, walk_summary
@@ -141,6 +141,7 @@ def summary(calibration: Calibration) -> dict[str, Json]:
         **verdict_summary(calibration.verdict),
         "warnings": list(calibration.warnings),
         "notes": list(calibration.notes),
+        "subject": subject_summary(calibration.model.subject),
         **_joint_prior(calibration),
         "trials": {trial.name: trial_summary(trial, calibration.verdict) for trial in calibration.trials},
         **({"spatiotemporal": means} if (means := means_summary(calibration.trials)) else {}),
@@ -165,6 +166,13 @@ def summary(calibration: Calibration) -> dict[str, Json]:
         ],
         **({} if calibration.truth is None else {"truth": truth_summary(calibration.truth)}),
     }
+
+
+def subject_summary(subject: Subject) -> dict[str, Json]:
+    """Who it is, and what a clinic wrote down; what nobody says is absent."""
+    out: dict[str, Json] = {"name": subject.name, "mass_kg": subject.mass, "height_m": subject.height}
+    out["sex"] = subject.sex
+    return out | ({} if subject.age is None else {"age_years": subject.age}) | dict(subject.record.known)
 
 
 def _joint_prior(calibration: Calibration) -> dict[str, Json]:

@@ -156,18 +156,21 @@ def settings_text(settings: CalibrationSettings, priors: Path | None = None, fol
 
 def _subject(draft: Draft) -> list[str]:
     lines = ["[subject]"]
-    for field in ("name", "session", "mass_kg", "height_m", "sex", "age_years"):
+    for field in ("name", "session", "session_date", "birth_date", "mass_kg", "height_m", "sex", "age_years"):
         known = draft.person.get(field)
         if known is not None:
             lines += _line(field, known.value, known.reason, known.certain)
         elif field in MISSING:
             write = f"write {MISSING[field]}, and take the first # away"
             lines.append(f"# {field} =   # MISSING: {_nobody(draft)} says it; {write}")
-    for field in ("knee_width_mm", "ankle_width_mm", "asis_distance_mm", "marker_diameter_mm"):
+    for field in ("knee_width_mm", "ankle_width_mm", "leg_length_mm", "asis_distance_mm", "marker_diameter_mm"):
         if (known := draft.person.get(field)) is not None:
             lines += _line(field, known.value, known.reason, known.certain)
-    if "age_years" not in draft.person:
-        lines.append("# age_years =   # no file says it; it may be left out")
+    if "age_years" not in draft.person and not {"birth_date", "session_date"} <= set(draft.person):
+        lines.append("# age_years =   # no file says it; tables of masses and norms of gait go by it")
+    if "session_date" not in draft.person:
+        lines.append('# session_date = "2016-03-09"   # no file says it; with birth_date it gives the age')
+    lines.append("# For reports and tables, where wanted: birth_date, diagnosis, affected_side, aids, laboratory")
     return [*lines, ""]
 
 

@@ -88,7 +88,17 @@ def person_of(
         out["sex"] = Known(value=options.sex, reason="option")
     if options.age is not None:
         out["age_years"] = Known(value=options.age, reason="option")
-    for field, get in (("knee_width", lambda f: f.knee_width), ("ankle_width", lambda f: f.ankle_width)):
+    for field in ("session_date", "birth_date"):
+        told = [(name, day) for name, facts in files if (day := getattr(facts, field))]
+        if told:
+            others = [f"{name} {day}" for name, day in told if day != told[0][1]]
+            words = f"{told[0][0]} says so" + (f", but {others[0]}" if others else "")
+            out[field] = Known(value=told[0][1], reason=words, certain=not others)
+    for field, get in (
+        ("knee_width", lambda f: f.knee_width),
+        ("ankle_width", lambda f: f.ankle_width),
+        ("leg_length", lambda f: f.leg_length),
+    ):
         if (width := _sided(files, get) or _doubtful_sides(files, field)) is not None:
             out[f"{field}_mm"] = width
     for field, length in (

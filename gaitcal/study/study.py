@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -10,6 +11,7 @@ from pathlib import Path
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.event_table import events_beside
+from gaitcal.io.labels import Facts
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording
 from gaitcal.io.result_folder import sha256_of
@@ -20,13 +22,15 @@ from gaitcal.model.nominal import nominal_model
 from gaitcal.model.present_markers import complete_static, worn
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
 from gaitcal.model.segment_frames import HipCentre
-from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.model.subject_model import PatientRecord, Subject, SubjectModel
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial, model_with_trunk, read_trial
 from gaitcal.study.truth import Truth, other_landmarks, read_truth, truth_files
+
+DAYS_A_YEAR = 365.2425
 
 
 @remembered
@@ -50,10 +54,12 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
     A file that names another person than the first one is not asked.
     """
     facts = [r.facts for r in recordings if r.facts.name == recordings[0].facts.name]
-    knees, ankles = dict[str, float](), dict[str, float]()
+    knees, ankles, legs = dict[str, float](), dict[str, float](), dict[str, float]()
     for one in reversed(facts):
         knees |= one.knee_width
         ankles |= one.ankle_width
+        legs |= one.leg_length
+    record = _record(table, facts)
     asis = next((f.asis_distance for f in facts if f.asis_distance), None)
     diameter = next((f.marker_diameter for f in facts if f.marker_diameter), None)
     return Subject(
@@ -61,13 +67,40 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
         table.mass_kg,
         table.height_m,
         table.sex,
-        age=table.age_years,
+        age=_age(table, record),
         knee_width=knees | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
         ankle_width=ankles | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
+        leg_length=legs | {side: 1e-3 * length for side, length in table.leg_length_mm.items()},
         asis_distance=asis if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
         marker_diameter=diameter if table.marker_diameter_mm is None else 1e-3 * table.marker_diameter_mm,
         session=table.session,
+        record=record,
     )
+
+
+def _record(table: SubjectTable, facts: Sequence[Facts]) -> PatientRecord:
+    """As the study says; dates that it does not say as the files do."""
+    said = table.model_dump(include=set(vars(PatientRecord())), exclude_none=True)
+    told = {
+        name: next((day for f in facts if (day := getattr(f, name))), "") for name in ("session_date", "birth_date")
+    }
+    return PatientRecord(**{**told, **said})
+
+
+def _age(table: SubjectTable, record: PatientRecord) -> float | None:
+    """Years, as said, else by both dates; None where they are not known."""
+    if not (record.birth_date and record.session_date):
+        return table.age_years
+    born, then = (datetime.date.fromisoformat(day) for day in (record.birth_date, record.session_date))
+    age = round((then - born).days / DAYS_A_YEAR, 2)
+    if age < 0.0 or (table.age_years is not None and abs(table.age_years - age) > 1.0):
+        said = "" if age < 0.0 else f" and age_years = {table.age_years:g}, which they make {age:g}"
+        raise InputError(
+            f"found {record.birth_date} before session_date = {record.session_date}{said}; allowed: dates that agree",
+            field="subject.birth_date",
+            code=Code.BAD_VALUE,
+        )
+    return age if table.age_years is None else table.age_years
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,6 +6,7 @@ count from 1, in the order of the file), what was found, what is allowed. Only t
 
 from __future__ import annotations
 
+import datetime
 import math
 import os
 import re
@@ -25,6 +26,8 @@ Side: TypeAlias = Literal["r", "l", "none"]
 
 RECORDING_SUFFIXES = (".c3d", ".trc", ".csv")
 FORCES_SUFFIXES = (".mot", ".sto", ".csv", ".xml")
+MAX_LINE = 200
+"""Characters in what is said of a person or a session."""
 MAX_NAME = 80
 """Characters in a trial's name, which becomes a file name."""
 _DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # no file names on Windows
@@ -61,16 +64,42 @@ def _millimetres(low: float, high: float) -> Callable[[object], float]:
     return check
 
 
-_width_mm = _millimetres(20, 300)
+def _sided(low: float, high: float) -> BeforeValidator:
+    """A length in mm of either side, or of each."""
+    of_one = _millimetres(low, high)
+
+    def check(value: object) -> object:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            value = {"r": value, "l": value}
+        if not isinstance(value, dict) or not set(value) <= {"r", "l"}:
+            raise ValueError(f"found {shown(value)}; allowed: a length in mm, or {{ r = ..., l = ... }}")
+        return {side: of_one(length) for side, length in value.items()}
+
+    return BeforeValidator(check)
 
 
-def _sided(value: object) -> object:
-    """A width in mm of either side, or of each."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        value = {"r": value, "l": value}
-    if not isinstance(value, dict) or not set(value) <= {"r", "l"}:
-        raise ValueError(f"found {shown(value)}; allowed: a width in mm, or {{ r = ..., l = ... }}")
-    return {side: _width_mm(width) for side, width in value.items()}
+_WIDTHS = _sided(20, 300)
+
+
+def _day(value: object) -> str:
+    """A date of TOML, or its text, as text."""
+    try:
+        found = value if isinstance(value, datetime.date) else datetime.date.fromisoformat(str(value))
+    except ValueError:
+        raise ValueError(f"found {shown(value)}; allowed: a date as 2016-03-09") from None
+    return found.isoformat()[:10]
+
+
+_Day: TypeAlias = Annotated[str, BeforeValidator(_day)]
+
+
+def _line(value: str) -> str:
+    if len(value) > MAX_LINE or not value.isprintable():
+        raise ValueError(f"found {shown(value)}; allowed: up to {MAX_LINE} printable characters")
+    return value
+
+
+_Line: TypeAlias = Annotated[str, AfterValidator(_line)]
 
 
 class SubjectTable(Table):
@@ -81,11 +110,14 @@ class SubjectTable(Table):
     height_m: float = Field(description="body height in m")
     sex: Literal["male", "female"] = Field(description="'male' or 'female': which anthropometric table is used")
     age_years: float | None = Field(default=None, ge=0, le=130, description="age in years")
-    knee_width_mm: Annotated[dict[str, float], BeforeValidator(_sided)] = Field(
+    knee_width_mm: Annotated[dict[str, float], _WIDTHS] = Field(
         default={}, description="width of the knee across the epicondyles, mm: one number, or { r = 105, l = 107 }"
     )
-    ankle_width_mm: Annotated[dict[str, float], BeforeValidator(_sided)] = Field(
+    ankle_width_mm: Annotated[dict[str, float], _WIDTHS] = Field(
         default={}, description="width of the ankle across the malleoli, mm: one number, or { r = 70, l = 72 }"
+    )
+    leg_length_mm: Annotated[dict[str, float], _sided(150, 1500)] = Field(
+        default={}, description="anterior superior iliac spine to medial malleolus, mm: one number, or { r = ..., l = }"
     )
     asis_distance_mm: Annotated[float, BeforeValidator(_millimetres(80, 500))] | None = Field(
         default=None, description="distance between the two anterior superior iliac spines as measured by hand, mm"
@@ -93,20 +125,21 @@ class SubjectTable(Table):
     marker_diameter_mm: Annotated[float, BeforeValidator(_millimetres(3, 40))] | None = Field(
         default=None, description="diameter of the markers, mm"
     )
-    session: str = Field(default="", description="the day of the recordings, a date or a label, as tables show it")
-
-    @field_validator("session")
-    @classmethod
-    def _session(cls, session: str) -> str:
-        if len(session) > 200 or not session.isprintable():
-            raise ValueError(f"found {shown(session)}; allowed: up to 200 printable characters")
-        return session
+    session: _Line = Field(default="", description="the day of the recordings, a date or a label, as tables show it")
+    session_date: _Day | None = Field(default=None, description="the day of the recordings, as 2016-03-09")
+    birth_date: _Day | None = Field(
+        default=None, description="as 2008-11-30; with session_date it gives the age. Stands in the results"
+    )
+    diagnosis: _Line = Field(default="", description="as reports and tables show it")
+    affected_side: Literal["right", "left", "both", "none"] | None = Field(default=None, description="of the diagnosis")
+    aids: _Line = Field(default="", description="orthoses, shoes, crutches, walkers, as reports and tables show them")
+    laboratory: _Line = Field(default="", description="where it was recorded, as reports show it")
 
     @field_validator("name")
     @classmethod
     def _name(cls, name: str) -> str:
-        if not name.strip() or len(name) > 200 or not name.isprintable():
-            raise ValueError(f"found {shown(name)}; allowed: 1 to 200 printable characters")
+        if not name.strip() or len(name) > MAX_LINE or not name.isprintable():
+            raise ValueError(f"found {shown(name)}; allowed: 1 to {MAX_LINE} printable characters")
         return name
 
     @field_validator("height_m")

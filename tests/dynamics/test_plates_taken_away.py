@@ -31,8 +31,8 @@ ASTRIDE = ("multi", "multi walk06")
 
 @pytest.fixture
 def study_of(data_dir: Path) -> Callable[[str], Study]:
-    every = import_module("scripts.validation.attacks.attack").EVERY
-    return lambda name: every[name].study
+    loaded: Callable[[str], Study] = import_module("scripts.validation.attacks.bases").loaded
+    return loaded
 
 
 def without(recording: Recording, name: str) -> Recording:

@@ -151,3 +151,9 @@ def test_figures_in_other_units_are_kept_and_told(
     assert told.startswith(f"{name} = {value:g}: ") and words in told
     assert guess == (None if meant is None else pytest.approx(meant, rel=1e-3))
     assert facts_of({"PROCESSING": {name: [0.0]}}).doubtful == {}, "0 stands where nobody filled in the form"
+
+
+@pytest.mark.parametrize(("text", "day"), [("2016-03-09", "2016-03-09"), ("20160309", "2016-03-09"), ("6/14/35", None)])
+def test_a_date_is_read_where_it_can_be_read_in_one_way_only(text: str, day: str | None) -> None:
+    facts = facts_of({"TRIAL": {"DATE": [text]}, "SUBJECT": {"DATE_OF_BIRTH": [text]}})
+    assert (facts.session_date, facts.birth_date) == (day, day)

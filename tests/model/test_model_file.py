@@ -15,7 +15,7 @@ from gaitcal.errors import InputError
 from gaitcal.model.model_file import load_model, model_text, save_model
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES, Parameters
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import PatientRecord, SubjectModel
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e290, max_value=1e290)
 """Any double whose value in mm is a double too."""
@@ -48,7 +48,8 @@ def test_what_was_measured_of_the_person_comes_back(tmp_path: Path) -> None:
     model = published_model()
     widths = {"knee_width": {"r": 0.105, "l": 0.107}, "ankle_width": {"r": 0.07}}
     known = {"age": 9.5, "asis_distance": 0.2451, "marker_diameter": 0.014, "session": "2026-03-01, 'after'"}
-    told = replace(model.subject, **known, **widths)  # type: ignore[arg-type]
+    record = PatientRecord(birth_date="2016-09-01", diagnosis='CP, "left"', affected_side="left", aids="AFO")
+    told = replace(model.subject, **known, **widths, leg_length={"r": 0.71}, record=record)  # type: ignore[arg-type]
     save_model(replace(model, subject=told), tmp_path / "model.toml")
     assert load_model(tmp_path / "model.toml").subject == told
 

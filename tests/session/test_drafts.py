@@ -33,7 +33,9 @@ name = "person"  # sure: name of the folder
 mass_kg = 69.4  # sure: option
 # height_m =   # MISSING: no file says it; write body height in m, and take the first # away
 sex = "male"  # sure: option
-# age_years =   # no file says it; it may be left out
+# age_years =   # no file says it; tables of masses and norms of gait go by it
+# session_date = "2016-03-09"   # no file says it; with birth_date it gives the age
+# For reports and tables, where wanted: birth_date, diagnosis, affected_side, aids, laboratory
 
 [markers]
 set = "gait2354"  # sure: knows 49 of 49 labels of 3 files

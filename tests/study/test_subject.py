@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from gaitcal.errors import InputError
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
+from gaitcal.io.toml import validated
 from gaitcal.study.study import subject_of
 from gaitcal.study.study_file import SubjectTable
 
@@ -57,6 +61,35 @@ def test_the_session_is_what_the_study_says() -> None:
     assert subject_of(TABLE.model_copy(update={"session": "2026-03-01"}), []).session == "2026-03-01"
     with pytest.raises(ValidationError, match="allowed: up to 200 printable characters"):
         SubjectTable(**{**TABLE.model_dump(), "session": "a\nb"})
+
+
+def test_dates_come_from_the_study_else_from_the_files_and_give_the_age() -> None:
+    said = TABLE.model_copy(update={"birth_date": "2006-03-01", "diagnosis": "CP"})
+    subject = subject_of(said, [told(session_date="2016-03-01", birth_date="1999-01-01", leg_length={"r": 0.71})])
+    assert subject.age == pytest.approx(10.0, abs=0.01) and subject.leg_length == {"r": 0.71}
+    known = {"birth_date": "2006-03-01", "session_date": "2016-03-01", "diagnosis": "CP"}
+    assert subject.record.known == known
+    assert subject_of(said, []).age is None, "never by the day of the computation"
+    for wrong in ({"age_years": 12.0}, {"birth_date": "2017-01-01"}):
+        with pytest.raises(InputError, match="allowed: dates that agree"):
+            subject_of(said.model_copy(update=wrong), [told(session_date="2016-03-01")])
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "allowed"),
+    [
+        ("birth_date", "1.3.2006", "a date as 2016-03-09"),
+        ("session_date", 2016, "a date as 2016-03-09"),
+        ("affected_side", "links", "'right', 'left', 'both' or 'none'"),
+        ("diagnosis", "a\nb", "up to 200 printable characters"),
+        ("leg_length_mm", 0.71, "this looks like metres: 710 mm"),
+    ],
+)
+def test_what_a_clinic_writes_down_is_checked(field: str, value: object, allowed: str, tmp_path: Path) -> None:
+    table = {**TABLE.model_dump(exclude_none=True, exclude_defaults=True), field: value}
+    with pytest.raises(InputError) as fault:
+        validated(SubjectTable, table, tmp_path)
+    assert field in str(fault.value) and allowed in str(fault.value)
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from gaitcal import load_marker_set
-from scripts.validation.attacks import attack, curves, run
-from scripts.validation.attacks.attack import Attack, Ending, Kind, Result
-from scripts.validation.attacks.corpus import corpus, once_each
-from scripts.validation.attacks.markers import labels_of, pattern
-from scripts.validation.attacks.run import CorpusError, spoilt
+from scripts.validation.attacks import check, curves
+from scripts.validation.attacks.check import Ending, Result
+from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, corpus, once_each, pattern, spoilt
+from scripts.validation.attacks.spoil_markers import labels_of
 from scripts.validation.harness import results
 
 FEWEST = 150
@@ -39,14 +38,14 @@ def test_words_stand_for_the_labels_of_the_set() -> None:
 
 def test_another_number_is_no_new_message() -> None:
     clean = ["walk: residual 17.3 N, limit 9.5 N"]
-    assert attack.new(["walk: residual 21 N, limit -9.5e3 N"], clean) == ()
-    assert attack.new(["walk: residual 21 N; R.Heel left its place"], clean) != ()
+    assert check.new(["walk: residual 21 N, limit -9.5e3 N"], clean) == ()
+    assert check.new(["walk: residual 21 N; R.Heel left its place"], clean) != ()
 
 
 def test_all_words_must_stand_in_one_message_and_a_list_of_all_causes_names_none() -> None:
-    assert attack.names_cause("walk: R.Heel left its place", (r"R\.Heel", "place"))
-    assert not attack.names_cause("walk: L.Heel left its place", (r"R\.Heel", "place"))
-    assert not attack.names_cause("disagree; look at plate positions, force sign and clock, mass_kg", ("clock",))
+    assert check.names_cause("walk: R.Heel left its place", (r"R\.Heel", "place"))
+    assert not check.names_cause("walk: L.Heel left its place", (r"R\.Heel", "place"))
+    assert not check.names_cause("disagree; look at plate positions, force sign and clock, mass_kg", ("clock",))
 
 
 def _curves(count: int = 50) -> curves.Curves:
@@ -109,15 +108,17 @@ def test_limits_of_the_shares() -> None:
             for i in range(count)
         ]
 
-    assert run.passed(results(named=88, silent=2, alarmed=10))
-    assert not run.passed(results(named=87, silent=3, alarmed=10))
-    assert not run.passed(results(named=87, silent=2, alarmed=11))
-    assert not run.passed(results(named=99, crash=1))
+    assert check.passed(results(named=88, silent=2, alarmed=10))
+    assert not check.passed(results(named=87, silent=3, alarmed=10))
+    assert not check.passed(results(named=87, silent=2, alarmed=11))
+    assert not check.passed(results(named=99, crash=1))
 
 
 @pytest.mark.slow
 def test_an_attack_that_cannot_be_made_is_a_fault_of_the_corpus(tmp_path: Path) -> None:
-    broken = Attack(name="x", base="synthetic", kind=Kind.WALK, change=lambda study: None, named=())  # type: ignore[arg-type,return-value]
+    broken = Attack(
+        name="x", base="synthetic", kind=Kind.WALK, where="walk", how="frozen no_such_marker 0.4,0.6", named=()
+    )
     with pytest.raises(CorpusError, match="itself failed"):
         spoilt(broken, tmp_path)
 
@@ -139,6 +140,6 @@ def test_nothing_of_the_quick_part_goes_unnoticed(
     found = results("attacks", "--quick", "--json", str(tmp_path / "results.json"))
     assert len(found) >= 12
     bad = [r for r in found if r.ending not in (Ending.REFUSED, Ending.NAMED)]
-    assert not bad, "\n".join(run.lines(bad))
+    assert not bad, "\n".join(check.lines(bad))
     assert "refused" in capsys.readouterr().out
     assert (tmp_path / "results.json").stat().st_size > 0

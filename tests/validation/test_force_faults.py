@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 import numpy as np
 import pytest
 
+from scripts.validation.force_faults import check, faults
 from scripts.validation.harness import main
 
 
-def of(module: str) -> Any:
-    return importlib.import_module(f"scripts.validation.force_faults.{module}")
-
-
-def met(outcome: str, milliseconds: float) -> Any:
+def met(outcome: str, milliseconds: float) -> check.Case:
     """A clock fault of so many ms, met like that."""
-    cases, faults = of("cases"), of("faults")
     seconds = 1e-3 * milliseconds
     fault = faults.Fault(
         kind=faults.Kind.CLOCK,
@@ -27,12 +22,12 @@ def met(outcome: str, milliseconds: float) -> Any:
         size=(seconds,),
         change=lambda recording: recording,
     )
-    return cases.Case(
+    return check.Case(
         person="somebody",
         trials=("walk",),
         fault=fault,
         scope="all",
-        outcome=cases.Outcome(outcome),
+        outcome=check.Outcome(outcome),
         told="",
         ratio=None,
         causes=1,
@@ -41,13 +36,13 @@ def met(outcome: str, milliseconds: float) -> Any:
 
 def test_only_what_is_spoken_of_counts_for_the_right_cause() -> None:
     found = [met("first", 50), met("in set", 40), met("none", 5), met("wrong", 30), met("first", 60)]
-    assert of("check").first_share(found) == pytest.approx(2 / 4)
+    assert check.first_share(found) == pytest.approx(2 / 4)
 
 
 def test_the_smallest_size_is_that_from_which_enough_are_found() -> None:
     found = [met("none", 10), met("first", 15), met("none", 20), met("first", 30), met("in set", 40), met("first", 50)]
-    assert of("check").smallest(found) == "15 ms (4 of 5)"
-    assert of("check").smallest([met("none", 10)]) == "-"
+    assert check.smallest(found) == "15 ms (4 of 5)"
+    assert check.smallest([met("none", 10)]) == "-"
 
 
 def test_every_fault_changes_a_recording_and_says_how_large_it_is() -> None:
@@ -55,14 +50,14 @@ def test_every_fault_changes_a_recording_and_says_how_large_it_is() -> None:
 
     recording = exact_walk().recording
     kinds = set()
-    for make in of("faults").FAULTS:
+    for make in faults.FAULTS:
         fault = make(np.random.default_rng(3), None)
         changed = fault.change(recording)
         same = np.array_equal(changed.markers, recording.markers)
         pairs = zip(recording.plates, changed.plates, strict=True)
         assert not same or any(not np.array_equal(a.wrench(), b.wrench()) for a, b in pairs), fault.row
         kinds.add(fault.row)
-    assert len(kinds) == len(of("faults").FAULTS)
+    assert len(kinds) == len(faults.FAULTS)
 
 
 @pytest.mark.slow

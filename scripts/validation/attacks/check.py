@@ -4,12 +4,13 @@
     attacks --quick        # a dozen, in less than a minute
     attacks --clean        # every finding on the clean recordings, more of them
 
-Each attack changes one thing in one short study (static trial, walk, isolated trials: `attacks/attack.py`), which is
-then checked and calibrated as `gaitcal calibrate` would. Without options each is made on one study, the studies
-taking turns; with `--all`, `--only` or `--base` on every study that it is meant for. It ends as one of
+Each attack (a row of `attacks/corpus.toml`) changes one thing in one short study (static trial, walk, isolated trials:
+`attacks/bases.py`), which is then checked and calibrated as `gaitcal calibrate` would. Without options each is made on
+one study, the studies taking turns; with `--all`, `--only` or `--base` on every study that it is meant for. It ends as
+one of
 
 refused     an error stops the run
-named       a new message names the cause: it holds the words that the attack lists, marker, trial or plate among them
+named       a new message names the cause: it holds the words that the table lists, marker, trial or plate among them
 harmless    no new message, and every leg torque, leg angle and hip, knee and ankle centre lies within the error bar
             of its own run around the clean run: the RMS over frames of |difference| / max(1.96 standard errors, floor)
             is at most 1; floors: 0.2 % of body weight times height, 1 deg, 5 mm (`attacks/curves.py`)
@@ -28,30 +29,208 @@ import argparse
 import os
 import re
 import sys
+import tempfile
+import traceback
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
 from functools import partial
+from pathlib import Path
+from time import perf_counter
 
-from scripts.validation.attacks.attack import EVERY, SYNTHETIC, Attack, Result
-from scripts.validation.attacks.corpus import corpus, once_each
-from scripts.validation.attacks.run import Clean, line, lines, passed, run_clean, run_title  # noqa: F401
-from scripts.validation.harness import side_by_side
+from gaitcal import Calibration, GaitcalError, Study, calibrate
+from gaitcal.faults.study import check_study
+from gaitcal.faults.verdict import Judgement
+from gaitcal.findings import Severity
+from scripts.validation.attacks.bases import EVERY, SYNTHETIC, loaded
+from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, by_title, corpus, once_each, pattern, spoilt
+from scripts.validation.attacks.curves import Curves, curves, largest
+from scripts.validation.harness import say, side_by_side
 
 SHARED = ("--jobs", "--only", "--list", "--json")
+SILENT_SHARE, ALARMED_SHARE = 0.02, 0.10
+"""Largest shares of all attacks that may end so."""
+LONGEST = 320
+"""Letters of a message that are shown."""
+CATCH_ALL = re.compile(r"look at plate positions, force sign and clock|held near nominal values")
+"""Sentences that list every possible cause, or that speak of trials which the study has not: they name nothing."""
 
 
-def chosen_attacks(arguments: argparse.Namespace) -> list[Attack]:
-    """Those that the command line asks for and whose recordings are there."""
-    first, step = arguments.part
-    there, every = os.environ.get("GAITCAL_DATA"), corpus()
-    wide = arguments.all or arguments.quick or arguments.base or arguments.only
-    found = [
-        attack
-        for attack in (every if wide else once_each(every))
-        if (not arguments.only or re.search(arguments.only, attack.title, re.IGNORECASE))
-        and (not arguments.base or attack.base in arguments.base)
-        and (not arguments.quick or attack.quick)
-        and (there or attack.base == SYNTHETIC)
+class Ending(str, Enum):
+    """How an attack ended, the best first."""
+
+    REFUSED = "refused"
+    NAMED = "named"
+    HARMLESS = "harmless"
+    ALARMED = "alarmed"
+    SILENT = "silent"
+    CRASH = "crash"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """What a check and a calibration said, and came to."""
+
+    refused: tuple[str, ...]
+    """Why there is no result."""
+    messages: tuple[str, ...] = ()
+    """Everything that is said to a user who gets one: facts that need no action do not count."""
+    curves: Mapping[str, Curves] = field(default_factory=dict)
+    base: str = ""
+    """Of a clean study."""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """How one attack ended."""
+
+    attack: str
+    """Its title."""
+    kind: Kind
+    ending: Ending
+    messages: tuple[str, ...] = ()
+    """What was said that is new, or the error."""
+    moved: float | None = None
+    """Largest movement of a result, in error bars; None where no result was made or none can be compared."""
+    where: str = ""
+    """Which result that is, and how far in its own unit."""
+    seconds: float = 0.0
+    cause_told: bool = True
+    """Whether the error of a refused study names the cause."""
+
+    @property
+    def line(self) -> str:
+        """The result in one line."""
+        moved = "" if self.moved is None else f" {self.moved:.1f} error bars"
+        return f"  {self.ending.value:9}{self.attack}" + (f":{moved} ({self.where})" if self.where else "")
+
+
+def calibrated(study: Study) -> Run:
+    """Check, refuse or calibrate, as the command would."""
+    findings = check_study(study)
+    if errors := [f for f in findings if f.severity is Severity.ERROR]:
+        return Run(refused=tuple(f"{f.where}: {f.topic}: {f.evidence}; {f.cure}" for f in errors))
+    calibration = calibrate(study, checked=findings)
+    return Run(refused=refusal(calibration), messages=warned(calibration), curves=curves(calibration))
+
+
+def refusal(calibration: Calibration) -> tuple[str, ...]:
+    """Why a finished calibration is refused; empty where it is not."""
+    verdict = calibration.verdict
+    wrong = verdict.judgement is Judgement.REFUSED
+    return tuple(reason.line for reason in verdict.reasons if wrong and reason.severity is Severity.ERROR)
+
+
+def warned(calibration: Calibration) -> tuple[str, ...]:
+    """What is said beside a result."""
+    late = [f"phase {p.name} did not converge: {p.message}" for p in calibration.phases if not p.converged]
+    return (*(reason.line for reason in calibration.verdict.reasons), *late)
+
+
+def new(messages: Iterable[str], clean: Iterable[str]) -> tuple[str, ...]:
+    """The messages that the clean run does not have; another number is no new message."""
+
+    def bare(message: str) -> str:
+        return re.sub(r"\s+", " ", re.sub(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?", "#", message))
+
+    known = {bare(message) for message in clean}
+    return tuple(message for message in dict.fromkeys(messages) if bare(message) not in known)
+
+
+def names_cause(message: str, patterns: Sequence[str]) -> bool:
+    """Whether a message matches all of the patterns."""
+    return not CATCH_ALL.search(message) and all(re.search(pattern, message, re.IGNORECASE) for pattern in patterns)
+
+
+def run_clean(base: str) -> Run:
+    """Check and calibrate a clean study."""
+    start = perf_counter()
+    found = calibrated(loaded(base))
+    seconds = perf_counter() - start
+    return Run(base=base, refused=found.refused, messages=found.messages, curves=found.curves, seconds=seconds)
+
+
+def attacked(attack: Attack, clean: Run) -> Result:
+    """Spoil, check and calibrate."""
+    start = perf_counter()
+    patterns = [pattern(words, loaded(attack.base).marker_set) for words in attack.named]
+
+    def result(ending: Ending, messages: tuple[str, ...], moved: float | None = None, where: str = "") -> Result:
+        told, seconds = any(names_cause(m, patterns) for m in messages), perf_counter() - start
+        if told and ending is Ending.ALARMED:
+            ending = Ending.NAMED
+        return Result(
+            attack=attack.title,
+            kind=attack.kind,
+            ending=ending,
+            messages=messages,
+            moved=moved,
+            where=where,
+            seconds=seconds,
+            cause_told=told,
+        )
+
+    try:
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = calibrated(spoilt(attack, Path(folder))())
+    except GaitcalError as error:
+        return result(Ending.REFUSED, (str(error),))
+    except CorpusError:
+        raise
+    except Exception:  # noqa: BLE001 - whatever else comes is what is looked for
+        return result(Ending.CRASH, (traceback.format_exc(limit=-3),))
+    if found.refused:
+        return result(Ending.REFUSED, found.refused)
+    said = new(found.messages, clean.messages)
+    same_frames = {name: c for name, c in found.curves.items() if not (attack.other_frames and name == attack.where)}
+    movement = largest(same_frames, clean.curves)
+    moved, where = (None, "no result to compare") if movement is None else (movement.bars, movement.words)
+    if said:
+        return result(Ending.ALARMED, said, moved, where)
+    return result(Ending.SILENT if moved is None or moved > 1.0 else Ending.HARMLESS, said, moved, where)
+
+
+def run_title(title: str, clean: Run) -> Result:
+    """The attack of that title, in another process."""
+    return attacked(by_title()[title], clean)
+
+
+def lines(results: Sequence[Result]) -> Iterator[str]:
+    """The table by ending and kind, then those that ended badly, with what was said."""
+
+    def counts(of: Sequence[Result]) -> list[int]:
+        return [sum(r.ending is ending for r in of) for ending in Ending]
+
+    yield f"{'':22}" + "".join(f"{ending.value:>10}" for ending in Ending) + f"{'all':>8}"
+    for kind in (*(k for k in Kind if any(r.kind is k for r in results)), None):
+        of_kind = [r for r in results if kind in (None, r.kind)]
+        row = "".join(f"{c:10d}" for c in counts(of_kind))
+        yield f"{kind.value if kind else 'all':22}{row}{len(of_kind):8d}"
+    yield f"{'per cent':22}" + "".join(f"{100 * c / max(len(results), 1):10.1f}" for c in counts(results))
+    bad = {e.value: [r for r in results if r.ending is e] for e in (Ending.CRASH, Ending.SILENT, Ending.ALARMED)}
+    bad["refused, but with other words than expected"] = [
+        r for r in results if r.ending is Ending.REFUSED and not r.cause_told
     ]
-    return found[first - 1 :: step]
+    for words, found in bad.items():
+        if found:
+            yield f"\n{words}: {len(found)}"
+        for r in sorted(found, key=lambda r: -(r.moved or 0.0)):
+            yield r.line
+            told = (" ".join(message.split()) for message in r.messages)
+            yield from (f"      {m if len(m) <= LONGEST else m[:LONGEST] + ' ...'}" for m in told)
+
+
+def passed(results: Sequence[Result]) -> bool:
+    """Whether the shares are within their limits and nothing crashed."""
+    count = {ending: sum(r.ending is ending for r in results) for ending in Ending}
+    return (
+        count[Ending.CRASH] == 0
+        and count[Ending.SILENT] <= SILENT_SHARE * len(results)
+        and count[Ending.ALARMED] <= ALARMED_SHARE * len(results)
+    )
 
 
 def part(text: str) -> tuple[int, int]:
@@ -60,14 +239,6 @@ def part(text: str) -> tuple[int, int]:
     if not found or int(found[1]) > int(found[2]):
         raise argparse.ArgumentTypeError(f"found '{text}'; allowed: K/N, the Kth of N parts")
     return int(found[1]), int(found[2])
-
-
-def print_clean(clean: list[Clean]) -> None:
-    """What is said of the clean recordings, and how long they take."""
-    for one in clean:
-        print(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s{' REFUSED' if one.refused else ''}")
-        for message in dict.fromkeys((*one.refused, *one.messages)):
-            print(f"    {message}")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -79,12 +250,35 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--clean", action="store_true", help="what is said of the clean recordings, no attack")
 
 
+def chosen_attacks(chosen: argparse.Namespace) -> list[Attack]:
+    """Those that the command line asks for and whose recordings are there."""
+    first, step = chosen.part
+    there, every = os.environ.get("GAITCAL_DATA"), corpus()
+    wide = chosen.all or chosen.quick or chosen.base or chosen.only
+    found = [
+        attack
+        for attack in (every if wide else once_each(every))
+        if (not chosen.only or re.search(chosen.only, attack.title, re.IGNORECASE))
+        and (not chosen.base or attack.base in chosen.base)
+        and (not chosen.quick or attack.quick)
+        and (there or attack.base == SYNTHETIC)
+    ]
+    return found[first - 1 :: step]
+
+
+def print_clean(clean: Iterable[Run]) -> None:
+    """What is said of clean recordings, and how long they take."""
+    for one in clean:
+        say(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s{' REFUSED' if one.refused else ''}")
+        for message in dict.fromkeys((*one.refused, *one.messages)):
+            say(f"    {message}")
+
+
 def run(chosen: argparse.Namespace) -> list[Result]:
     """Make the attacks and print the table."""
     attacks = chosen_attacks(chosen)
     if chosen.list:
-        print("\n".join(attack.title for attack in attacks))
-        print(f"{len(attacks)} attacks")
+        say(*(attack.title for attack in attacks), f"{len(attacks)} attacks")
         return []
     bases = chosen.base or list(EVERY) if chosen.clean else list(dict.fromkeys(attack.base for attack in attacks))
     clean = list(side_by_side([partial(run_clean, base) for base in bases], chosen.jobs))
@@ -93,15 +287,15 @@ def run(chosen: argparse.Namespace) -> list[Result]:
         return []
     of_base = {one.base: one for one in clean if not one.refused}
     if refused := [one for one in clean if one.refused]:
-        print("clean studies that are refused, whose attacks are left out:")
+        say("clean studies that are refused, whose attacks are left out:")
         print_clean(refused)
         attacks = [attack for attack in attacks if attack.base in of_base]
     results: list[Result] = []
     tasks = [partial(run_title, attack.title, of_base[attack.base]) for attack in attacks]
     for result in side_by_side(tasks, chosen.jobs):
         results.append(result)
-        print(f"{len(results):4d} of {len(attacks)}{line(result)}", file=sys.stderr, flush=True)
-    print("\n".join(lines(results)))
+        print(f"{len(results):4d} of {len(attacks)}{result.line}", file=sys.stderr, flush=True)
+    say(*lines(results))
     if refused:
         raise SystemExit(1)
     return results
