@@ -28,11 +28,13 @@ def start(folder: Path) -> subprocess.Popen[bytes]:
 
 
 def wait_for_chunks(folder: Path, count: int, process: subprocess.Popen[bytes]) -> None:
-    for _ in range(1200):
+    for _ in range(6000):  # a busy machine needs minutes
         if len(list(folder.glob("draws/*.parquet"))) >= count or process.poll() is not None:
             return
         time.sleep(0.05)
-    pytest.fail(f"no {count} chunks within a minute")
+    process.kill()
+    process.wait()
+    pytest.fail(f"no {count} chunks within five minutes")
 
 
 @pytest.mark.slow
@@ -55,7 +57,7 @@ def test_killed_and_interrupted_and_taken_up_again(case: MonteCarloCase, tmp_pat
     process = start(folder)
     wait_for_chunks(folder, killed // CHUNK + 1, process)
     process.send_signal(signal.SIGINT)
-    assert process.wait(60) != 0
+    assert process.wait(300) != 0
     interrupted = len(Store(folder).read())
     assert 0 < killed < interrupted < PLAN.total  # otherwise it was not stopped at work
     assert killed % CHUNK == interrupted % CHUNK == 0
