@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import json
 import re
@@ -14,6 +13,8 @@ import pandas as pd
 import pytest
 
 import gaitcal as gc
+from scripts.tools.benchmark import __main__ as benchmark
+from scripts.tools.benchmark import figure, references
 from tests.kept import copied_person, kept_calibration
 
 ROOT = Path(__file__).parents[1]
@@ -28,10 +29,7 @@ def example(name: str) -> ModuleType:
     return module
 
 
-def test_benchmark_runs_a_section_and_writes_its_figures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    benchmark = importlib.import_module("scripts.tools.benchmark.__main__")
+def test_benchmark_runs_a_section_and_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "figures.json"
     benchmark.main(["ip", "inverse-dynamics", "--runs", "1", "--json", str(out)])
     figures = json.loads(out.read_text(encoding="utf-8"))
@@ -40,8 +38,7 @@ def test_benchmark_runs_a_section_and_writes_its_figures(
     assert "physically consistent" in capsys.readouterr().out
 
 
-def test_benchmark_refuses_an_unknown_section(monkeypatch: pytest.MonkeyPatch) -> None:
-    benchmark = importlib.import_module("scripts.tools.benchmark.__main__")
+def test_benchmark_refuses_an_unknown_section() -> None:
     with pytest.raises(SystemExit) as stopped:
         benchmark.main(["nonsense"])
     assert stopped.value.code == 2
@@ -118,8 +115,6 @@ def test_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
 def test_benchmark_tells_how_a_series_grows(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    benchmark = importlib.import_module("scripts.tools.benchmark.__main__")
-    figure = importlib.import_module("scripts.tools.benchmark.figure")
     clock = iter(float(t) for t in (0, 6, 0, 12, 0, 24))  # start and end of three single runs
     monkeypatch.setattr(benchmark, "perf_counter", lambda: next(clock))
     parts = [
@@ -136,9 +131,7 @@ def test_benchmark_tells_how_a_series_grows(
     assert "exponent: memory" in capsys.readouterr().out
 
 
-def test_benchmark_counts_the_passes_that_its_lower_bound_is_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    references = importlib.import_module("scripts.tools.benchmark.references")
-    trials = importlib.import_module("scripts.tools.benchmark.trials")
-    matrices, gradients = references.passes(trials.problem("gait"))
+def test_benchmark_counts_the_passes_that_its_lower_bound_is_for() -> None:
+    matrices, gradients = references.passes(figure.problem("gait"))
     assert matrices >= 2
     assert gradients >= 1

@@ -3,8 +3,8 @@ steps.
 
 A peak is found in every stride by itself and averaged: the peak of a mean curve is flatter than those of its strides.
 The error that strides share is taken where each has its peak; a range has that of both its ends, as if independent.
-Strikes are known to a frame or so, heels to some millimetres: strides vary by at least `LEAST`, however alike a few of
-them happen to be.
+Strikes are known to a frame or so, heels to some millimetres: strides vary by at least `LEAST_SD`, however alike a few
+of them happen to be.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.compare.difference import DIGITS, MDC, Difference, Spread, shared_variance, spread_of, stride_part
 from gaitcal.compare.stride_sets import Common, Key, Session, StrideSet, mean_over
 from gaitcal.gait.cycles import POINTS, Kind, kind_of, unit_of
-from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
+from gaitcal.gait.spatiotemporal import LEAST_SD, LEAST_VALID, MEASURES
 from gaitcal.gait.strides import TURNING
 
 PHASES = {
@@ -177,10 +177,6 @@ def _at(found: StrideSet, values: Array, place: Array) -> Figure:
     return Figure(values, found.shared[rows, place], found.frames[rows, place])
 
 
-LEAST = {"s": 0.010, "%": 1.0, "m": 0.005, "m/s": 0.01, "steps/min": 1.0}
-"""Unit -> standard deviation of a stride by the events and markers alone: 10 ms are a frame at 100 Hz."""
-
-
 def measure_differences(a: Session, b: Session) -> Iterator[Difference]:
     """Every measure of each leg that both sessions have."""
     sets = [_values(session.measures) for session in (a, b)]
@@ -191,7 +187,7 @@ def measure_differences(a: Session, b: Session) -> Iterator[Difference]:
         unit, other_leg = MEASURES[name], ("l" if side == "r" else "r", name)
         beside = [values[other_leg][:, None] for values in sets if other_leg in values]
         spread = spread_of([of_a[:, None], of_b[:, None]], beside)
-        floored = Spread(variance=np.maximum(spread.variance, LEAST[unit] ** 2), freedom=spread.freedom)
+        floored = Spread(variance=np.maximum(spread.variance, LEAST_SD[unit] ** 2), freedom=spread.freedom)
         yield Difference(
             kind="spatiotemporal",
             side=side,

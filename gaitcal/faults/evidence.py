@@ -16,6 +16,7 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.io.axes import PROGRESSION_M, net_progression
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
+from gaitcal.model.linkage import joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.rebuilt_markers import Outlier, Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -126,6 +127,16 @@ class MarkerEvidence:
     def is_isolated(self) -> bool:
         """Whether one joint moves in isolation."""
         return self.trial.role is Role.JOINT
+
+    @cached_property
+    def as_fitted(self) -> MarkerEvidence:
+        """The trial with the markers that it is fitted by alone: of an isolated trial those of its joint's segments."""
+        if self.trial.joint is None:
+            return self
+        segments, of = joint_segments(self.trial.joint), self.marker_set.segment_of
+        kept = [i for i, label in enumerate(self.recording.labels) if of.get(label) in segments]
+        labels = tuple(self.recording.labels[i] for i in kept)
+        return self.with_recording(replace(self.recording, labels=labels, markers=self.recording.markers[:, kept]))
 
     @property
     def makes_model(self) -> bool:

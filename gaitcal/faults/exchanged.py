@@ -2,9 +2,9 @@
 
 By lengths: d0(a, c) is the distance of markers a and c of one segment in the static posture. A trajectory y under the
 label a costs  E_a(y) = mean_c | |y - x_c| - d0(a, c) |  over the others c of its segment. Labels a and b are exchanged
-where E_a(x_b) + E_b(x_a) is far below E_a(x_a) + E_b(x_b); a has taken the place of a marker b that is not seen where
-E_b(x_a) is far below E_a(x_a). By jumps: from one frame to the next a goes where b was, and b where a was. By sides:
-right markers lie to the left of their left namesakes, seen along the pelvis.
+where E_a(x_b) + E_b(x_a) is far below E_a(x_a) + E_b(x_b), and neither term is more than skin makes; a has taken the
+place of a marker b that is not seen where E_b(x_a) is far below E_a(x_a). By jumps: from one frame to the next a goes
+where b was, and b where a was. By sides: right markers lie to the left of their left namesakes, seen along the pelvis.
 
 Lengths are no evidence in arms: the humerus and the radius turn under the skin by up to a right angle, so that the two
 epicondyles, or the two sides of the wrist, come to where the other should be. They are judged by jumps alone.
@@ -171,25 +171,27 @@ class _Lengths:
         return np.where(count >= fewest, total / np.maximum(count, 1), np.nan)
 
     def present(self, a: str, b: str) -> Array:
-        """(nf,) m, of both labels as they are."""
-        return self.cost(a, a, (b,)) + self.cost(b, b, (a,))
+        """(2, nf) m, of both labels as they are."""
+        return np.stack([self.cost(a, a, (b,)), self.cost(b, b, (a,))])
 
-    def other(self, a: str, b: str) -> Array:
-        """(nf,) m, of both labels exchanged."""
-        return self.cost(a, b, (b,)) + self.cost(b, a, (a,))
+    def exchanged(self, a: str, b: str) -> Array:
+        """(2, nf) m, of both labels exchanged."""
+        return np.stack([self.cost(a, b, (b,)), self.cost(b, a, (a,))])
 
 
 def by_lengths(trial: MarkerEvidence) -> Iterator[Exchange]:
     """Exchanges that the lengths within segments show."""
+    trial = trial.as_fitted
     lengths = _Lengths(trial, ARMS)
     strange = {m: np.nan_to_num(lengths.cost(m, m, ())) > STRANGE_M for m in lengths.segment_of}
     doubted = [m for m, frames in strange.items() if frames.sum() >= SHORTEST]
     for a, b in combinations(doubted, 2):
         both = strange[a] & strange[b]
         if both.sum() >= SHORTEST:
-            most = FAR_BELOW * np.nan_to_num(lengths.present(a, b))
-            marked = _long_enough(both & (np.nan_to_num(lengths.other(a, b), nan=np.inf) < most))
-            if marked.any():
+            present, other = lengths.present(a, b), lengths.exchanged(a, b)  # comparisons with NaN are false
+            marked = _long_enough(both & (other.sum(axis=0) < FAR_BELOW * present.sum(axis=0)))
+            # a third marker that is elsewhere makes a wrong exchange cheaper, and no exchange right
+            if marked.any() and np.median(other.max(axis=0)[marked]) < STRANGE_M:
                 yield Exchange(a, b, marked, True)
     for a in doubted:
         for b in lengths.segment_of:
@@ -216,6 +218,7 @@ def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
 
     Where lengths do not tell (the two are alike in their distances to the others), the shorter side is the wrong one.
     """
+    trial = trial.as_fitted
     lengths = _Lengths(trial)
     for (a, b), times in _crossings(trial).items():
         frames = np.zeros(len(trial.seen), dtype=bool)
@@ -224,8 +227,7 @@ def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
         first, second = trial.recording.labels[a], trial.recording.labels[b]
         excess = np.full(len(frames), np.nan)
         if first in lengths.segment_of and second in lengths.segment_of:
-            excess = lengths.present(first, second) - lengths.cost(first, second, (second,))
-            excess = excess - lengths.cost(second, first, (first,))
+            excess = (lengths.present(first, second) - lengths.exchanged(first, second)).sum(axis=0)
         gain = float(np.nansum(np.where(frames, excess, -excess))) / max(int(np.isfinite(excess).sum()), 1)
         if gain < -DECISIVE_M or (gain < DECISIVE_M and frames.mean() > 0.5):
             frames = ~frames

@@ -130,6 +130,7 @@ def _harmful(stretch: Stretch, time: Array) -> bool:
 def stretches(trial: MarkerEvidence) -> dict[str, list[Stretch]]:
     """Marker -> where it is elsewhere."""
     found: dict[str, list[Stretch]] = {}
+    trial = trial.as_fitted
     for cluster in trial.clusters.values():
         for stretch in (*made_up(trial, cluster), *slipped(trial, cluster), *strayed(trial, cluster)):
             here, at = found.setdefault(stretch.label, []), stretch.frames
@@ -267,7 +268,7 @@ def frozen(trial: MarkerEvidence) -> Iterator[Finding]:
     same = (x[1:] == x[:-1]).all(axis=2)
     shortest = max(4, round(FROZEN_S * trial.recording.rate))
     labels, when = [], []
-    for label in trial.present:
+    for label in trial.as_fitted.present:
         held = [run for run in runs(same[:, trial.place[label]], shortest) if _others_move(x, run)]
         if held:
             labels.append(label)
@@ -289,7 +290,7 @@ def _others_move(x: Array, run: slice) -> bool:
 
 def flat(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers with a coordinate that never changes."""
-    labels = []
+    trial, labels = trial.as_fitted, []
     for label in trial.present:
         x = trial.path(label)[trial.seen[:, trial.place[label]]]
         if len(x) <= 10:

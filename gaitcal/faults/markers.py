@@ -226,7 +226,7 @@ def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
 
 def gaps(trial: MarkerEvidence) -> Iterator[Finding]:
     """Long gaps, and markers that are missing most of the time."""
-    used = {m for m in trial.present if trial.ever_seen(m)}
+    used = {m for m in trial.as_fitted.present if trial.ever_seen(m)}
     markers = [gap for gap in marker_gaps(trial.recording) if gap.label in used]
     rare = [f"{g.label} {100 * g.seen:.0f} %" for g in markers if g.seen < HALF]
     if rare:
@@ -237,15 +237,13 @@ def gaps(trial: MarkerEvidence) -> Iterator[Finding]:
         longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])
         cure = "gaps get no weight and are not filled; the rest of the segment carries it"
         yield trial.info("gaps", f"gaps longer than {LONG_S:g} s: {longest}", cure, code=Code.GAPS)
-    yield from _pelvis_lost(trial)
+    yield from _pelvis_lost(trial.as_fitted)
 
 
 def _pelvis_lost(trial: MarkerEvidence) -> Iterator[Finding]:
     """Where the pelvis has no pose: the splines carry it over moments, however many, but not over a part of a step."""
     pelvis, time = trial.pelvis, trial.recording.time
     if pelvis is None or pelvis.determined.all():
-        return
-    if carrier_of(trial.trial.joint) not in ("", "pelvis") and pelvis.determined.mean() < CARRIES_ITSELF:
         return
     lost = ~pelvis.determined
     lasting = [run for run in runs(lost) if duration(time, run) > LONG_S]

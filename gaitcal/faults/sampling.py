@@ -234,7 +234,7 @@ def spikes(trial: MarkerEvidence) -> Iterator[Finding]:
     for one in seams(x):  # the frames on either side of a seam
         peak[max(one.frame - 2, 0) : one.frame + 2] = False
     labels, largest = [], 0.0
-    for label in trial.present:
+    for label in trial.as_fitted.present:
         column = trial.place[label]
         out = np.where(peak[:, column], np.nan_to_num(away[:, column]), 0.0)
         if (out > limit).any():

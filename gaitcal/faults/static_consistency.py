@@ -94,8 +94,8 @@ def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
 
 @remembered
 def contradictions_in(trial: MarkerEvidence) -> tuple[Contradiction, ...]:
-    """Everything in which a moving trial contradicts the static one."""
-    return contradictions(trial.clusters, trial.links)
+    """Everything in which a moving trial contradicts the static one in what it is fitted by."""
+    return contradictions(trial.as_fitted.clusters, trial.as_fitted.links)
 
 
 def _of_cause(group: list[tuple[MarkerEvidence, Contradiction]], moving: int) -> Finding:

@@ -205,8 +205,8 @@ INVALID = "#f7e3c4"
 INVALID_KEY = Key(label="whole body not valid", colour=INVALID, kind="area")
 LEG_KEY = Key(label="moments of a leg not valid: right above, left below", colour=INVALID, kind="area")
 LIMIT_KEY = Key(label="asked of simulations", colour=INK, dashes=(2.0, 2.0), width=1.0)
-LEAST = 5.0
-"""Smallest range of a vertical axis, % of body weight."""
+LEAST = 0.5
+"""Smallest range of a vertical axis, N/kg."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,7 +216,7 @@ class Forces:
     time: Array
     """(nf,) s."""
     force: Array
-    """(nf, 2, 3) % of body weight, right and left foot: forward, up, to the right."""
+    """(nf, 2, 3) N/kg, right and left foot: forward, up, to the right."""
     valid_legs: BoolArray
     """(nf, 2) torques of the right and the left leg may be used."""
 
@@ -248,7 +248,7 @@ def _forces_panel(title: str, word: str, forces: Forces, axis: int) -> Panel:
     time, force = forces.time, forces.force[:, :, axis]
 
     def draw(axes: Axes) -> None:
-        dress(axes, xlabel="time (s)", ylabel=f"% body weight ({word} +)", title=title)
+        dress(axes, xlabel="time (s)", ylabel=f"N/kg ({word} +)", title=title)
         for leg, part in ((0, (0.5, 1.0)), (1, (0.0, 0.5))):
             shade_invalid(axes, time, forces.valid_legs[:, leg], part)
         axes.axhline(0.0, color=FAINT, linewidth=0.5)
@@ -258,7 +258,7 @@ def _forces_panel(title: str, word: str, forces: Forces, axis: int) -> Panel:
         axes.set_xlim(float(time[0]), float(time[-1]))
         axes.set_ylim(*limits([force, np.zeros(1)], LEAST))
 
-    return Panel(f"{title} ground reaction force on right and left foot, percent of body weight over time", draw)
+    return Panel(f"{title} ground reaction force on right and left foot, N/kg over time", draw)
 
 
 SIZE = Size(width=3.6, height=2.1)

@@ -29,7 +29,7 @@ from gaitcal.figures.chart import (
 )
 from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR
 from gaitcal.figures.report import HealthyBands
-from gaitcal.gait.conventions import Convention
+from gaitcal.gait.conventions import Convention, MomentUnit
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, capitalised, counted
 from gaitcal.model.coordinates import coordinate_words, senses_of
@@ -49,7 +49,7 @@ TALLEST: Final = 80.0
 ASPECT: Final = 0.68
 LINE, THIN, TOE_OFF = 1.4, 0.5, 0.6
 BAND: Final = 0.22
-LEAST: Final = {Kind.ANGLE: LEAST_ANGLE, Kind.FORCE: 50.0}
+LEAST: Final = {Kind.ANGLE: LEAST_ANGLE, Kind.FORCE: 0.5}
 """Smallest range of a vertical axis, in deg and N; of moments and powers in N·m/kg and W/kg."""
 
 
@@ -111,7 +111,13 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
     bands = _different([line for line in lines if line.healthy is not None])
 
     def draw(axes: Axes) -> None:
-        dress(axes, xlabel="gait cycle (%)", ylabel=_label(variable, convention), title=title, sizes=LETTERS)
+        dress(
+            axes,
+            xlabel="gait cycle (%)",
+            ylabel=_label(variable, convention, strides.subject),
+            title=title,
+            sizes=LETTERS,
+        )
         axes.axhline(0.0, color=FAINT, linewidth=THIN)
         drawn: list[Array] = []
         for line in bands:
@@ -148,7 +154,8 @@ def _line(variable: str, side: str, table: pd.DataFrame, strides: Strides, conve
         return None
 
     def told(values: Any) -> Array:
-        return convention.values(variable, np.asarray(values, dtype=np.float64), side, strides.subject)
+        factor = _force_unit(convention, strides.subject)[0] if variable == GROUND_REACTION else 1.0
+        return factor * convention.values(variable, np.asarray(values, dtype=np.float64), side, strides.subject)
 
     count = int(rows["n"].max())
     band = strides.healthy.get(variable, {}).get(side)
@@ -206,6 +213,15 @@ def _off_keys(offs: Mapping[str, float]) -> Iterator[Key]:
         yield Key(label="thin upright lines: toe-off", colour=FAINT, width=TOE_OFF)
 
 
+def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
+    """By what newtons are multiplied, and the unit, beside moments of that convention."""
+    return {
+        MomentUnit.NM: (1.0, "N"),
+        MomentUnit.NM_PER_KG: (1.0 / subject.mass, "N/kg"),
+        MomentUnit.PERCENT_BWH: (100.0 / subject.weight, "% body weight"),
+    }[convention.unit]
+
+
 def _title(variable: str) -> str:
     if variable == GROUND_REACTION:
         return "Vertical ground reaction force"
@@ -213,13 +229,14 @@ def _title(variable: str) -> str:
     return title if kind is Kind.ANGLE else f"{title} {kind.words}"
 
 
-def _label(variable: str, convention: Convention) -> str:
+def _label(variable: str, convention: Convention, subject: Subject) -> str:
     """Unit, and what is positive."""
     kind, moment = kind_of(variable), convention.unit.key.replace("Nm", "N·m").replace("*", "·")
     if kind is Kind.MOMENT and senses_of(coordinate_of(variable)) is None:
         return moment
     whose = f"{convention.acting.key}, " if kind is Kind.MOMENT else ""
-    unit = {Kind.ANGLE: "deg", Kind.MOMENT: moment, Kind.POWER: convention.unit.power, Kind.FORCE: "N"}[kind]
+    force = _force_unit(convention, subject)[1]
+    unit = {Kind.ANGLE: "deg", Kind.MOMENT: moment, Kind.POWER: convention.unit.power, Kind.FORCE: force}[kind]
     return f"{unit}\n({whose}{convention.senses(variable, 'r')[0]} +)"
 
 

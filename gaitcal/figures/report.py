@@ -265,13 +265,12 @@ def _forces(told: Told, trial: SheetRecording, name: str) -> Chart | None:
     found = {curve.name: curve for curve in trial.of("force")}
     if not found:
         return None
-    percent = 100.0 / float(told.sheet["person"]["weight"])
     force = np.stack([np.stack([found[f"{b}_{s}"].value for b in GROUND], axis=1) for s in SIDES], axis=1)
     legs = np.stack([found[f"{GROUND_REACTION}_{side}"].valid for side in SIDES], axis=1)
     # Packed to 1/65534 of its range, no force is exactly none.
     unloaded = np.abs(force[:, :, 1]) <= np.abs(force[:, :, 1]).max() / 2**16
     force[np.broadcast_to(unloaded[:, :, None], force.shape)] = 0.0
-    return forces_chart(Forces(time=trial.time, force=percent * force, valid_legs=legs), name)
+    return forces_chart(Forces(time=trial.time, force=force / told.mass, valid_legs=legs), name)
 
 
 def _residuals(trial: SheetRecording, name: str) -> Chart | None:

@@ -23,12 +23,12 @@ foot's stride, where that is whole). Nothing is told of a foot at a strike at wh
     symmetry index = 100 (R - L) / ((R + L) / 2)   (%)
 
 of the means R and L of both legs over strides and trials (Robinson, Herzog & Nigg, J Manipulative Physiol Ther 1987): 0
-where they are alike, positive where the right one is larger. There is none of the step width, which is one distance
-between both feet. Mean and standard deviations are those of `gait/ensemble.py`: each stride counts the same, also where
-the recording shows a part of it. Legs that are refused are left out, with steps and supports beside them, to which both
-feet belong: what makes a leg's markers or forces wrong, or of the other side, need not spare its clock.
-
-The peak of a curve over strides is the mean of each stride's own. A stride of which little is valid says nothing of it.
+where they are alike, positive where the right one is larger. Its standard error is that of both means, whose strides
+vary by what they are seen to, and at least by `LEAST_SD`: a frame of double support is no asymmetry. There is none of
+the step width, which is one distance between both feet. Mean and standard deviations are those of `gait/ensemble.py`:
+each stride counts the same, also where the recording shows a part of it. Legs that are refused are left out, with steps
+and supports beside them, to which both feet belong: what makes a leg's markers or forces wrong, or of the other side,
+need not spare its clock.
 """
 
 from __future__ import annotations
@@ -80,6 +80,8 @@ MEASURES: Final = {
     "single_support_percent": "%",
 }
 """Name -> unit, in the order of tables; `_percent` is of the stride."""
+LEAST_SD: Final = {"s": 0.010, "%": 1.0, "m": 0.005, "m/s": 0.01, "steps/min": 1.0}
+"""Unit -> standard deviation of a stride by the events and markers alone: 10 ms are a frame at 100 Hz."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,6 +315,15 @@ class MeasureMeans:
             return None
         return 200.0 * (self.right.mean - self.left.mean) / (self.right.mean + self.left.mean)
 
+    @property
+    def symmetry_error(self) -> float | None:
+        """%, standard error of `symmetry`; None where there is none."""
+        if self.symmetry is None or self.right is None or self.left is None:
+            return None
+        right, left = (max(a.sd or 0.0, LEAST_SD[self.unit]) / a.n**0.5 for a in (self.right, self.left))
+        both = self.right.mean + self.left.mean
+        return float(400.0 * np.hypot(self.left.mean * right, self.right.mean * left) / both**2)
+
 
 def measure_means(strides: Mapping[str, Sequence[Stride]]) -> tuple[MeasureMeans, ...]:
     """Of every measure that some stride shows, in the order of `MEASURES`; `strides`: trial -> those that count."""
@@ -341,30 +352,3 @@ def _average(strides: Mapping[str, Sequence[Stride]], side: str, name: str) -> A
         sd_within=within,
         sd_between=between_trials,
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class StridePeaks:
-    """The largest values of a curve in the strides of a leg."""
-
-    mean: float  # over the strides that count; NaN where none does
-    error: float  # standard deviation over them; of one alone, the standard error of its peak; NaN: not known
-    count: int  # strides that count
-    strides: int  # all that were looked at
-
-
-def stride_peaks(values: Array, errors: Array) -> StridePeaks:
-    """Of the largest value of each stride.
-
-    Parameters
-    ----------
-    values : (n, points) n strides; NaN where a value is not valid.
-    errors : (n, points) standard errors; NaN where not known.
-    """
-    counting = np.flatnonzero(np.isfinite(values).mean(axis=1) >= LEAST_VALID)
-    if not len(counting):
-        return StridePeaks(mean=np.nan, error=np.nan, count=0, strides=len(values))
-    places = np.nanargmax(values[counting], axis=1)
-    peaks = values[counting, places]
-    error = peaks.std(ddof=1) if len(peaks) > 1 else errors[counting[0], places[0]]
-    return StridePeaks(mean=float(peaks.mean()), error=float(error), count=len(counting), strides=len(values))

@@ -18,6 +18,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.explanations.explanation import Bullets, Paragraph, explanation_of, parts_of
@@ -25,7 +27,8 @@ from gaitcal.faults.verdict import Judgement, Verdict, WalkVerdict
 from gaitcal.gait.conventions import Bands
 from gaitcal.gait.cycles import coordinate_of, kind_of
 from gaitcal.gait.moments import explained
-from gaitcal.gait.spatiotemporal import MEASURES
+from gaitcal.gait.peaks import Figure, peak_means
+from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES
 from gaitcal.io.toml import package_version
 from gaitcal.model.anthropometry import looks_like_child
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, Coordinate, is_of_leg
@@ -52,7 +55,7 @@ from gaitcal.page.trust import trust_blocks
 from gaitcal.session.result import Calibration, TrialResult
 
 PAGE_DATA: Final = "page.json"
-FORMAT: Final = 1
+FORMAT: Final = 2
 MOST_LETTERS: Final = 7_000_000
 """Packed curves of all trials of a page together, of the 25 MB that it may have."""
 SHOWN_MEASURES: Final = {
@@ -163,7 +166,7 @@ def person_page_data(subject: Subject, verdict: Verdict, normal: Bands | None = 
         "lines": [],
         "rows": coordinate_rows(),
         "measures": [
-            {"name": name, "title": title, "digits": digits, "unit": MEASURES[name]}
+            {"name": name, "title": title, "digits": digits, "unit": MEASURES[name], "least": LEAST_SD[MEASURES[name]]}
             for name, (title, digits) in SHOWN_MEASURES.items()
         ],
         "bands": bands,
@@ -259,6 +262,31 @@ def coordinate_rows() -> list[dict[str, Any]]:
         }
         for key, group in GROUPS.items()
     ]
+
+
+def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the table of peaks, over the straight strides of all trials, each with what the legs have of it."""
+    strides = [
+        (trial["name"], s["side"], {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()})
+        for trial in data["trials"]
+        for s in trial["strides"]
+        if not s["turns"]
+    ]
+    rows: dict[str, dict[str, Any]] = {}
+    for mean in peak_means(strides):
+        peak = mean.peak
+        row = {
+            "base": coordinate_of(peak.variable),
+            "kind": kind_of(peak.variable).words,
+            "title": peak.title(),
+            "external": peak.title(external=True),
+            "window": peak.words,
+            "apart": peak.figure is Figure.RANGE,
+        }
+        figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
+        leg = {name: rounded(value) for name, value in figures.items()}
+        rows.setdefault(peak.name, row)[mean.side] = {**leg, "n": mean.n, "strides": mean.strides}
+    return list(rows.values())
 
 
 def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

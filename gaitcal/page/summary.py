@@ -20,8 +20,9 @@ from gaitcal.gait.moments import (
     listed,
     moment_numbers,
     moment_of,
+    own_error_of,
 )
-from gaitcal.gait.spatiotemporal import LEAST_VALID, StridePeaks, stride_peaks
+from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean, peak_means, stride_peaks
 from gaitcal.gait.strides import TURNING, Layout, layout, strides_of, turns
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
@@ -51,8 +52,8 @@ HOW_TO_READ = (
     "which a recording shows a part; n strides. Strides that turn by more than "
     f"{number(TURNING, 0)} deg are left out, and legs that are refused, with steps and supports beside them. "
     "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the "
-    "one that ends with the named foot. Symmetry: 100 (right − left) / mean of both; the width is one of both "
-    "feet.",
+    "one that ends with the named foot. Asymmetry: 100 (right − left) / mean of both ± its standard error; "
+    "the width is one of both feet.",
 )
 MOST_SPANS = 6
 """Strides whose times are told one by one."""
@@ -195,11 +196,10 @@ def _counting(mass: float, walks: Sequence[GaitNumbers]) -> Line:
         valid[side], total[side] = sum(v for v, _ in strides), sum(n for _, n in strides)
     right, left = (f"{valid[side]} of {total[side]} {SIDE_WORDS[side]}" for side in SIDES)
     words = f"Moments count throughout {right} and {left} strides."
-    peaks = {side: adduction_peaks([walk.trial for walk in walks], side) for side in SIDES}
-    if both := ", ".join(_peak(peak, side, mass) for side, peak in peaks.items() if peak.strides):
+    if both := ", ".join(_peak(peak, mass) for peak in adduction_peaks([walk.trial for walk in walks])):
         words += (
-            " Peak external knee adduction moment, N·m/kg, mean ± SD of the peaks of all straight strides that are "
-            f"valid to {number(100.0 * LEAST_VALID, 0)} %: {both}."
+            " External knee adduction moment, N·m/kg, first peak, mean ± standard error over all straight strides: "
+            f"{both}."
         )
     known = any(walk.trial.loads is not None and walk.trial.loads.errors is not None for walk in loaded)
     if not known:
@@ -207,35 +207,34 @@ def _counting(mass: float, walks: Sequence[GaitNumbers]) -> Line:
     return {"tone": "plain" if all(valid.values()) and known else "look", "text": words}
 
 
-def adduction_peaks(walks: Sequence[TrialResult], side: str) -> StridePeaks:
-    """Largest external adduction moment (N·m) of a knee in each straight stride, as in the page's table of peaks."""
-    name = f"{KNEE_ADDUCTION}_{side}"
-    values, errors = [], []
+def adduction_peaks(walks: Sequence[TrialResult]) -> tuple[PeakMean, ...]:
+    """First peak of the knee's internal abduction moment (N·m) of each leg that has one, as in the table of peaks."""
+    strides = []
     for walk in walks:
-        time, straight = walk.body.time, {s.number: not turns(s.turn) for s in walk.strides if s.side == side}
-        for k, cycle in enumerate(strides_of(walk.events)[side], start=1):
-            if walk.loads is None or not straight.get(k, True):
-                continue
-            valid = usable(time, walk.loads.reactions.valid_for(name), cycle)
-            external = normalise(time, -moment_of(walk.loads.final, name), cycle)
-            values.append(np.where(valid, external, np.nan))
-            known = walk.loads.errors
-            errors.append(np.full(POINTS, np.nan) if known is None else normalise(time, moment_of(known, name), cycle))
-    shape = (len(values), POINTS)
-    return stride_peaks(np.reshape(values, shape), np.reshape(errors, shape))
+        time = walk.body.time
+        straight = {(s.side, s.number): not turns(s.turn) for s in walk.strides}
+        for side, cycles in strides_of(walk.events).items():
+            name = f"{KNEE_ADDUCTION}_{side}"
+            for k, cycle in enumerate(cycles, start=1):
+                if walk.loads is None or not straight.get((side, k), True):
+                    continue
+                valid, errors = walk.loads.reactions.valid_for(name), walk.loads.errors
+                value = normalise(time, moment_of(walk.loads.final, name), cycle)
+                value = np.where(usable(time, valid, cycle), value, np.nan)
+                unknown = np.full(POINTS, np.nan)
+                error = unknown if errors is None else normalise(time, moment_of(errors, name), cycle)
+                of_stride = None if errors is None else own_error_of(errors, name)
+                own = unknown if of_stride is None else normalise(time, of_stride, cycle)
+                curves = {ADDUCTION_PEAK.variable: (value, error, own)}
+                strides.append((walk.name, side, stride_peaks(curves, cycle.stance)))
+    return tuple(mean for mean in peak_means(strides) if mean.peak is ADDUCTION_PEAK)
 
 
-def _peak(peak: StridePeaks, side: str, mass: float) -> str:
-    """`right 0.42 ± 0.03 (4 of 5)`."""
-    share = f"{peak.count} of {counted(peak.strides, 'stride')}"
-    if not peak.count:
-        return f"{SIDE_WORDS[side]} – ({share})"
-    value = number(peak.mean / mass, 2)
-    if np.isfinite(peak.error):
-        value += f" ± {number(peak.error / mass, 2)}"
-        if peak.count == 1:
-            share += ", ± its standard error"
-    return f"{SIDE_WORDS[side]} {value} ({share})"
+def _peak(peak: PeakMean, mass: float) -> str:
+    """`right 0.42 ± 0.03 (4 of 5 strides)`."""
+    error = f" ± {number(peak.se / mass, 2)}" if np.isfinite(peak.se) else ""
+    of = f"{peak.n} of {counted(peak.strides, 'stride')}"
+    return f"{SIDE_WORDS[peak.side]} {number(-peak.mean / mass, 2)}{error} ({of})"
 
 
 def answers(calibration: Calibration) -> list[dict[str, str]]:

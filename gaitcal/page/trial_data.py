@@ -16,15 +16,16 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.faults.verdict import WalkVerdict
-from gaitcal.gait.cycles import normalise, source_words, usable
+from gaitcal.gait.cycles import GaitCycle, Kind, normalise, source_words, usable
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of, role_words
+from gaitcal.gait.peaks import stride_peaks
 from gaitcal.gait.strides import along_line, pelvis_angles, strides_of, turns
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, split_side
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.page.fit import trial_fit_blocks
-from gaitcal.page.plain_data import Sections, base64_of, floats, lengths
+from gaitcal.page.plain_data import Sections, base64_of, floats, lengths, rounded
 from gaitcal.page.scene import MOST_FRAMES
 from gaitcal.page.summary import gait_numbers, trial_clinician_blocks
 from gaitcal.page.trust import trial_trust_blocks
@@ -263,7 +264,7 @@ def trial_page_data(
             {"side": e.side, "kind": e.moment.value, "time": e.time - start, "source": source_words([e.source])}
             for e in trial.events.events
         ],
-        "strides": _strides(trial, pelvis_parts(trial, truth), masks_of(curves)),
+        "strides": _strides(trial, pelvis_parts(trial, truth), curves),
         "measures": [  # rows of `spatiotemporal.csv`, also of a stride of which the recording shows a part
             {
                 "side": stride.side,
@@ -287,9 +288,9 @@ def trial_sections(model: SubjectModel, trial: TrialResult) -> Sections:
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 
 
-def _strides(trial: TrialResult, pelvis: Mapping[str, Array], masks: Sequence[BoolArray]) -> list[dict[str, Any]]:
-    """Complete strides of both feet: s from the begin of the trial; `number`, pelvis and, of each mask of the curves,
-    valid percents as in `cycles.csv`. `pelvis`: parts of `pelvis_parts`, over each stride against its own line.
+def _strides(trial: TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curve, ...]) -> list[dict[str, Any]]:
+    """Complete strides of both feet: s from the begin of the trial; `number`, pelvis, of each mask of the curves valid
+    percents as in `cycles.csv`, and peaks. `pelvis`: parts of `pelvis_parts`, over each stride against its own line.
     """
     if trial.joint is not None:
         return []
@@ -315,7 +316,22 @@ def _strides(trial: TrialResult, pelvis: Mapping[str, Array], masks: Sequence[Bo
                         name: {part: lengths(angles[:, k]) for part, angles in laid.items()}
                         for k, name in enumerate(PELVIS_ANGLES)
                     },
-                    "valid": [base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks],
+                    "valid": [base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)],
+                    "peaks": peaks_in(time, cycle, [c for c in curves if c.side in (side, "")], laid["value"]),
                 }
             )
     return out
+
+
+def peaks_in(time: Array, cycle: GaitCycle, curves: Sequence[Curve], pelvis: Array) -> dict[str, list[float | None]]:
+    """Peak -> what `stride_peaks` says of it, None for NaN. `pelvis`: (101, 3) deg, `PELVIS_ANGLES`."""
+    endings, unknown = {kind.words: kind.ending for kind in Kind}, np.full(len(time), np.nan)
+    laid = {}
+    for curve in curves:
+        parts = [unknown if part is None else part for part in (curve.value, curve.error, curve.own)]
+        value, error, own = normalise(time, np.stack(parts, axis=1), cycle).T
+        value = pelvis[:, PELVIS_ANGLES.index(curve.base)] if curve.base in PELVIS_ANGLES else value
+        name = curve.base if curve.kind == "force" else f"{curve.base}{endings.get(curve.kind, curve.kind)}"
+        laid[name] = (np.where(usable(time, curve.valid, cycle), value, np.nan), error, own)
+    found = stride_peaks(laid, cycle.stance)
+    return {name: [rounded(v) for v in values] for name, values in found.items()}

@@ -21,12 +21,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from gaitcal.errors import GaitcalError
-from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.io.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bone_files import BoneMeshes, installed_bones
 from gaitcal.page.bone_placement import landmarked
-from gaitcal.page.page_data import MOST_LETTERS, curves_left_out, thinned
+from gaitcal.page.page_data import MOST_LETTERS, curves_left_out, peak_page_rows, thinned
 from gaitcal.page.plain_data import script_json
 from gaitcal.page.scene import MotionScene, Scene, scene_of
 from gaitcal.page.scene_file import MOST_BYTES, left_out, scene_json
@@ -136,14 +135,15 @@ def body_texts(scenes: Sequence[Scene], bones: BoneMeshes | None = None) -> list
 
 def data_text(data: Mapping[str, Any] | None, results: int = 1) -> str:
     """The data of a result as JSON for a page of so many `results`."""
-    return script_json(data and thinned(data, MOST_LETTERS // results))
+    shown = data and {**thinned(data, MOST_LETTERS // results), "peaks": peak_page_rows(data)}
+    return script_json(shown)
 
 
 def joined_page(results: Sequence[tuple[str, BodyText, str]]) -> str:
     """The page of results, each with its name, its body in motion and its data (`data_text`)."""
 
     def result(name: str, body: BodyText, data: str) -> str:
-        return f'{{"name":{script_json(name)},"leastValid":{LEAST_VALID},"scene":{body.scene},"sheet":{data}}}'
+        return f'{{"name":{script_json(name)},"scene":{body.scene},"sheet":{data}}}'
 
     viewer, licences = _meshcat()
     content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)

@@ -201,14 +201,15 @@ def _why(missing: int, turning: int, plates: bool) -> str:
 
 
 def _steps(summary: Mapping[str, object]) -> Iterator[tuple[str, ...]]:
-    yield ("measure", "unit", "right", "left", "asymmetry, %")
+    yield ("measure", "unit", "right", "left", "asymmetry, % ± SE")
     found = table_of(summary, "spatiotemporal")
     for name, (title, digits) in SHOWN_MEASURES.items():
         measure = table_of(found, name)
         if measure:
             cells = (_average(table_of(measure, side), digits) for side in SIDES)
-            asymmetry = measure.get("symmetry_percent")
-            yield (title, str(measure.get("unit", "")), *cells, "" if asymmetry is None else f"{asymmetry:.1f}")
+            asymmetry, error = (measure.get(f"symmetry_{name}") for name in ("percent", "se_percent"))
+            apart = "" if asymmetry is None else f"{asymmetry:.1f} ± {error:.1f}"
+            yield (title, str(measure.get("unit", "")), *cells, apart)
 
 
 def _average(of_side: Mapping[str, object], digits: int) -> str:

@@ -1,5 +1,5 @@
-"""The files of strides in a result folder: `cycles.csv`, its mean curves `ensemble.csv`, and `spatiotemporal.csv` in
-long form, with its means for `summary.json`.
+"""The files of strides in a result folder: `cycles.csv`, its mean curves `ensemble.csv` and `peaks.csv`, and
+`spatiotemporal.csv` in long form, with its means for `summary.json`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.gait.cycles import CYCLE_COLUMNS, typed
+from gaitcal.arrays import Array
+from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, typed
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
+from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, stride_peaks
 from gaitcal.gait.spatiotemporal import MEASURES, Average, MeasureMeans, counting, counts, measure_means
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import sha256_of
@@ -98,13 +100,14 @@ def spatiotemporal_means(trials: Sequence[TrialResult]) -> tuple[MeasureMeans, .
 
 
 def means_summary(trials: Sequence[TrialResult]) -> dict[str, Json]:
-    """Measure -> unit, mean, SD and number of strides of each leg, and symmetry index (%), as `summary.json` has it."""
+    """Measure -> unit; of each leg mean, SD and number of strides; symmetry index (%) and its error."""
     out: dict[str, Json] = {}
     for found in spatiotemporal_means(trials):
         entry: dict[str, Json] = {"unit": found.unit}
         entry |= {side: _entry(of) for side, of in (("r", found.right), ("l", found.left)) if of is not None}
-        if found.symmetry is not None:
+        if found.symmetry is not None and found.symmetry_error is not None:
             entry["symmetry_percent"] = round(found.symmetry, TIME_DIGITS)
+            entry["symmetry_se_percent"] = round(found.symmetry_error, TIME_DIGITS)
         out[found.name] = entry
     return out
 
@@ -123,6 +126,14 @@ ENSEMBLE_HEADER: Final = (
     "n strides of so many trials at that percent; sd over strides; sd_within strides of a trial, sd_between trials",
     "(empty where no trial has two strides); sd_error: what of sd and sd_within is measurement error, at most",
     "se: standard error of the mean, with the errors that all strides share",
+)
+"""Comment lines above the header."""
+
+PEAKS: Final = "peaks.csv"
+PEAKS_HEADER: Final = (
+    "peaks of each stride in its phase, then means over all straight strides; units and signs as in cycles.csv",
+    "window: of the stance and the swing of that foot; highest and lowest: only where the curve turns within it",
+    "n of so many strides have it; sd over strides; se of the mean, with the errors that all strides share",
 )
 """Comment lines above the header."""
 
@@ -160,6 +171,7 @@ def write_stride_files(
 
         table = pd.concat([before.spatiotemporal, pd.DataFrame(table, dtype=object)], ignore_index=True)
     refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
+    write_csv(peak_columns(_peaks(strides, table)), folder / PEAKS, (*_turning_lines(strides), *PEAKS_HEADER))
     write_csv(table, folder / SPATIOTEMPORAL, (*before.spatiotemporal_lines, *refused, *SPATIOTEMPORAL_HEADER))
 
 
@@ -175,6 +187,22 @@ def _mean_curves(strides: Mapping[str, Column]) -> dict[str, NDArray[Any]]:
         return {name: np.empty(0) for name in ENSEMBLE_COLUMNS}
     curves = mean_curves(strides)
     return {name: np.round(v, DIGITS) if v.dtype.kind == "f" else v for name, v in curves.items()}
+
+
+def _peaks(strides: Mapping[str, Column], measures: Table) -> tuple[PeakMean, ...]:
+    """Of strides that go straight; `measures`: of `spatiotemporal.csv`, which know where stance ends."""
+    rows = zip(*(measures[name] for name in ("trial", "side", "stride", "variable", "value")), strict=True)
+    toe_off = {
+        (t, s, int(n)): float(v) for t, s, n, name, v in rows if name == "stance_percent" and n not in ("", None)
+    }
+    values, se, own = (np.asarray(strides[name], dtype=np.float64) for name in ("value", "se", "se_stride"))
+    values = np.where(np.asarray(strides["valid"]) == 1, values, np.nan)
+    curves: dict[tuple[str, str, int], dict[str, tuple[Array, Array, Array]]] = {}
+    for k in range(0, len(values), POINTS):
+        if not abs(strides["turn"][k]) > TURNING:
+            of_stride = curves.setdefault((strides["trial"][k], strides["side"][k], int(strides["stride"][k])), {})
+            of_stride[strides["variable"][k]] = (values[k : k + POINTS], se[k : k + POINTS], own[k : k + POINTS])
+    return peak_means((key[0], key[1], stride_peaks(found, toe_off.get(key))) for key, found in curves.items())
 
 
 def _turning_lines(strides: Mapping[str, Column]) -> tuple[str, ...]:

@@ -5,7 +5,7 @@
 A member is a module. Its docstring is its help, and it has
 
     SHARED          which of the options of `OPTIONS` it takes
-    add_options     its own options
+    add_options     its own options (optional)
     run             does all of it, prints its tables, returns its results
     passed          whether these keep their limits; exit code 1 where not (optional)
 
@@ -142,7 +142,7 @@ def parsed(member: ModuleType, name: str, arguments: Sequence[str]) -> argparse.
     parser = argparse.ArgumentParser(program, description=member.__doc__, formatter_class=raw)
     for option in member.SHARED:
         parser.add_argument(option, **OPTIONS[option])
-    member.add_options(parser)
+    getattr(member, "add_options", lambda _: None)(parser)
     chosen = parser.parse_args(arguments)
     if "--set" in member.SHARED:
         chosen.settings = changed_settings(chosen.set)

@@ -29,14 +29,13 @@ from gaitcal.cohort.one_person import COLUMNS, GAP, CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes, keep, kept, state_file
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.cohort.run import write_tables
-from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.synthetic.motion import marker_noise, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.subject import EXACT_PLATES, on_the_floor, recording_of, synthetic_model
+from scripts.validation.study_folder import write_folder
 
 STANDING = 60
 """Frames."""
@@ -71,22 +70,10 @@ def write_person(folder: Path, number: int, bodies: int) -> None:
     model, standing, walk = body(number % bodies)
     rng = np.random.default_rng([number, SESSION])
     noisy = walk.markers + marker_noise(walk.time, len(walk.labels), rng, NOISE_M)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_c3d(folder / "static.c3d", standing)
-    write_c3d(folder / "gait.c3d", replace(walk, markers=noisy))
-    subject = model.subject
-    study = StudyFile(
-        subject=SubjectTable(
-            name=f"P{number:04d}", mass_kg=round(subject.mass, 3), height_m=subject.height, sex=subject.sex
-        ),
-        markers=Markers(set="published"),
-        trial=(
-            TrialTable(name="static", role="static", file=Path("static.c3d")),
-            TrialTable(name="gait", role="gait", file=Path("gait.c3d"), plates={"1": "r", "2": "l"}),
-        ),
-        calibration=CalibrationSettings(force_filter_hz="none", plate_error=EXACT_PLATES),
-    )
-    (folder / "study.toml").write_text(study.to_toml(), encoding="utf-8")
+    who = (f"P{number:04d}", round(model.subject.mass, 3), model.subject.height, model.subject.sex)
+    settings = CalibrationSettings(force_filter_hz="none", plate_error=EXACT_PLATES)
+    walked = replace(walk, markers=noisy)
+    write_folder(folder, {"static": standing, "gait": walked}, who, settings, {"1": "r", "2": "l"})
 
 
 def write_people(out: Path, numbers: Sequence[int], bodies: int = 20) -> None:

@@ -2,37 +2,231 @@
 
     priors [--populations offset,structured,wide] [--cohort 20] [--left-out 12] [--seed 0]
 
-Made-up people of populations that the program does not know (`prior_people.py`), with slow waves on every marker.
-Priors are learnt of a cohort that walked (`gait`), and of the same people with isolated trials of hips, knees and
-ankles besides (`isolated`). People who are not in the cohort, and walked, are calibrated with the default prior and
-with these two, all else being equal.
+Made-up people of populations that the program does not know (how the joints of their linkage deviate from nominal
+ones), with slow waves on every marker. Priors are learnt of a cohort that walked (`gait`), and of the same people with
+isolated trials of hips, knees and ankles besides (`isolated`). People who are not in the cohort, and walked, are
+calibrated with the default prior and with these two, all else being equal.
 
 Printed: RMS error of the legs' joint parameters, and how often bars of 95 % cover the truth: nominal, default prior,
 priors of either cohort; then the same by joint, and by how well the walk of a person shows a direction of the
 parameters. A person takes some 20 s.
+
+The published person's linkage is changed by what the population says, its joints about where a study takes them to be
+nominal, and then made as tall as the person is. As both segments of a joint have their frames from one static posture,
+what is told of them in those frames goes together. Markers move as in `gaitcal synthesize`: slow waves of up to
+10 mm, none in the static trial. Frames are thinned to 100 Hz in the walk, 33 Hz in isolated trials.
 """
 
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from gaitcal import Study
 from gaitcal.arrays import Array
+from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_root
-from gaitcal.cohort.learn_priors import Rules, learn_cohort, priors_words
+from gaitcal.cohort.learn_priors import Rules, learn_cohort, parts_of, priors_words
 from gaitcal.cohort.learning import PersonEvidence
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_TO_SI, Kind
-from gaitcal.study.joint_prior import CohortPriors, joint_prior
+from gaitcal.io.recording import Recording
+from gaitcal.model.linkage import ISOLATED_JOINTS
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
+from gaitcal.model.segment_frames import HipCentre
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.session.joint_parameters import fit_joints
+from gaitcal.session.session import session_of
+from gaitcal.study.joint_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, joint_prior, mirror
+from gaitcal.study.study import nominal_of
+from gaitcal.study.study_trial import Role
+from gaitcal.synthetic.motion import (
+    TrueMotion,
+    isolated_motion,
+    marker_noise,
+    standing_pose,
+    static_motion,
+    synthetic_markers,
+    two_strides,
+)
+from gaitcal.synthetic.truth import in_static_frames
+from scripts.validation.error_bars import HALF_WIDTHS, rms
 from scripts.validation.harness import commas
-from scripts.validation.prior_people import POPULATIONS, Fit, MadePerson, evidence, fit, person_of, walk_alone
+from scripts.validation.study_folder import write_folder
 
-WIDTH = 1.96
+SHARED = ("--seed",)
+POSITION = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
+Draw = Callable[[np.random.Generator, Person], Array]
+"""(98,) m, rad: deviations of a new person."""
+
+
+def scaled(millimetres: float, degrees: float) -> Array:
+    """(98,) m, rad."""
+    return np.where(POSITION, 1e-3 * millimetres, np.deg2rad(degrees))
+
+
+def both_sides(values: Array) -> Array:
+    """(98,) the same on both sides."""
+    paired = np.array([p.joint[-2:] in ("_r", "_l") for p in JOINT_PARAMETERS])
+    return 0.5 * (values + mirror(JP_NAMES) @ values) * np.where(paired, np.sqrt(2.0), 1.0)
+
+
+def offset(rng: np.random.Generator) -> Draw:
+    """Everybody deviates by nearly the same: uniform within 10 mm and 10 deg; their own spread is 2 mm and 2 deg."""
+    common = both_sides(rng.uniform(-1.0, 1.0, len(JP_NAMES)) * scaled(10.0, 10.0))
+    return lambda own, person: common + own.normal(size=len(common)) * scaled(2.0, 2.0)
+
+
+def wide(rng: np.random.Generator) -> Draw:
+    """No deviation in common; each parameter independent, uniform within 10 mm and 10 deg as `synthesize --perturb`."""
+    return lambda own, person: own.uniform(-1.0, 1.0, len(JP_NAMES)) * scaled(10.0, 10.0)
+
+
+def structured(rng: np.random.Generator) -> Draw:
+    """Three traits move many parameters of both sides together (4 mm, 4 deg each), size moves them by 4 mm and 3 deg
+    for 10 cm, an offset by 4 mm and 4 deg; their own spread is 1.5 mm, 1.5 deg.
+    """
+    count = len(JP_NAMES)
+    traits = np.array([both_sides(rng.normal(size=count) * scaled(4.0, 4.0)) for _ in range(3)])
+    size = both_sides(rng.normal(size=count) * scaled(4.0, 3.0))
+    common = both_sides(rng.normal(size=count) * scaled(4.0, 4.0))
+
+    def draw(own: np.random.Generator, person: Person) -> Array:
+        by_size = (person.height - HEIGHT) / STEP * size
+        out: Array = common + by_size + own.normal(size=3) @ traits + own.normal(size=count) * scaled(1.5, 1.5)
+        return out
+
+    return draw
+
+
+POPULATIONS: dict[str, Callable[[np.random.Generator], Draw]] = {
+    "offset": offset,
+    "wide": wide,
+    "structured": structured,
+}
+"""Of a generator that makes the population, what draws its people."""
+
+
+HEIGHTS = (1.50, 1.90)
+"""m."""
+ABOVE_FLOOR = 0.02
+"""m: the lowest marker."""
+EVERY = {"static": 1, "gait": 2}
+"""Frame of the published recordings that is kept; of isolated trials, `EVERY_ISOLATED`."""
+EVERY_ISOLATED = 6
+TRANSLATIONS = slice(3, 6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadePerson:
+    """Recordings and truth."""
+
+    study: Study
+    truth: Array
+    """(98,) m, rad, in the frames of the study's static trial."""
+    nominal: SubjectModel
+    person: Person
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Joint parameters of a person."""
+
+    fitted: Array
+    """(98,) m, rad."""
+    influence: ErrorSources
+
+    @property
+    def errors(self) -> Array:
+        """(98,) m, rad: standard errors."""
+        known = self.influence.standard_errors
+        return np.array([known[name] for name in JP_NAMES])
+
+
+def person_of(draw: Draw, seed: tuple[int, ...], *, isolated: bool) -> MadePerson:
+    """Draw and record a person."""
+    streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2)]
+    person = Person(height=float(streams[0].uniform(*HEIGHTS)), sex="male" if streams[0].random() < 0.5 else "female")
+    return recorded(person, draw(streams[0], person), streams[1], isolated=isolated)
+
+
+def recorded(person: Person, deviation: Array, rng: np.random.Generator, *, isolated: bool) -> MadePerson:
+    """Record a person whose joints deviate so (98,) from those that the study takes to be nominal."""
+    published = published_model(static_only=True)
+    size = person.height / published.subject.height
+    at_size = np.where(POSITION, size, 1.0)
+    joint = published.parameters.joint - (nominal_error() if deviation.any() else 0.0) + deviation / at_size
+    parameters = replace(published.parameters, joint=joint)
+    pose = standing_pose(parameters)
+    motions = {"static": static_motion(standing=pose), "gait": two_strides(parameters)}
+    if isolated:
+        motions |= {name: isolated_motion(name, pose) for name in ISOLATED_JOINTS}
+    tall = replace(
+        published,
+        parameters=replace(parameters, joint=joint * at_size),
+        markers=replace(published.markers, local=size * published.markers.local),
+    )
+    with tempfile.TemporaryDirectory() as name:
+        recordings = {trial: recording(trial, tall, motion, size, rng) for trial, motion in motions.items()}
+        study = Study.load(write_folder(Path(name), recordings, ("made up", 70.0, person.height, person.sex)))
+    truth = in_static_frames(tall, HipCentre(study.settings.hip_rule)).joint
+    return MadePerson(study=study, truth=truth, nominal=nominal_of(study), person=person)
+
+
+@cache
+def nominal_error() -> Array:
+    """(98,) m, rad: what a study's nominal joints of the published person miss, which no population has."""
+    published = published_model().subject
+    person = Person(height=published.height, sex=published.sex)
+    plain = recorded(person, np.zeros(len(JP_NAMES)), np.random.default_rng(0), isolated=False)
+    out: Array = plain.truth - plain.nominal.parameters.joint
+    return out
+
+
+def walk_alone(made: MadePerson) -> MadePerson:
+    """The same person without the isolated trials."""
+    trials = tuple(trial for trial in made.study.trials if trial.role is not Role.JOINT)
+    return replace(made, study=replace(made.study, trials=trials))
+
+
+def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
+    """Calibrate the joint parameters."""
+    stage = fit_joints(session_of(replace(made.study, joint_prior=prior), made.nominal))
+    if stage.joint is None:
+        raise RuntimeError("no joint parameters were fitted")
+    return Fit(fitted=stage.parameters.joint, influence=stage.joint.errors)
+
+
+def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
+    """What a person's recordings say."""
+    parts = parts_of(found.influence, found.fitted - made.nominal.parameters.joint, JP_NAMES, None)
+    if parts is None:
+        raise RuntimeError("errors of joint parameters without rank")
+    return PersonEvidence(name=name, person=made.person, recordings=frozenset(), parts=parts)
+
+
+def recording(trial: str, model: SubjectModel, motion: TrueMotion, size: float, rng: np.random.Generator) -> Recording:
+    """Markers of a trial; noise unless it is static. `size`: of the person against the published one."""
+    q = motion.q.copy()
+    q[:, TRANSLATIONS] *= size
+    every = synthetic_markers(model.parameters, model.markers, q)
+    every[:, :, 1] += ABOVE_FLOOR - every[:, :, 1].min()
+    labels = model.markers.labels if trial == "static" else published_model().markers.labels
+    chosen = every[:, [model.markers.labels.index(label) for label in labels]]
+    time = motion.basis.time
+    if trial != "static":
+        chosen = chosen + marker_noise(time, len(labels), rng)
+    step = EVERY.get(trial, EVERY_ISOLATED)
+    return Recording(source="made up", time=time[::step], labels=labels, markers=chosen[::step])
+
+
 LEGS = np.array([JP_INDEX[name] for name in LEG_PARAMETERS])
 JOINTS = ("hip", "knee", "talocrural", "subtalar")
 SEEN = (0.3, 3.0)
@@ -67,13 +261,6 @@ def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
     yield "bars of 95 % cover: " + ", ".join(f"{name} {_covered(outcomes, name):.0%}" for name in outcomes[0].fits)
 
 
-def gain(outcomes: Sequence[Outcome], prior: str, kind: Kind) -> float:
-    """Part of the RMS error of the legs with the default prior that another prior takes away."""
-    default = next(iter(outcomes[0].fits))
-    chosen = _chosen(kind, "")
-    return 1.0 - _rms(_errors(outcomes, prior)[:, chosen]) / _rms(_errors(outcomes, default)[:, chosen])
-
-
 def _chosen(kind: Kind, joint: str) -> Array:
     """(54,) which parameters."""
     listed = [JOINT_PARAMETERS[k] for k in LEGS]
@@ -85,17 +272,13 @@ def _errors(outcomes: Sequence[Outcome], prior: str) -> Array:
     return np.array([((o.fits[prior].fitted if prior else o.nominal) - o.truth)[LEGS] for o in outcomes])
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def _line(outcomes: Sequence[Outcome], name: str, chosen: Array) -> str:
     unit = JP_TO_SI[LEGS]
-    default = _rms((_errors(outcomes, next(iter(outcomes[0].fits))) / unit)[:, chosen])
-    nominal = _rms((_errors(outcomes, "") / unit)[:, chosen])
+    default = rms((_errors(outcomes, next(iter(outcomes[0].fits))) / unit)[:, chosen])
+    nominal = rms((_errors(outcomes, "") / unit)[:, chosen])
     told = []
     for prior in outcomes[0].fits:
-        error = _rms((_errors(outcomes, prior) / unit)[:, chosen])
+        error = rms((_errors(outcomes, prior) / unit)[:, chosen])
         change = "" if error == default else f" ({100.0 * (error / default - 1.0):+.0f} %)"
         told.append(f"{prior} {error:.2f}{change}")
     return f"{name}: nominal {nominal:.2f}, {', '.join(told)}"
@@ -113,59 +296,48 @@ def _band(outcomes: Sequence[Outcome], band: int, name: str) -> str:
             there = (values >= edges[band]) & (values < edges[band + 1])
             found.append(vectors[:, there].T @ np.linalg.solve(unit, error))
         count = sum(map(len, found))
-        told.append(f"{prior or 'nominal'} {_rms(np.concatenate(found)):.2f}" if count else "none")
+        told.append(f"{prior or 'nominal'} {rms(np.concatenate(found)):.2f}" if count else "none")
     return f"directions {name} ({count / len(outcomes):.0f} of 54), default standard deviations: {', '.join(told)}"
 
 
 def _covered(outcomes: Sequence[Outcome], prior: str) -> float:
     errors = np.array([o.fits[prior].errors[LEGS] for o in outcomes])
-    return float(np.mean(np.abs(_errors(outcomes, prior) / errors) < WIDTH))
+    return float(np.mean(np.abs(_errors(outcomes, prior) / errors) < HALF_WIDTHS[1]))
 
 
-SHARED = ("--seed",)
 COHORTS = ("gait", "isolated")
 
 
-@dataclass(frozen=True)
-class Cohort:
-    """What is learnt of the same people by either recording."""
-
-    gait: CohortPriors
-    isolated: CohortPriors
-
-
-def cohort(name: str, people: int, seed: int) -> Cohort:
-    """Record and fit a cohort, and learn of it."""
+def cohort(name: str, people: int, seed: int) -> dict[str, CohortPriors]:
+    """Record and fit a cohort, and learn of the same people by either recording."""
     draw = POPULATIONS[name](np.random.default_rng(seed))
     found: dict[str, list[PersonEvidence]] = {kind: [] for kind in COHORTS}
     rules = None
     for number in range(people):
         made = person_of(draw, (seed, 0, number), isolated=True)
-        rules = _rules(made)
+        settings = made.study.settings
+        rules = Rules(
+            marker_set=made.study.marker_set.name, hip_centre=settings.hip_rule, ankle_zero=settings.ankle_rule
+        )
         for kind, seen in (("gait", walk_alone(made)), ("isolated", made)):
             found[kind].append(evidence(f"P{number:03d}", seen, fit(seen)))
     if rules is None:
         raise ValueError("a cohort needs people")
-    return Cohort(*(learn_cohort(f"{name}, {kind}", found[kind], rules) for kind in COHORTS))
+    return {kind: learn_cohort(f"{name}, {kind}", found[kind], rules) for kind in COHORTS}
 
 
-def _rules(made: MadePerson) -> Rules:
-    settings = made.study.settings
-    return Rules(marker_set=made.study.marker_set.name, hip_centre=settings.hip_rule, ankle_zero=settings.ankle_rule)
-
-
-def outcomes(name: str, learnt: Cohort, people: int, seed: int) -> Iterator[Outcome]:
+def outcomes(name: str, learnt: Mapping[str, CohortPriors], people: int, seed: int) -> Iterator[Outcome]:
     """People who are not in the cohort."""
     draw = POPULATIONS[name](np.random.default_rng(seed))
     for number in range(people):
         made = person_of(draw, (seed, 1, number), isolated=False)
         plain = fit(made)
-        told = [fit(made, joint_prior(p, made.study, Path("priors.json"))) for p in (learnt.gait, learnt.isolated)]
+        told = {f"cohort: {k}": fit(made, joint_prior(p, made.study, Path("priors.json"))) for k, p in learnt.items()}
         parts = evidence("", made, plain).parts
         yield Outcome(
             truth=made.truth,
             nominal=made.nominal.parameters.joint,
-            fits={"default prior": plain, **dict(zip((f"cohort: {kind}" for kind in COHORTS), told, strict=True))},
+            fits={"default prior": plain, **told},
             information=parts["legs"].information,
         )
 
@@ -186,7 +358,7 @@ def run(chosen: argparse.Namespace) -> None:
         found = list(outcomes(name, learnt, chosen.left_out, chosen.seed))
         print(f"population {name} (seed {chosen.seed}): {chosen.cohort} people learnt of, {len(found)} left out")
         for kind in COHORTS:
-            for line in priors_words(getattr(learnt, kind)):
+            for line in priors_words(learnt[kind]):
                 print(f"  {kind}: {line}")
         for line in report(found):
             print(f"  {line}")

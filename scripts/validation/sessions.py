@@ -3,17 +3,16 @@
     sessions [--parts real,made-up,angles] [--people 10] [--seed 0] [--out DIR]
 
 real      every walk of `labs_c3d/multi` calibrated by itself: how many differences of curves are inside bars of 68 and
-          95 % (joint parameters of real recordings: `people --parts pairs`)
+          95 % (joint parameters of real recordings: `people --parts pairs`). How strides vary is taken from one
+          calibration of all walks, so that what calibrations differ by is not in it
 made-up   two sessions of a person of our own linkage: the same joints, markers put on anew by 10 mm, other noise;
           errors of the joint parameters of each alone and of both together (`gaitcal compare A B --shared-model`)
 angles    the angles of the same people's sessions, through result folders: inside their error bars?
 
-`--out` keeps the results of `real`, and reads them if they are there.
-
-Walks of one recorded person, each a result of its own: do their curves differ by as much as their error bars say?
-
-How strides vary is taken from one calibration of all walks, so that what calibrations differ by is not in it. Joint
-parameters of two recordings: `python -m scripts.validation people`, part `pairs`.
+A made-up person (`gaitcal synthesize --perturb`: wrong in every joint parameter by up to 10 mm and 10 deg) walks the
+very same walk twice. Every marker of a session, landmark or not, sits `PLACED` from its place along each axis (normal),
+in the static trial and in the walk, which has the published waves besides. Truth is told in the frames that each static
+trial makes. `--out` keeps the results of `real`, and reads them if they are there.
 """
 
 from __future__ import annotations
@@ -21,43 +20,271 @@ from __future__ import annotations
 import argparse
 import itertools
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from gaitcal import calibrate, write_results
+from gaitcal import Study, calibrate, write_results
 from gaitcal.arrays import Array
-from gaitcal.compare.difference import pooled, shared_variance
-from gaitcal.compare.stride_sets import Session, common_to, mean_over, stride_sets
-from gaitcal.gait.cycles import Kind, kind_of
+from gaitcal.calibration.error_sources import ErrorSources
+from gaitcal.compare.difference import difference_variance, pooled, shared_variance, told_parameters
+from gaitcal.compare.shared_model import JointKnowledge, joined
+from gaitcal.compare.stride_sets import Common, Session, StrideSet, common_to, mean_over, stride_sets
+from gaitcal.gait.cycles import kind_of
+from gaitcal.io.recording import Recording
+from gaitcal.model.linkage import LEG_JOINTS
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.segment_frames import HipCentre
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.sessions import load_session
-from scripts.validation import made_up_sessions
-from scripts.validation.error_bars import coverage
+from gaitcal.session.joint_parameters import fit_joints
+from gaitcal.session.session import session_of
+from gaitcal.study.study import nominal_of
+from gaitcal.synthetic.motion import (
+    TrueMotion,
+    marker_noise,
+    standing_pose,
+    static_motion,
+    synthetic_markers,
+    two_strides,
+)
+from gaitcal.synthetic.subject import synthetic_model
+from gaitcal.synthetic.truth import in_static_frames
+from scripts.validation.error_bars import coverage, rms
 from scripts.validation.harness import commas, say, side_by_side
 from scripts.validation.recordings import only, study_of_person
+from scripts.validation.study_folder import write_folder
 
 SHARED = ("--jobs", "--seed")
+PLACED = 0.006
+"""m along each axis: 10 mm in space, as landmarks are palpated (Della Croce et al. 2005)."""
+ABOVE_FLOOR = np.array([0.0, 0.05, 0.0])
+"""m, wherever a marker was put."""
+EVERY = 10
+"""Percent: nearer ones say the same."""
+PERSON = "multi"
+"""Five walks over force plates."""
+Key = TypeVar("Key")
 
 
-def _real(chosen: argparse.Namespace) -> Iterable[str]:
+@dataclass(frozen=True, kw_only=True)
+class MadeSession:
+    """One session's fit, and what it should have found."""
+
+    truth: Array
+    """(98,) m, rad, in its own frames."""
+    nominal: Array
+    """(98,)."""
+    fitted: Array
+    """(98,)."""
+    influence: ErrorSources
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """Errors of the joint parameters of one person's two sessions."""
+
+    names: tuple[str, ...]
+    alone: Array
+    """(2, n) m, rad: each session by itself."""
+    shared: Array
+    """(2, n) m, rad: both together."""
+    errors_alone: Array
+    """(2, n) m, rad: standard errors."""
+    errors_shared: Array
+    nominal: Array
+    """(2, n) m, rad: errors of the nominal joints."""
+    difference: Array
+    """(n,) in standard errors: fitted B - A by `parameter_differences`."""
+
+
+def two_sessions(seed: int) -> tuple[SubjectModel, list[np.random.Generator]]:
+    """A made-up person, and what draws each session."""
+    streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
+    return synthetic_model(streams[0], perturb=True), streams[1:]
+
+
+def record_session(person: SubjectModel, rng: np.random.Generator, folder: Path) -> SubjectModel:
+    """Write one session's study and recordings; returns the person with the markers where they were put."""
+    moved = person.markers.local + rng.normal(0.0, PLACED, person.markers.local.shape)
+    worn = replace(person, markers=replace(person.markers, local=moved))
+
+    def recording(motion: TrueMotion, labels: tuple[str, ...]) -> Recording:
+        every = synthetic_markers(worn.parameters, worn.markers, motion.q)
+        markers = every[:, [worn.markers.labels.index(label) for label in labels]] + ABOVE_FLOOR
+        return Recording(source="made up", time=motion.basis.time, labels=labels, markers=markers)
+
+    standing = recording(static_motion(standing=standing_pose(person.parameters)), worn.markers.labels)
+    walk = recording(two_strides(person.parameters), published_model().markers.labels)
+    walk = replace(walk, markers=walk.markers + marker_noise(walk.time, len(walk.labels), rng))
+    write_folder(folder, {"static": standing, "walk": walk}, ("made up", 69.4, 1.70, "male"))
+    return worn
+
+
+def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
+    """Record and fit one session."""
+    with tempfile.TemporaryDirectory() as name:
+        worn = record_session(person, rng, Path(name))
+        study = Study.load(Path(name) / "study.toml")
+    nominal = nominal_of(study)
+    stage = fit_joints(session_of(study, nominal))
+    if stage.joint is None:
+        raise RuntimeError("no joint parameters were fitted")
+    truth = in_static_frames(worn, HipCentre(study.settings.hip_rule)).joint
+    return MadeSession(
+        truth=truth, nominal=nominal.parameters.joint, fitted=stage.parameters.joint, influence=stage.joint.errors
+    )
+
+
+def outcome(seed: int) -> Outcome:
+    """One person, two sessions, each alone and both together."""
+    person, streams = two_sessions(seed)
+    a, b = (made_session(person, rng) for rng in streams)
+    told = set(told_parameters(b.influence))
+    names = tuple(n for n in told_parameters(a.influence) if n in told and n.startswith(LEG_JOINTS))
+    index = [JP_INDEX[n] for n in names]
+    known = [_knowledge(s, names) for s in (a, b)]
+    both = joined(names, *known, placed_anew=True)
+    truth = np.array([s.truth[index] for s in (a, b)])
+    variance = difference_variance((a.influence, b.influence), names, Common.PERSON)
+    return Outcome(
+        names=names,
+        alone=np.array([k.fitted for k in known]) - truth,
+        shared=np.array([both.a, both.b]) - truth,
+        errors_alone=np.array([np.sqrt(np.diag(k.covariance)) for k in known]),
+        errors_shared=np.array(both.errors),
+        nominal=np.array([k.nominal for k in known]) - truth,
+        difference=(known[1].fitted - known[0].fitted) / np.sqrt(variance),
+    )
+
+
+def _knowledge(session: MadeSession, names: tuple[str, ...]) -> JointKnowledge:
+    index, rows = [JP_INDEX[n] for n in names], [session.influence.free.index(n) for n in names]
+    found = session.influence.parameters[rows]
+    return JointKnowledge(nominal=session.nominal[index], fitted=session.fitted[index], covariance=found @ found.T)
+
+
+def report(outcomes: list[Outcome]) -> Iterator[str]:
+    """Errors alone and shared, coverage of both, coverage of differences."""
+    kinds = [JOINT_PARAMETERS[JP_INDEX[n]].kind for n in outcomes[0].names]
+    for kind, factor in ((Kind.POSITION, 1e3), (Kind.ORIENTATION, 180.0 / np.pi)):
+        chosen = [k is kind for k in kinds]
+        columns = ("nominal", "alone", "errors_alone", "shared", "errors_shared")
+        found = [factor * rms([getattr(o, name)[:, chosen] for o in outcomes]) for name in columns]
+        yield ("joint {}s, {} RMS: nominal {:.2f}, alone {:.2f} (stated {:.2f}), shared {:.2f} (stated {:.2f})").format(
+            kind.value, kind.unit, *found
+        )
+    better = sum(rms(o.shared / o.errors_alone) < rms(o.alone / o.errors_alone) for o in outcomes)
+    yield f"nearer the truth together than alone: {better} of {len(outcomes)} people"
+    for told in ("alone", "shared"):
+        z = [(getattr(o, told) / getattr(o, f"errors_{told}")).ravel() for o in outcomes]
+        yield f"{told}: {coverage(np.concatenate(z))}"
+    yield f"differences between sessions: {coverage(np.concatenate([o.difference for o in outcomes]))}"
+
+
+def gathered(parts: Iterable[tuple[Key, Array]]) -> dict[Key, Array]:
+    """The finite ones of all arrays of each key."""
+    out: dict[Key, list[Array]] = {}
+    for key, values in parts:
+        out.setdefault(key, []).append(values[np.isfinite(values)])
+    return {key: np.concatenate(found) for key, found in out.items()}
+
+
+def session_variance(a: Session, b: Session, pair: tuple[StrideSet, StrideSet]) -> Array:
+    """(101,) of the difference of two sessions' curves: errors that strides of one session share."""
+    shared, frames = ([mean_over(getattr(s, name)) for s in pair] for name in ("shared", "frames"))
+    return shared_variance(common_to(a, b), (shared[0], shared[1]), (frames[0], frames[1]))
+
+
+def angle_scores(a: Session, b: Session) -> dict[str, Array]:
+    """Angle -> differences of both legs' curves in standard errors. Of strides that do not vary, only errors differ."""
+
+    def scores() -> Iterator[tuple[str, Array]]:
+        one, other = stride_sets(a), stride_sets(b)
+        for key in (key for key in one if key in other):
+            pair = one[key], other[key]
+            variance = session_variance(a, b, pair) + sum(mean_over(s.own) ** 2 for s in pair)
+            yield key[1], ((mean_over(pair[1].values) - mean_over(pair[0].values)) / np.sqrt(variance))[::EVERY]
+
+    return gathered(scores())
+
+
+def angles_report(seeds: range) -> Iterator[str]:
+    """A line for each angle, and one for all."""
+    found = gathered((name, z) for seed in seeds for name, z in _of_person(seed).items())
+    for name, z in found.items():
+        yield f"{name}: {coverage(z)}"
+    yield f"angles of {len(seeds)} made-up people: {coverage(np.concatenate(list(found.values())))}"
+
+
+def _of_person(seed: int) -> dict[str, Array]:
+    person, streams = two_sessions(seed)
+    sessions = []
+    for rng in streams:
+        with tempfile.TemporaryDirectory() as name:
+            record_session(person, rng, Path(name))
+            calibration = calibrate(Study.load(Path(name) / "study.toml"))
+            sessions.append(load_session(write_results(calibration, Path(name) / "result"))[0])
+    return angle_scores(*sessions)
+
+
+def results(out: Path) -> tuple[list[Session], Session]:
+    """Every walk calibrated by itself, and all together; what lies in `out` already is read."""
+    study = study_of_person(PERSON)
+    found = []
+    for name, trials in (*((walk, (walk,)) for walk in study.walks), ("all", study.walks)):
+        result = out / PERSON / name
+        if not (result / "manifest.json").exists():
+            write_results(calibrate(only(study, *trials)), result)
+        found.append(load_session(result)[0])
+    return found[:-1], found[-1]
+
+
+def curve_scores(walks: list[Session], together: Session) -> Mapping[object, Array]:
+    """Kind -> differences of the curves of two walks in standard errors, every tenth percent."""
+    alone = {key: pooled([s.values]) for key, s in stride_sets(together).items()}
+    spread = {key: np.where(found.freedom > 1, found.variance, np.nan) for key, found in alone.items()}
+    sets = {session.name: stride_sets(session) for session in walks}
+
+    def scores() -> Iterator[tuple[object, Array]]:
+        for a, b in itertools.combinations(walks, 2):
+            one, other = sets[a.name], sets[b.name]
+            for key in (key for key in one if key in other and key in spread):
+                pair = one[key], other[key]
+                counts = [np.maximum(np.isfinite(s.values).sum(axis=0), 1) for s in pair]
+                variance = spread[key] * (1.0 / counts[0] + 1.0 / counts[1])
+                variance = variance + np.nan_to_num(session_variance(a, b, pair))
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    z = (mean_over(pair[1].values) - mean_over(pair[0].values)) / np.sqrt(variance)
+                yield kind_of(key[1]), z[::EVERY]
+
+    return gathered(scores())
+
+
+def real_report(out: Path | None) -> Iterator[str]:
+    """A line for each kind of curve."""
     with tempfile.TemporaryDirectory() as folder:
-        yield from real_report(chosen.out or Path(folder))
+        for kind, z in curve_scores(*results(out or Path(folder))).items():
+            yield f"{PERSON}: {kind.words}s: {coverage(z)}"  # type: ignore[attr-defined]
+
+
+def _made_up(chosen: argparse.Namespace) -> Iterator[str]:
+    return report(list(side_by_side([partial(outcome, seed) for seed in _seeds(chosen)], chosen.jobs)))
 
 
 def _seeds(chosen: argparse.Namespace) -> range:
     return range(chosen.seed, chosen.seed + chosen.people)
 
 
-def _outcomes(chosen: argparse.Namespace) -> list[made_up_sessions.Outcome]:
-    return list(side_by_side([partial(made_up_sessions.outcome, seed) for seed in _seeds(chosen)], chosen.jobs))
-
-
-PARTS: dict[str, Callable[[argparse.Namespace], Iterable[str]]] = {
-    "real": _real,
-    "made-up": lambda chosen: made_up_sessions.report(_outcomes(chosen)),
-    "angles": lambda chosen: made_up_sessions.angles_report(_seeds(chosen)),
+PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
+    "real": lambda chosen: real_report(chosen.out),
+    "made-up": _made_up,
+    "angles": lambda chosen: angles_report(_seeds(chosen)),
 }
 
 
@@ -73,45 +300,3 @@ def run(chosen: argparse.Namespace) -> None:
     for part in chosen.parts:
         for line in PARTS[part](chosen):
             say(line)
-
-
-PERSON = "multi"
-"""Five walks over force plates."""
-
-
-def results(out: Path) -> tuple[list[Session], Session]:
-    """Every walk calibrated by itself, and all together; what lies in `out` already is read."""
-    study = study_of_person(PERSON)
-    found = []
-    for name, trials in (*((walk, (walk,)) for walk in study.walks), ("all", study.walks)):
-        result = out / PERSON / name
-        if not (result / "manifest.json").exists():
-            write_results(calibrate(only(study, *trials)), result)
-        found.append(load_session(result)[0])
-    return found[:-1], found[-1]
-
-
-def curve_scores(walks: list[Session], together: Session) -> dict[Kind, Array]:
-    """Kind -> differences of the curves of two walks in standard errors, every tenth percent."""
-    alone = {key: pooled([s.values]) for key, s in stride_sets(together).items()}
-    spread = {key: np.where(found.freedom > 1, found.variance, np.nan) for key, found in alone.items()}
-    sets = {session.name: stride_sets(session) for session in walks}
-    out: dict[Kind, list[Array]] = {}
-    for a, b in itertools.combinations(walks, 2):
-        one, other = sets[a.name], sets[b.name]
-        for key in (key for key in one if key in other and key in spread):
-            means = [mean_over(s[key].values) for s in (one, other)]
-            c = [(mean_over(s[key].shared), mean_over(s[key].frames)) for s in (one, other)]
-            shared = shared_variance(common_to(a, b), (c[0][0], c[1][0]), (c[0][1], c[1][1]))
-            counts = [np.maximum(np.isfinite(s[key].values).sum(axis=0), 1) for s in (one, other)]
-            variance = spread[key] * (1.0 / counts[0] + 1.0 / counts[1]) + np.nan_to_num(shared)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                z = ((means[1] - means[0]) / np.sqrt(variance))[::10]
-            out.setdefault(kind_of(key[1]), []).append(z[np.isfinite(z)])
-    return {kind: np.concatenate(parts) for kind, parts in out.items()}
-
-
-def real_report(out: Path) -> Iterator[str]:
-    """A line for each kind of curve."""
-    for kind, z in curve_scores(*results(out)).items():
-        yield f"{PERSON}: {kind.words}s: {coverage(z)}"

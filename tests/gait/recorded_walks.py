@@ -94,3 +94,30 @@ def hand_count(path: Path) -> dict[str, list[dict[str, float]]]:
                 counted["step_width"] = rightwards if side == "Right" else -rightwards
             out.setdefault(side[0].lower(), []).append(counted)
     return out
+
+
+def vendor_strides(path: Path) -> list[tuple[dict[str, tuple[np.ndarray, ...]], float]]:
+    """Of each stride of both feet the program's own curves (angles deg, powers W/kg; no errors) and toe-off, %."""
+    file = ezc3d.c3d(str(path))
+    event, point = file["parameters"]["EVENT"], file["parameters"]["POINT"]
+    labels = [label.split(":")[-1].strip() for label in point["LABELS"]["value"]]
+    rate, first, points = point["RATE"]["value"][0], file["header"]["points"]["first_frame"], file["data"]["points"]
+    rows = list(zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], event["TIMES"]["value"][1], strict=True))
+    out = []
+    for side in ("Right", "Left"):
+        strikes, offs = (
+            sorted(float(t) for context, name, t in rows if (context.strip(), name.strip()) == (side, label))
+            for label in ("Foot Strike", "Foot Off")
+        )
+        for begin, end in itertools.pairwise(strikes):
+            frames, curves = np.linspace(begin, end, 101) * rate - first, {}
+            for joint in ("Hip", "Knee", "Ankle"):
+                angle = "hip_flexion" if joint == "Hip" else f"{joint.lower()}_angle"
+                for name, label, axis in ((angle, "Angles", 0), (f"{joint.lower()}_power", "Power", 2)):
+                    track = points[axis, labels.index(f"{side[0]}{joint}{label}")]
+                    track = np.where(np.abs(track) < 1e-12, np.nan, track)  # Plug-in Gait writes 0 where it has none
+                    laid = np.interp(frames, np.arange(len(track)), track, left=np.nan, right=np.nan)
+                    curves[name] = (laid, np.full(101, np.nan), np.full(101, np.nan))
+            off = next(t for t in offs if begin < t < end)
+            out.append((curves, 100.0 * (off - begin) / (end - begin)))
+    return out

@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.gait.cycles import EventSource, GaitEvent
 from gaitcal.gait.events import GaitEvents, joined_events
-from gaitcal.gait.spatiotemporal import MEASURES, Stride, counting, measure_means, stride_findings, strides_measured
+from gaitcal.gait.spatiotemporal import (
+    LEAST_SD,
+    MEASURES,
+    Stride,
+    counting,
+    measure_means,
+    stride_findings,
+    strides_measured,
+)
 from gaitcal.gait.strides import strides_of
 from gaitcal.io.labels import FootMoment
 from tests.gait.recorded_walks import hand_count, recorded_strides, vendor_figures
@@ -239,6 +247,13 @@ def test_means_count_each_stride_and_symmetry_is_that_of_the_means() -> None:
     assert found.right.mean == pytest.approx(0.7) and found.right.sd == pytest.approx(0.1) and found.left.sd is None
     assert found.right.sd_within == pytest.approx(np.std([0.6, 0.7], ddof=1))
     assert found.symmetry == pytest.approx(100 * (0.7 - 0.5) / 0.6)
+    right, left = 0.1 / 3**0.5, LEAST_SD["m"]  # of three strides as they vary, of one as events are known
+    d = 1e-6  # m: by differences of the index itself
+    slopes = [
+        100 * ((0.7 + x - 0.5 - y) / (0.6 + (x + y) / 2) - (0.7 - x - 0.5 + y) / (0.6 - (x + y) / 2)) / (2 * d)
+        for x, y in ((d, 0.0), (0.0, d))
+    ]
+    assert found.symmetry_error == pytest.approx(np.hypot(slopes[0] * right, slopes[1] * left), rel=1e-6)
 
 
 # ------------------------------------------------------------------------------------------------ other people's files

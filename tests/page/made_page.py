@@ -11,13 +11,13 @@ import pandas as pd
 
 from gaitcal.codes import Code
 from gaitcal.gait.cycles import GaitCycle, normalise, usable
-from gaitcal.gait.spatiotemporal import MEASURES, Stride
+from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, Stride
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.bone_files import BoneMeshes
 from gaitcal.page.page_data import FORMAT, SHOWN_MEASURES, coordinate_rows, explained_code
 from gaitcal.page.plain_data import base64_of, floats
 from gaitcal.page.scene import MotionScene, Scene
-from gaitcal.page.trial_data import Curve, masks_of, packed_curves
+from gaitcal.page.trial_data import Curve, masks_of, packed_curves, peaks_in
 from gaitcal.page.view import Shown, page_html
 from tests.page.people import walking_scene
 
@@ -66,7 +66,7 @@ def plain_page(scene: Scene, *more: Shown, bones: BoneMeshes | None = None) -> s
 def plain_data(scene: Scene) -> dict[str, Any]:
     """Right and left hip flexion of every trial; events and a stride in the first."""
     events = [{"side": s, "kind": k, "time": t, "source": "motion"} for s in EVENTS for k, t in EVENTS[s]]
-    stride = {"side": "r", "number": 1, "start": 0.05, "stop": 1.0, "off": 0.65, "turns": False}
+    stride = {"side": "r", "number": 1, "start": 0.05, "stop": 1.0, "off": 0.65, "turns": False, "peaks": {}}
     trials = []
     for k, trial in enumerate(scene.trials):
         wave, valid = np.sin(6.0 * (trial.time - trial.time[0])), np.ones(len(trial.time), dtype=bool)
@@ -128,7 +128,9 @@ def stridden(
         for stride in made:
             cycle = GaitCycle(stride["start"], stride["stop"], stride["off"])
             stride["valid"] = [base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)]
-            rows += [_rows(trial.name, stride, c, time) for c in curves if c.side in (stride["side"], "")]
+            own = [c for c in curves if c.side in (stride["side"], "")]
+            stride["peaks"] = peaks_in(time, cycle, own, np.zeros((101, 3)))
+            rows += [_rows(trial.name, stride, c, time) for c in own]
         events = [
             {"side": s["side"], "kind": kind, "time": when, "source": "motion"}
             for s in made
@@ -178,7 +180,10 @@ def everything_page(**changes: Any) -> str:
          "action": "look at the plates", "trials": ["walk 2"], "leg": "l"},
         {"severity": "warning", "cause": "few markers", "evidence": "", "action": "", "trials": [], "leg": ""},
     ]  # fmt: skip
-    measures = [{"name": n, "title": t, "digits": d, "unit": MEASURES[n]} for n, (t, d) in SHOWN_MEASURES.items()]
+    measures = [
+        {"name": n, "title": t, "digits": d, "unit": MEASURES[n], "least": LEAST_SD[MEASURES[n]]}
+        for n, (t, d) in SHOWN_MEASURES.items()
+    ]
     data = page_data(
         scene,
         [_everything_of(trial, strides[trial.name]) for trial in scene.trials],

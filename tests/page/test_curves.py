@@ -13,10 +13,9 @@ import pytest
 
 from gaitcal import ensemble
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
-from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.model.coordinates import senses_of
-from gaitcal.page.page_data import coordinate_rows
-from gaitcal.page.plain_data import base64_of, lengths
+from gaitcal.page.page_data import coordinate_rows, peak_page_rows
+from gaitcal.page.plain_data import lengths
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page
@@ -277,62 +276,25 @@ def test_what_is_off_takes_no_part(page: Page) -> None:
     assert page.run(f"{traces}.main('l').n") == 1
 
 
-PEAKS = "gaitcal.curves.peaks"
-
-
-def test_peaks_are_those_of_the_strides(page: Page, walked: Any) -> None:
-    """Mean and SD over straight strides that are valid enough, of each one's highest and lowest valid value."""
-    _, _, table = walked
-    page.run("gaitcal.state.set({ unit: 'Nm' })")
-    left_out = 0
-    for base, side in itertools.product(("hip_flexion", "knee_angle", "knee_adduction"), "rl"):
-        rows = table[(table.variable == f"{base}_moment") & (table.turn == 0.0) & (table.side == side)]
-        strides = rows.groupby(["trial", "stride"])
-        enough = strides["valid"].mean() >= LEAST_VALID
-        peaks = rows[rows.valid == 1].groupby(["trial", "stride"])["value"].agg(["max", "min"])[enough]
-        left_out += int((~enough).sum())
-        of = f"{PEAKS}.of({{ base: '{base}', kind: 'moment' }}, '{side}')"
-        assert page.run(f"[{of}.peaks.length, {of}.strides]") == [len(peaks), strides.ngroups]
-        for most, part in (("max", "high"), ("min", "low")):
-            text, where = page.run(f"{PEAKS}.cell({of}, '{part}', 3)")
-            if not len(peaks):
-                assert (text, where) == ("\u2013", f"none of {strides.ngroups} valid to 90 %")
-                continue
-            told = [float(number) for number in text.replace("\u2212", "-").removesuffix(" *").split(" \u00b1 ")]
-            assert told[0] == pytest.approx(peaks[most].mean(), abs=PACKED * SIZE["moment"])
-            if len(peaks) > 1:
-                assert told[1] == pytest.approx(peaks[most].std(), abs=PACKED * SIZE["moment"])
-            assert where.endswith(f"; {len(peaks)} of {strides.ngroups} strides") == (len(peaks) < strides.ngroups)
-    assert left_out
-
-
-@pytest.mark.slow
-def test_a_leg_without_a_stride_that_counts_has_a_reason_for_no_peak(visit: Visit, walked: Any, tmp_path: Path) -> None:
-    scene, sheet, _ = walked
-    blind = json.loads(json.dumps(sheet))
-    for trial in blind["trials"]:
-        for stride in trial["strides"]:
-            stride["valid"] = [base64_of(np.r_[np.ones(34), np.zeros(67)].astype("<u1"))] * len(stride["valid"])
-    page = shown(visit, tmp_path, scene, blind)
-    rows = "[...document.querySelectorAll('.curve-peaks tbody tr')].map(row => row.children[1].textContent)"
-    told = page.run(f"new Promise(done => setTimeout(() => done({rows}), 200))")
-    assert told and set(told) == {"\u2013 none of 2 valid to 90 %"}
-    assert page.console == []
-
-
-def test_places_of_peaks_are_told_as_one_only_where_they_are_near(page: Page) -> None:
-    for percents, told in (
-        ([7, 63, 64, 6, 63], [6, 64]),
-        ([63, 64, 62], [63]),
-        ([98, 2, 99], [0]),
-        ([95, 5], [0]),
-        ([95, 6], [6, 95]),
-        ([10, 20], [15]),
-        ([10, 21], [10, 21]),
-        ([100], [100]),
-        ([40, 40], [40]),
-    ):
-        assert page.run(f"Gaitcal.within({percents})") == told, percents
+def test_the_tables_of_peaks_show_what_python_computed(page: Page, walked: Any) -> None:
+    """Every row in the chosen unit and sense, with its error, place, spread and strides; external moments by theirs."""
+    rows = peak_page_rows(walked[1])
+    moments = [row for row in rows if row["kind"] == "moment" and "r" in row]
+    assert len(moments) >= 3 and any(row["r"]["n"] < row["r"]["strides"] for row in rows if "r" in row)
+    rows_shown = "[...document.querySelectorAll('.curve-peaks tbody tr')]"
+    shown = f"{rows_shown}.map(row => [row.children[0].firstChild.textContent, row.children[1].textContent])"
+    for acting, title in (("internal", "title"), ("external", "external")):
+        page.run(f"gaitcal.state.set({{ unit: 'Nm/kg', signs: 'opensim', acting: '{acting}' }})")
+        cells = page.run(f"new Promise(done => setTimeout(() => done({shown}), 200))")
+        told = {name: cell.replace("\u2212", "-") for name, cell in cells}
+        for row in moments:
+            of = row["r"]
+            value = of["mean"] * (1.0 if acting == "internal" else -1.0) / SUBJECT.mass
+            error = "" if of["se"] is None else f" \u00b1 {of['se'] / SUBJECT.mass:.2f}"
+            cell = told[row[title]]
+            assert cell.startswith(f"{value:.2f}{error}") or abs(value) < 0.005, (row["title"], cell)
+            assert abs(float(cell.split("at ")[1].split(" %")[0]) - of["percent"]) <= 0.5
+            assert (f"{of['n']} of {of['strides']} strides" in cell) == (of["n"] < of["strides"])
 
 
 def test_validity_is_that_of_the_table(page: Page, walked: Any) -> None:

@@ -186,13 +186,14 @@ def test_steps_are_those_of_python(visit: Visit, everything: Path, off: tuple[in
     strides = {n: counting(s, REFUSED[n]) for k, (n, s) in enumerate(measured_strides().items()) if k not in off}
     wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN_MEASURES}
     found = page.run(
-        "Gaitcal.stepsOf(gaitcal, 0).map(({name, right, left, symmetry}) => [name, right, left, symmetry])"
+        "Gaitcal.stepsOf(gaitcal, 0)"
+        ".map(({name, right, left, symmetry, error}) => [name, right, left, symmetry, error ?? null])"
     )
     assert [row[0] for row in found] == [name for name in SHOWN_MEASURES if name in wanted]
-    for name, right, left, symmetry in found:
+    for name, right, left, symmetry, error in found:
         assert numbers(right) == close(means(wanted[name].right))
         assert numbers(left) == close(means(wanted[name].left))
-        assert [symmetry] == close([wanted[name].symmetry])
+        assert [symmetry, error] == close([wanted[name].symmetry, wanted[name].symmetry_error])
     assert len(text(page, "#steps tbody tr")) == len(found)
 
 

@@ -13,6 +13,7 @@ from gaitcal.compare.curve_differences import CURVE_COLUMNS
 from gaitcal.compare.difference import COLUMNS as DIFFERENCE_COLUMNS
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
+from gaitcal.gait.peaks import PEAK_COLUMNS
 from gaitcal.io.result_folder import MANIFEST, ResultKind, files_of, read_object
 from gaitcal.published.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
 from gaitcal.results.calibration import write_results
@@ -85,6 +86,7 @@ def test_a_written_result_has_no_file_or_column_without_a_word(tmp_path: Path) -
     [
         ("cycles", CYCLE_COLUMNS),
         ("ensemble", ENSEMBLE_COLUMNS),
+        ("peaks", PEAK_COLUMNS),
         ("spatiotemporal", SPATIOTEMPORAL_COLUMNS),
         ("differences", DIFFERENCE_COLUMNS),
         ("curve_differences", CURVE_COLUMNS),

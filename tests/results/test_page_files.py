@@ -12,7 +12,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, listed, self_hash, sha256_of
-from gaitcal.page.page_data import read_page_data
+from gaitcal.page.page_data import peak_page_rows, read_page_data
 from gaitcal.results.calibration import OTHER_MODEL, PAGE, SCENE, read_page, result_page, write_results
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
@@ -67,7 +67,8 @@ def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     assert not (result / "figures").exists()
     assert trials(result / PAGE) == [["walk"]]
     [shown] = results(result / PAGE)
-    assert shown["sheet"] == read_page_data(result / PAGE_DATA)
+    data = read_page_data(result / PAGE_DATA)
+    assert shown["sheet"] == {**data, "peaks": peak_page_rows(data)}
     assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result / "dynamics"))
     assert trials(result / "dynamics" / PAGE) == [["walk2"]]
 

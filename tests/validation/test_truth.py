@@ -20,7 +20,7 @@ from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import _joint_lines, segment_frames
 from scripts.validation import error_bars
 from scripts.validation.harness import changed_settings, results, write_json
-from scripts.validation.truth import opensim_trials, outcome, people, report, rigid, skin
+from scripts.validation.truth import opensim_trials, people, report, rigid, skin
 
 ROUNDING = 1e-10
 """m, or of a unit vector: coordinates of metres, in doubles, through a singular value decomposition."""
@@ -206,15 +206,16 @@ def test_smooth_noise_has_its_variance_and_frequency() -> None:
 def test_table_and_limits_of_a_few_fits(tmp_path: Path) -> None:
     held = error_bars.Bars(20, (14, 19), 20.0)
     fits = [
-        outcome.Outcome(
+        report.Outcome(
             part="isolated",
             case="linear",
             person="p",
             seed=seed,
             seconds=1.0,
+            converged=True,
             figures={
-                "hip in pelvis, mm": outcome.Figure(error=error, before=30.0, peer=12.0, bars=held),
-                "hip in pelvis, ant, mm": outcome.Figure(error=error),
+                "hip in pelvis, mm": report.Figure(error=error, before=30.0, peer=12.0, bars=held),
+                "hip in pelvis, ant, mm": report.Figure(error=error),
             },
         )
         for seed, error in enumerate((3.0, 4.0, 8.0))

@@ -13,7 +13,7 @@ import pytest
 from gaitcal import Study, calibrate, parameter_table
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
-from scripts.validation.truth import recovery, synthetic
+from scripts.validation.truth import made_up
 from scripts.validation.truth.people import EXACT_PLATES
 from tests.kept import copied_person, kept_person
 
@@ -30,8 +30,8 @@ def test_intervals_of_whole_calibrations_cover_the_truth(
     settings: str, kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Told that plates and palpated axes are exact: bars for what may be wrong with them are for others than these."""
-    monkeypatch.setattr("scripts.validation.truth.synthetic.synthesize", partial(copied_person, kept))
-    people = [synthetic.synthetic_person(seed, synthetic.Settings(settings), EXACT) for seed in SEEDS]
+    monkeypatch.setattr("scripts.validation.truth.made_up.synthesize", partial(copied_person, kept))
+    people = [made_up.synthetic_person(seed, made_up.Settings(settings), EXACT) for seed in SEEDS]
     parameters = pd.concat([p.parameters for p in people])
     joint = parameters[parameters["kind"].str.startswith("joint")]["z"].dropna()
     torques = np.concatenate([p.torques.ravel() for p in people])
@@ -43,7 +43,7 @@ def test_intervals_of_whole_calibrations_cover_the_truth(
         # wide for these people, who vary less (within 10 mm, 10 deg, 10 %) than people of whom priors are
         assert 55.0 < 100.0 * np.mean(np.abs(z) < 1.0) < 92.0
         assert 100.0 * np.mean(np.abs(z) < 1.96) > 86.0
-    report = list(recovery.lines(people))
+    report = list(made_up.lines(people))
     assert any(line.startswith("knee       position") and "in 95 %" in line for line in report)
     assert any(line.startswith("subtalar_angle_l") for line in report)
 
@@ -52,8 +52,6 @@ def test_intervals_of_whole_calibrations_cover_the_truth(
 @pytest.mark.parametrize("rule", [HipCentre.BELL, HipCentre.HARRINGTON])
 def test_the_truth_is_told_in_the_frames_of_the_calibration(rule: HipCentre, kept: Path) -> None:
     """A thigh begins at the hip of the rule that a calibration uses."""
-    from scripts.validation.truth.synthetic import true_parameters
-
     study = Study.load(kept_person(kept, seed=3, perturb=True))
     study = replace(
         study,
@@ -61,7 +59,7 @@ def test_the_truth_is_told_in_the_frames_of_the_calibration(rule: HipCentre, kep
         trials=tuple(trial for trial in study.trials if trial.role is not Role.JOINT),
     )
     nominal = parameter_table(calibrate(study)).set_index("name")["nominal"]
-    truth = true_parameters(3, rule)
+    truth = made_up.true_parameters(3, rule)
     # one hip joins two frames: its true place in the thigh, which begins at the nominal hip, is where it misses that
     for side in "rl":
         names = [f"hip_{side}.{{}}.{direction}" for direction in ("ant", "sup", "lat")]

@@ -72,8 +72,7 @@ Gaitcal.Curves = class {
     this.tell();
     this.redraw();
     clearTimeout(this.writing);
-    const whole = this.panels.map(({ subject }) => subject).filter(({ detail }) => !detail);
-    this.writing = setTimeout(() => this.peaks.write(whole), 60);
+    this.writing = setTimeout(() => this.peaks.write(), 60);
   }
 
   schedule() {

@@ -6,9 +6,9 @@ Gaitcal.PERCENTS = Float64Array.from({ length: 101 }, (_, i) => i);
 Gaitcal.ON_FRAME = 1e-3;
 
 Gaitcal.Sheet = class {
-  constructor({ sheet, leastValid }) {
-    const { person, rows, bands } = sheet;
-    Object.assign(this, { leastValid, person, bands, joints: rows });
+  constructor({ sheet }) {
+    const { person, rows, bands, peaks } = sheet;
+    Object.assign(this, { person, bands, peaks, joints: rows });
     this.rows = new Map(rows.flatMap((group) => group.rows.map((row) => [row.base, row])));
     this.trials = sheet.trials.map((trial) => new Gaitcal.SheetTrial(trial));
   }

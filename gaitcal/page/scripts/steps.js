@@ -25,7 +25,10 @@ Gaitcal.stepsOf = ({ results, state }, result) => {
       const [right, left] = [of(measure.name, "r"), of(measure.name, "l")];
       const sum = (right?.mean ?? 0) + (left?.mean ?? 0);
       const both = right && left && sum !== 0 && !Gaitcal.OF_BOTH_LEGS.includes(measure.name);
-      return { ...measure, right, left, symmetry: both ? (200 * (right.mean - left.mean)) / sum : null };
+      if (!both) return { ...measure, right, left, symmetry: null };
+      const [se, other] = [right, left].map(({ sd, n }) => Math.max(sd || 0, measure.least) / Math.sqrt(n));
+      const error = (400 * Math.hypot(left.mean * se, right.mean * other)) / sum ** 2;
+      return { ...measure, right, left, symmetry: (200 * (right.mean - left.mean)) / sum, error };
     })
     .filter(({ right, left }) => right || left);
 };
@@ -36,12 +39,12 @@ Gaitcal.stepsTable = (rows) => {
     String(average?.n ?? 0),
   ];
   const table = {
-    head: ["Over strides", { t: "Right", side: "r" }, "n", { t: "Left", side: "l" }, "n", "Symmetry, %"],
-    rows: rows.map(({ title, unit, digits, right, left, symmetry }) => [
+    head: ["Over strides", { t: "Right", side: "r" }, "n", { t: "Left", side: "l" }, "n", "Asymmetry, %"],
+    rows: rows.map(({ title, unit, digits, right, left, symmetry, error }) => [
       { t: `${title},`, unit: unit === "%" ? "% of stride" : unit },
       ...leg(right, digits),
       ...leg(left, digits),
-      Gaitcal.numeral(symmetry, 1, true),
+      symmetry === null ? "–" : Gaitcal.plusMinus(symmetry, error, 1),
     ]),
   };
   return Gaitcal.scroller(Gaitcal.table(table, "Steps and phases"), "Steps and phases");
@@ -51,7 +54,7 @@ Gaitcal.STEP_WORDS =
   "Mean ± SD over the strides of all walks that are on, each counting the same, also those of which a recording shows " +
   "a part; n strides. Strides that turn are left out, and legs that are refused, with steps and supports beside them. " +
   "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the one that " +
-  "ends with the named foot. Symmetry: 100 (right − left) / mean of both; the width is one of both feet.";
+  "ends with the named foot. Asymmetry: 100 (right − left) / mean of both ± its standard error, with strikes known to a frame at best; the width is one of both feet.";
 
 // With its heading: of the chosen result, and of the second one beside it.
 Gaitcal.stepsParts = (page) => {

@@ -16,18 +16,20 @@ import argparse
 import json
 import os
 import platform
-from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from time import perf_counter, process_time
 
-from scripts.tools.benchmark.figure import Amount, Timing, exponent
+import numpy as np
+
+from scripts.tools.benchmark.figure import Amount, Timing
 from scripts.tools.benchmark.tasks import SECTIONS
 
 PACKAGES = ("pin", "numpy", "scipy", "opensim")
-
-
+MODULES = {"pin": "pinocchio"}
 SHORT_SECONDS, MOST_RUNS = 0.5, 50
 """A task is repeated until that much time has gone, or so often: five runs of some milliseconds scatter."""
 
@@ -66,7 +68,7 @@ def machine() -> dict[str, object]:
         "python": platform.python_version(),
         "blas_threads": 1,
         "worker_threads": 1,
-        "versions": {name: found for name in PACKAGES if (found := _version(name))},
+        "versions": {name: version(name) for name in PACKAGES if find_spec(MODULES.get(name, name))},
     }
 
 
@@ -76,13 +78,6 @@ def _processor() -> str:
     except OSError:
         return platform.processor() or platform.machine()
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
 
 
 def main(arguments: list[str] | None = None) -> dict[str, object]:
@@ -106,6 +101,12 @@ def main(arguments: list[str] | None = None) -> dict[str, object]:
     return results
 
 
+def exponent(points: Sequence[tuple[float, float]]) -> float:
+    """E of  value = c size^e, by least squares in logarithms."""
+    sizes, values = np.log(points).T
+    return float(np.polyfit(sizes, values, 1)[0])
+
+
 def _section(parts: list[Timing] | list[Timing | Amount], runs: int) -> dict[str, dict[str, object]]:
     """Measure and print the figures of a section, and the exponents of its series."""
     figures: dict[str, dict[str, object]] = {}
@@ -114,16 +115,11 @@ def _section(parts: list[Timing] | list[Timing | Amount], runs: int) -> dict[str
         if isinstance(part, Timing):
             free = part.runs is None
             both = timed(part.task, runs if free else min(part.runs, runs), more=free and runs > 1)
-            seconds = [wall for wall, _ in both]
-            value, used = median(seconds), median(used for _, used in both)
+            seconds, processor = zip(*both, strict=True)
+            value, used = median(seconds), median(processor)
             said = part.note(value) if callable(part.note) else part.note
-            figures[part.name] = {
-                "seconds": value,
-                "least": min(seconds),
-                "processor_seconds": used,
-                "runs": len(both),
-                "note": said,
-            }
+            told = {"seconds": value, "least": min(seconds), "processor_seconds": used, "runs": len(both), "note": said}
+            figures[part.name] = told
             first = next(float(f["seconds"]) for f in figures.values() if "seconds" in f)  # type: ignore[arg-type]
             print(f"  {part.name:<50}{value:10.4f} s {used:10.4f} s  x {value / first:<9.3g}{said}", flush=True)
             value /= part.share() if part.share else 1.0
@@ -135,7 +131,7 @@ def _section(parts: list[Timing] | list[Timing | Amount], runs: int) -> dict[str
             series.setdefault(part.series, []).append((part.size, value))
     for name, points in series.items():
         if len(points) > 1:
-            found = exponent(*zip(*points, strict=True))
+            found = exponent(points)
             figures[f"exponent: {name}"] = {"value": found, "unit": "", "note": f"over {len(points)} sizes"}
             print(f"  exponent: {name:<40}{found:10.3f}")
     return figures

@@ -1,15 +1,32 @@
-"""One figure of a benchmark: a task to be timed, or an amount to be measured; and how figures grow with size."""
+"""One figure of a benchmark: a task to be timed, or an amount to be measured; and the trials that are timed: the
+published subject's gait and isolated trials, with the published noise.
+"""
 
 from __future__ import annotations
 
 import atexit
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+
+from gaitcal.calibration.joint_calibration import JointFit, JointSearch
+from gaitcal.io.recording import Recording
+from gaitcal.model.linkage import SEGMENTS, joint_segments
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import gait_parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.spline import NodeRule
+from gaitcal.motion.start import starting_nodes
+from gaitcal.motion.trial_problem import MotionProblem, trial_problem
+from gaitcal.synthetic.motion import gait_motion, isolated_motion, marker_noise, synthetic_markers
+
+NODES = NodeRule(fixed=20)
+GAIT_JPS = (*gait_parameters("r"), *gait_parameters("l"))
 
 
 @dataclass(frozen=True)
@@ -41,13 +58,53 @@ class Amount:
     size: float = 0.0
 
 
-def exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
-    """E of  value = c size^e, by least squares in logarithms."""
-    return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
-
-
 def temporary_folder() -> Path:
     """A new folder, removed when Python ends."""
     folder = Path(tempfile.mkdtemp(prefix="gaitcal-benchmark-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
+
+
+@cache
+def subject() -> SubjectModel:
+    """The published subject, made once."""
+    return published_model()
+
+
+@cache
+def recording(trial: str, frames: int | None = None, seed: int = 1) -> Recording:
+    """Noisy markers of the published subject; a trial longer than recorded goes back and forth."""
+    motion = gait_motion() if trial == "gait" else isolated_motion(trial)
+    model = subject()
+    markers = synthetic_markers(model.parameters, model.markers, motion.q)
+    time = motion.basis.time
+    if frames is not None and frames > len(time):
+        markers = np.resize(np.concatenate([markers, markers[-2:0:-1]]), (frames, *markers.shape[1:]))
+        time = np.arange(frames) / 200.0
+    noise = marker_noise(time, markers.shape[1], np.random.default_rng(seed))
+    return Recording(source=trial, time=time, labels=model.markers.labels, markers=markers + noise)
+
+
+def first_frames(whole: Recording, frames: int) -> Recording:
+    """The beginning of a recording."""
+    return replace(whole, time=whole.time[:frames], markers=whole.markers[:frames])
+
+
+def problem(
+    trial: str, *, joint_only: bool = False, rule: NodeRule = NODES, frames: int | None = None, seed: int = 1
+) -> MotionProblem:
+    """The trial (or its first frames) as a least-squares problem, whole body or the segments of its joint."""
+    segments = joint_segments(trial) if joint_only else SEGMENTS
+    seen = recording(trial, seed=seed)
+    seen = seen if frames is None else first_frames(seen, frames)
+    return trial_problem(trial, subject(), seen, rule, root=segments[0], segments=segments)
+
+
+def start_of(p: MotionProblem) -> np.ndarray:
+    """(nn, nq) nodes from rigid fits."""
+    return starting_nodes(p.chain, p.with_free(()).constants(subject().parameters), p.data, p.basis)
+
+
+def calibrated(p: MotionProblem, free: tuple[str, ...]) -> JointFit:
+    """Joint parameters and motion from rigid fits."""
+    return JointSearch([p], subject().parameters, free, [start_of(p)]).run()

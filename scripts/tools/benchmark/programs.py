@@ -22,14 +22,26 @@ IMPORTS = "import gaitcal.cli.calibrate, gaitcal.session.calibrate, gaitcal.resu
 """The second and third beside reading and checking."""
 
 
-def _python(*arguments: str) -> Callable[[], object]:
-    return lambda: subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+def _python(*arguments: object) -> Callable[[], object]:
+    command = [sys.executable, *map(str, arguments)]
+    return lambda: subprocess.run(command, check=True, capture_output=True)
+
+
+def _gaitcal(*words: object) -> Callable[[], object]:
+    return _python("-m", "gaitcal.cli", *words)
+
+
+def _study() -> Path:
+    """The study file of the demo's synthetic person."""
+    folder = temporary_folder()
+    _gaitcal("synthesize", "-q", "--out", folder / "study")()
+    return folder / "study" / "study.toml"
 
 
 def section_startup() -> list[Timing]:
     """The command line and the import, each in its own process."""
     return [
-        Timing("gaitcal --help", _python("-m", "gaitcal.cli", "--help")),
+        Timing("gaitcal --help", _gaitcal("--help")),
         Timing("import gaitcal", _python("-c", "import gaitcal")),
         Timing("import of what calibrate needs", _python("-c", IMPORTS), "below 0.9 s"),
         Timing("python alone", _python("-c", "pass")),
@@ -38,33 +50,22 @@ def section_startup() -> list[Timing]:
 
 def section_checks() -> list[Timing]:
     """All checks of the demo's seven trials, files read before; wanted below a second."""
-    folder = temporary_folder()
-    _python("-m", "gaitcal.cli", "synthesize", "-q", "--out", str(folder / "study"))()
-    study = Study.load(folder / "study" / "study.toml")
+    study = Study.load(_study())
     return [Timing("check_study", lambda: check_study(study), "7 moving trials and the static one, 7408 frames")]
 
 
 def section_calibrate_study() -> list[Timing]:
     """`gaitcal calibrate` on the demo's synthetic study: files read, everything fitted, all results written."""
-    folder = temporary_folder()
-    _python("-m", "gaitcal.cli", "synthesize", "-q", "--out", str(folder / "study"))()
-    turn = count()
-
-    def calibrate() -> object:
-        out = folder / f"result{next(turn)}"
-        return _python(
-            "-m", "gaitcal.cli", "calibrate", "-q", str(folder / "study" / "study.toml"), "--out", str(out)
-        )()
-
-    def draw() -> object:
-        return _python("-m", "gaitcal.cli", "figures", "-q", str(folder / "result0"))()
-
-    study = str(folder / "study" / "study.toml")
+    study = _study()
+    results = (study.with_name(f"result{k}") for k in count())
     said = "7 trials, 7408 frames: check, JP, IP, dynamics, error bars, page, exports; its own process"
+    drawn = "one stride of each foot, a file a variable; 1 run"
     return [
-        Timing("gaitcal calibrate study.toml", calibrate, said),
-        Timing("gaitcal check study.toml", _python("-m", "gaitcal.cli", "check", "-q", study), "its own process"),
-        Timing("gaitcal figures result", draw, "one stride of each foot, a file a variable; 1 run", runs=1),
+        Timing(
+            "gaitcal calibrate study.toml", lambda: _gaitcal("calibrate", "-q", study, "--out", next(results))(), said
+        ),
+        Timing("gaitcal check study.toml", _gaitcal("check", "-q", study), "its own process"),
+        Timing("gaitcal figures result", _gaitcal("figures", "-q", study.with_name("result0")), drawn, runs=1),
     ]
 
 
@@ -73,15 +74,12 @@ def section_calibrate_walk() -> list[Timing]:
     walk = Path(os.environ.get("GAITCAL_DATA", "")) / "subject01"
     if not walk.is_dir():
         return []
-    person = (str(walk), "--mass", "72.6", "--height", "1.8", "--sex", "male")
-    out = str(temporary_folder() / "result")
-    calibrate = ("-m", "gaitcal.cli", "calibrate", "-q", *person, "--out", out)
+    person = ("-q", walk, "--mass", "72.6", "--height", "1.8", "--sex", "male")
     said = "one walk over two plates, 151 frames: draft, check, JP, IP, dynamics, error bars, page, exports"
+    out = temporary_folder() / "result"
     return [
-        Timing("gaitcal calibrate subject01", _python(*calibrate), said),
-        Timing(
-            "gaitcal check subject01", _python("-m", "gaitcal.cli", "check", "-q", *person), "wanted below a second"
-        ),
+        Timing("gaitcal calibrate subject01", _gaitcal("calibrate", *person, "--out", out), said),
+        Timing("gaitcal check subject01", _gaitcal("check", *person), "wanted below a second"),
         Timing("  of both: imports for calibrate", _python("-c", IMPORTS), "below 0.9 s"),
         Timing("  of both: imports for check", _python("-c", "import gaitcal.cli.folder")),
     ]
@@ -91,18 +89,10 @@ def section_montecarlo() -> list[Timing]:
     """Draws of the Monte Carlo study: every set at its highest level, nothing kept on disk."""
     case = nominal_case()
 
-    def study(workers: Workers) -> Callable[[], object]:
-        return lambda: monte_carlo(case, plan=DRAWS, workers=workers)
+    def of(name: str, workers: Workers, more: str = "") -> Timing:
+        def note(seconds: float) -> str:
+            return f"{DRAWS.total} draws, {DRAWS.total / seconds:.0f} a second{more}; 3 runs"
 
-    def rate(seconds: float) -> str:
-        return f"{DRAWS.total} draws, {DRAWS.total / seconds:.0f} a second"
+        return Timing(name, lambda: monte_carlo(case, plan=DRAWS, workers=workers), note, runs=3)
 
-    return [
-        Timing("this process", study(Workers()), lambda s: f"{rate(s)}; 3 runs", runs=3),
-        Timing(
-            "two worker processes",
-            study(LocalProcesses(2)),
-            lambda s: f"{rate(s)}, their start included; 3 runs",
-            runs=3,
-        ),
-    ]
+    return [of("this process", Workers()), of("two worker processes", LocalProcesses(2), ", their start included")]

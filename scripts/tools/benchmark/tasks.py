@@ -22,8 +22,17 @@ from gaitcal.motion.bandwidth import DenseMotion, with_bandwidth
 from gaitcal.motion.motion import motion_of, track, tracked_motion
 from gaitcal.motion.spline import NodeRule
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
-from scripts.tools.benchmark.figure import Amount, Timing
-from scripts.tools.benchmark.opensim import inverse_dynamics, inverse_kinematics
+from scripts.tools.benchmark.figure import (
+    GAIT_JPS,
+    NODES,
+    Amount,
+    Timing,
+    calibrated,
+    problem,
+    recording,
+    start_of,
+    subject,
+)
 from scripts.tools.benchmark.programs import (
     section_calibrate_study,
     section_calibrate_walk,
@@ -31,9 +40,14 @@ from scripts.tools.benchmark.programs import (
     section_montecarlo,
     section_startup,
 )
-from scripts.tools.benchmark.references import lower_bound, passes, plain_least_squares
+from scripts.tools.benchmark.references import (
+    inverse_dynamics,
+    inverse_kinematics,
+    lower_bound,
+    passes,
+    plain_least_squares,
+)
 from scripts.tools.benchmark.scaling import section_scaling
-from scripts.tools.benchmark.trials import GAIT_JPS, NODES, calibrated, problem, recording, start_of, subject
 
 SHORT_FRAMES, SHORT_NODES = 52, NodeRule(fixed=9)
 """A quarter of the gait trial and of its spans: what finite differences are tried on."""

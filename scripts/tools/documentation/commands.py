@@ -10,6 +10,7 @@ from typing import Any, Final, get_args
 from typer.models import ArgumentInfo, OptionInfo
 
 from gaitcal.cli.application import app
+from scripts.tools.documentation.tables import table_of
 
 EVERYWHERE: Final = ("--quiet", "--verbose", "--help")
 """Options that every command has, told once."""
@@ -101,10 +102,6 @@ def options_of(command: Command) -> tuple[Parameter, ...]:
     return tuple(p for p in command.parameters if not set(p.names) & set(EVERYWHERE))
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
-
-
 def _names(parameter: Parameter) -> str:
     first = [f"`{name}`" for name in parameter.names]
     if parameter.takes:
@@ -118,11 +115,11 @@ def markdown(name: str) -> str:
     lines = [f'```text title="usage"\n{command.usage}\n```', "", command.text, ""]
     if command.example:
         lines += [f'```text title="example"\n{command.example.removeprefix("Example:").strip()}\n```', ""]
-    own = options_of(command)
-    if own:
-        lines += ["| argument or option | unless given | meaning |", "|---|---|---|"]
-        for p in own:
-            default = "needed" if p.required else (f"`{p.default}`" if p.default else "")
-            limits = p.takes.partition(" ")[2]
-            lines.append(f"| {_names(p)} | {default} | {_cell(p.text)}{' ' + limits if limits else ''} |")
+    if own := options_of(command):
+        lines.append(table_of(("argument or option", "unless given", "meaning"), map(_row, own)))
     return "\n".join(lines)
+
+
+def _row(p: Parameter) -> tuple[str, str, str]:
+    default = "needed" if p.required else (f"`{p.default}`" if p.default else "")
+    return _names(p), default, f"{p.text} {p.takes.partition(' ')[2]}".strip()

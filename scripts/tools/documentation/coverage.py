@@ -11,8 +11,9 @@ from typing import Final
 
 import gaitcal
 from gaitcal.cohort.one_person import COLUMNS
+from gaitcal.explanations.explanation import all_explanations
 from gaitcal.model.marker_set import built_in_sets
-from scripts.tools.documentation import commands, findings, python_names, tables
+from scripts.tools.documentation import commands, python_names, tables
 from scripts.tools.documentation.results import FILES, SUMMARY, TABLES
 
 DOCS: Final = Path(__file__).resolve().parents[3] / "docs"
@@ -21,7 +22,7 @@ TOLD: Final = ("tutorials", "how-to", "explanation")
 """Folders of pages that people wrote."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Item:
     """One thing that needs a page."""
 
@@ -42,44 +43,31 @@ def _word(text: str) -> str:
 def items() -> Iterator[Item]:
     """All of them."""
     for command in commands.commands():
-        place = f"command: {command.name}"
-        called = rf"gaitcal {command.name}\b"
-        yield Item(kind="command", name=command.name, place=place, text=command.text, words=(called,))
+        place, called = f"command: {command.name}", rf"gaitcal {command.name}\b"
+        yield Item("command", command.name, place, command.text, (called,))
         for option in commands.options_of(command):
             name = option.names[0]
             words = (called, _word(name)) if name.startswith("-") else ()
-            yield Item(kind="option", name=f"{command.name} {name}", place=place, text=option.text, words=words)
+            yield Item("option", f"{command.name} {name}", place, option.text, words)
     for table in tables.TABLES:
-        for field in tables.fields(table):
-            name = f"{table}.{field.name}"
-            words = (rf"`{re.escape(field.name)}`|^{re.escape(field.name)} = ",)
-            yield Item(kind="field", name=name, place=f"table: {table}", text=field.text, words=words)
-    for name in built_in_sets():
-        yield Item(kind="marker set", name=name, place="marker-sets", text=name, words=(_word(name),))
+        for f in tables.fields(table):
+            words = (rf"`{re.escape(f.name)}`|^{re.escape(f.name)} = ",)
+            yield Item("field", f"{table}.{f.name}", f"table: {table}", f.text, words)
+    yield from (Item("marker set", name, "marker-sets", name, (_word(name),)) for name in built_in_sets())
     for kind, files in FILES.items():
         for file in files:
             last = file.pattern.replace("*", "")
-            yield Item(
-                kind="file",
-                name=f"{kind}: {file.pattern}",
-                place=f"files: {kind}",
-                text=file.text,
-                words=(re.escape(last),) if len(last) > 5 else (),
-            )
-    for key, text in SUMMARY.items():
-        yield Item(kind="column", name=f"summary: {key}", place="columns: summary", text=text)
-    for table, columns in TABLES.items():
-        for column in columns:
-            told = column.text or column.unit or column.name
-            yield Item(kind="column", name=f"{table}: {column.name}", place=f"columns: {table}", text=told)
-    for person in COLUMNS:
-        yield Item(kind="column", name=f"people: {person.name}", place="columns: people", text=person.meaning)
-    for code in findings.explanations():
-        yield Item(kind="finding", name=code.code.value, place="findings", text=code.text)
+            words = (re.escape(last),) if len(last) > 5 else ()
+            yield Item("file", f"{kind}: {file.pattern}", f"files: {kind}", file.text, words)
+    columns = {"summary": list(SUMMARY.items()), "people": [(c.name, c.meaning) for c in COLUMNS]}
+    columns |= {table: [(c.name, c.text or c.unit or c.name) for c in of] for table, of in TABLES.items()}
+    for table, told in columns.items():
+        yield from (Item("column", f"{table}: {name}", f"columns: {table}", text) for name, text in told)
+    yield from (Item("finding", e.code.value, "findings", e.text) for e in all_explanations())
     for name in gaitcal.__all__:
         group = next((group for group, names in python_names.GROUPS.items() if name in names), "none")
         said = "data" if name == "COORDINATES" else (getattr(gaitcal, name).__doc__ or "")
-        yield Item(kind="Python", name=name, place=f"python: {group}", text=said, words=(_word(f"gc.{name}"),))
+        yield Item("Python", name, f"python: {group}", said, (_word(f"gc.{name}"),))
 
 
 @cache
@@ -132,15 +120,12 @@ def _anchor(item: Item) -> str:
 
 def markdown() -> str:
     """The table; columns of one table count as one line."""
-    lines = ["| | is explained in | and used in |", "|---|---|---|"]
-    seen = set()
+    rows = {}
     for item in items():
         name = item.name.split(":")[0] if item.kind == "column" else item.name
-        if (item.kind, name) in seen:
-            continue
-        seen.add((item.kind, name))
-        pages = [f"[{Path(page).stem}](../{page})" for page in mentions(item)[:4]]
-        label = f"columns of `{name}`" if item.kind == "column" else f"{item.kind} `{name}`"
-        target = _anchor(item)
-        lines.append(f"| {label} | [{Path(target.split('#')[0]).stem}]({target}) | {', '.join(pages)} |")
-    return "\n".join(lines)
+        if (item.kind, name) not in rows:
+            pages = [f"[{Path(page).stem}](../{page})" for page in mentions(item)[:4]]
+            label = f"columns of `{name}`" if item.kind == "column" else f"{item.kind} `{name}`"
+            target = _anchor(item)
+            rows[item.kind, name] = (label, f"[{Path(target.split('#')[0]).stem}]({target})", ", ".join(pages))
+    return tables.table_of(("", "is explained in", "and used in"), rows.values())

@@ -18,11 +18,20 @@ from typing import Any, Final
 
 from mkdocs.structure.files import File, Files, InclusionLevel
 
-from scripts.tools.documentation import commands, coverage, findings, python_names, results, tables
+from gaitcal.explanations.explanation import all_explanations
+from scripts.tools.documentation import commands, coverage, python_names, results, tables
 
 ROOT = Path(__file__).resolve().parents[3]
 
 PLACE = re.compile(r"^\{\{ ([a-z-]+)(?:: ([\w-]+))? \}\}$", re.M)
+
+
+def findings() -> str:
+    """A table of the codes of findings and errors."""
+    rows = ((f"[{e.code.value}](findings/{e.code.value}.md)", e.title, e.severity.lower()) for e in all_explanations())
+    return tables.table_of(("code", "is about", "can be"), rows)
+
+
 MAKERS: Final[dict[str, Callable[..., str]]] = {
     "command": commands.markdown,
     "table": tables.markdown,
@@ -30,7 +39,7 @@ MAKERS: Final[dict[str, Callable[..., str]]] = {
     "examples": tables.public_examples,
     "files": results.files_markdown,
     "columns": results.columns_markdown,
-    "findings": findings.index,
+    "findings": findings,
     "everything": coverage.markdown,
     "python": python_names.markdown,
 }
@@ -61,8 +70,8 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def on_files(files: Files, config: Any) -> Files:
     """MkDocs has listed the pages."""
-    for name, text in findings.pages().items():
-        page = File.generated(config, f"reference/findings/{name}.md", content=text)
+    for e in all_explanations():
+        page = File.generated(config, f"reference/findings/{e.code.value}.md", content=e.markdown)
         page.inclusion = InclusionLevel.NOT_IN_NAV
         files.append(page)
     return files

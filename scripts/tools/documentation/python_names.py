@@ -1,4 +1,4 @@
-"""The public names of the package by what they are for, and the modules whose types they take and return."""
+"""The public names of the package by what they are for, as `python_names.toml` has them, and what they take."""
 
 from __future__ import annotations
 
@@ -8,80 +8,10 @@ from pathlib import Path
 from typing import Final
 
 import gaitcal
+from gaitcal.io.toml import tomllib
 
-GROUPS: Final[dict[str, tuple[str, ...]]] = {
-    "study": ("Study", "calibrate", "Calibration", "write_results", "parameter_table"),
-    "recordings": ("Recording", "read_recording"),
-    "model": (
-        *("SubjectModel", "Subject", "nominal_model", "published_model", "build_model", "Parameters", "COORDINATES"),
-        *("load_model", "save_model", "MarkerSet", "load_marker_set"),
-    ),
-    "motion": ("track", "Motion", "ground_reactions", "GroundReactions", "inverse_dynamics", "Moments"),
-    "kinetics": ("joint_kinetics", "JointKinetics", "power_of", "component_of", "MomentFrame"),
-    "strides": (
-        *("cycles", "read_cycles", "ensemble", "spatiotemporal", "cycles_to_xarray", "read_normal_bands"),
-        *("Convention", "Signs", "Acting", "MomentUnit"),
-    ),
-    "studies": ("compare_results", "monte_carlo", "synthesize"),
-    "errors": ("GaitcalError", "InputError", "ConvergenceError"),
-}
-
-MODULES: Final = (  # whose types a user's own program meets; the rest is inside
-    "gaitcal.findings",
-    "gaitcal.faults.verdict",
-    "gaitcal.io.snapshot",
-    "gaitcal.study.study",
-    "gaitcal.study.study_trial",
-    "gaitcal.study.truth",
-    "gaitcal.session.result",
-    "gaitcal.session.truth_errors",
-    "gaitcal.session.joint_parameters",
-    "gaitcal.study.settings",
-    "gaitcal.study.joint_prior",
-    "gaitcal.io.labels",
-    "gaitcal.model.marker_set",
-    "gaitcal.model.linkage",
-    "gaitcal.model.parameters",
-    "gaitcal.model.parameters",
-    "gaitcal.model.segment_frames",
-    "gaitcal.motion.spline",
-    "gaitcal.motion.trial_problem",
-    "gaitcal.calibration.joint_phases",
-    "gaitcal.calibration.inertial_calibration",
-    "gaitcal.dynamics.expected_residual",
-    "gaitcal.published.case",
-    "gaitcal.published.protocol",
-    "gaitcal.published.statistics",
-    "gaitcal.published.workers",
-    "gaitcal.export",
-    "gaitcal.compare",
-    "gaitcal.page",
-    "gaitcal.arrays",
-)
-TYPES: Final = (
-    "gaitcal.dynamics.joint_kinetics.KineticErrors",
-    "gaitcal.dynamics.axis_errors.TorqueErrors",
-    "gaitcal.compare.sessions.SessionComparison",
-    "gaitcal.study.study_file.StudyFile",
-    "gaitcal.study.study_file.TrialTable",
-    "gaitcal.study.study_file.TruthTable",
-    "gaitcal.io.recording.ForcePlate",
-    "gaitcal.session.bandwidth.Bandwidth",
-    "gaitcal.motion.spline.NodeRule",
-    "gaitcal.motion.motion.MarkerErrors",
-    "gaitcal.motion.descent.DescentSettings",
-    "gaitcal.published.study.MonteCarloStudy",
-    "gaitcal.published.study.DrawProgress",
-    "gaitcal.model.subject_model.MarkerPlacement",
-    "gaitcal.model.segment_frames.HipCentre",
-    "gaitcal.model.ankle_zero.AnkleZero",
-    "gaitcal.gait.conventions.NormalBand",
-    "gaitcal.gait.conventions.Bands",
-    "gaitcal.results.table_file.Json",
-    "gaitcal.runtime.Progress",
-    "gaitcal.codes.Code",
-)
-"""Types of signatures whose modules hold much else."""
+_READ = tomllib.loads(Path(__file__).with_name("python_names.toml").read_text(encoding="utf-8"))
+GROUPS: Final[dict[str, list[str]]] = _READ["groups"]
 
 
 def ungrouped() -> set[str]:
@@ -109,5 +39,5 @@ def undocumented() -> list[str]:
 
 def markdown(group: str) -> str:
     """Directives for the public names of a group, or for the modules (`inside`)."""
-    names = (*MODULES, *TYPES) if group == "inside" else tuple(f"gaitcal.{name}" for name in GROUPS[group])
+    names = _READ["inside"] if group == "inside" else [f"gaitcal.{name}" for name in GROUPS[group]]
     return "\n\n".join(f"::: {name}" for name in names)

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 from gaitcal.cohort.one_person import COLUMNS
 from gaitcal.io.toml import tomllib
+from scripts.tools.documentation.tables import table_of
 
 
 class ResultFile(NamedTuple):
@@ -45,27 +46,23 @@ def column_of(table: str, name: str) -> Described | None:
     return next((column for column in TABLES[table] if fnmatchcase(name, column.name)), None)
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
-
-
 def files_markdown(kind: str) -> str:
     """A table of the files of a kind of folder; tables among them lead to their columns."""
-    lines = ["| file | holds |", "|---|---|"]
-    for file in FILES[kind]:
+
+    def row(file: ResultFile) -> tuple[str, str]:
         name = f"`{file.pattern.replace('*', 'NAME')}`"
         where = "result-files.md#summaryjson" if file.table == "summary" else f"columns.md#{file.table}"
-        lines.append(f"| {f'[{name}]({where})' if file.table else name} | {_cell(file.text)} |")
-    return "\n".join(lines)
+        return f"[{name}]({where})" if file.table else name, file.text
+
+    return table_of(("file", "holds"), map(row, FILES[kind]))
 
 
 def columns_markdown(table: str) -> str:
     """A table of columns: of one table, of `summary.json`, or of `people` with all its measures."""
     if table == "summary":
-        rows = [(f"`{name}`", "", text) for name, text in SUMMARY.items()]
-    elif table == "people":
+        return table_of(("key", "", "meaning"), ((f"`{name}`", "", text) for name, text in SUMMARY.items()))
+    if table == "people":
         rows = [(f"`{c.name}`", c.unit, c.meaning) for c in COLUMNS]
     else:
         rows = [(f"`{c.name.replace('*', 'NAME')}`", c.unit, c.text) for c in TABLES[table]]
-    head = ["| key | | meaning |" if table == "summary" else "| column | unit | meaning |", "|---|---|---|"]
-    return "\n".join([*head, *(f"| {name} | {_cell(unit)} | {_cell(text)} |" for name, unit, text in rows)])
+    return table_of(("column", "unit", "meaning"), rows)

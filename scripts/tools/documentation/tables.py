@@ -1,7 +1,8 @@
-"""Tables of the TOML files that users write, as their schemas tell them."""
+"""Tables of Markdown; and those of the TOML files that users write, as their schemas tell them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args, get_origin
 
@@ -33,6 +34,12 @@ OF_STUDY: Final = ("subject", "markers", "trial", "calibration", "plate_error", 
 _PLAIN: Final = {float: "number", int: "whole number", str: "text", bool: "true or false", type(None): ""}
 
 
+def table_of(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Rows of cells; a bar within one is escaped."""
+    cells = (" | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row) for row in rows)
+    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *(f"| {row} |" for row in cells)])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Field:
     """One key of a table."""
@@ -51,12 +58,8 @@ def _words(annotation: Any) -> list[str]:
         return [f'`"{word}"`' for word in get_args(annotation)]
     if annotation in _PLAIN:
         return [_PLAIN[annotation]]
-    if origin is dict:
-        return ["table"]
-    if origin is tuple:
-        return ["list"]
-    if origin is list:
-        return ["list"]
+    if origin in (dict, tuple, list):
+        return ["table" if origin is dict else "list"]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return ["table"]
     found = [word for part in get_args(annotation) for word in _words(part)]
@@ -64,11 +67,9 @@ def _words(annotation: Any) -> list[str]:
 
 
 def _limits(field: FieldInfo) -> str:
-    low = next((f"> {m.gt:g}" for m in field.metadata if getattr(m, "gt", None) is not None), "") or next(
-        (f"≥ {m.ge:g}" for m in field.metadata if getattr(m, "ge", None) is not None), ""
-    )
-    high = next((f"≤ {m.le:g}" for m in field.metadata if getattr(m, "le", None) is not None), "")
-    return " and ".join(filter(None, (low, high)))
+    signs = {"gt": ">", "ge": "≥", "le": "≤"}
+    found = {k: v for m in field.metadata for k in signs if (v := getattr(m, k, None)) is not None}
+    return " and ".join(f"{signs[k]} {found[k]:g}" for k in signs if k in found)
 
 
 def _default(field: FieldInfo) -> str:
@@ -103,22 +104,17 @@ def fields(table: str) -> tuple[Field, ...]:
 
 def markdown(table: str) -> str:
     """A table of the keys: what each takes, what holds unless it is given, what it means."""
-    lines = ["| key | takes | unless given | meaning |", "|---|---|---|---|"]
-    for f in fields(table):
-        default = "needed" if f.required else f.default
-        lines.append(f"| `{f.name}` | {f.takes} | {default} | {f.text.replace('|', chr(92) + '|')} |")
-    return "\n".join(lines)
+    rows = ((f"`{f.name}`", f.takes, "needed" if f.required else f.default, f.text) for f in fields(table))
+    return table_of(("key", "takes", "unless given", "meaning"), rows)
 
 
 def marker_sets() -> str:
     """The built-in marker sets, each with its own description."""
-    lines = ["| set | worn as |", "|---|---|"]
-    lines += [f"| `{name}` | {marker_set.load_marker_set(name).description} |" for name in marker_set.built_in_sets()]
-    return "\n".join(lines)
+    names = marker_set.built_in_sets()
+    return table_of(("set", "worn as"), ((f"`{n}`", marker_set.load_marker_set(n).description) for n in names))
 
 
 def public_examples() -> str:
     """The public recordings that `gaitcal example` fetches."""
-    lines = ["| example | recordings | published by | licence |", "|---|---|---|---|"]
-    lines += [f"| `{one.name}` | {one.title} | {one.of} | {one.licence} |" for one in examples()]
-    return "\n".join(lines)
+    rows = ((f"`{one.name}`", one.title, one.of, one.licence) for one in examples())
+    return table_of(("example", "recordings", "published by", "licence"), rows)

@@ -24,8 +24,8 @@ import numpy as np
 from gaitcal import COORDINATES, Calibration
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.session.result import TrialResult
-from scripts.validation.truth.gait import joint_tracks
 from scripts.validation.truth.rigid import across, rigid_motion
+from scripts.validation.truth.simulated import joint_tracks
 
 ANGLES = tuple(
     f"{name}_{side}"

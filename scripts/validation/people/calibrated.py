@@ -25,11 +25,10 @@ from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.study import nominal_of
 from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.recordings import changed, only, study_of_person
-from scripts.validation.truth.outcome import TO_UNIT
 from scripts.validation.truth.people import hip_parameters, isolated_person, static_frames
+from scripts.validation.truth.report import TO_UNIT
 from scripts.validation.truth.skin import TABLE_MM, Kind, disturbed
-from scripts.validation.vendor_walks import LABS, QUANTITIES, Walk, calibrated_walk
-from scripts.validation.vendors import agreement, unit_of_walks
+from scripts.validation.vendors import LABS, QUANTITIES, Walk, agreement, calibrated_walk, unit_of_walks
 
 STAGES = {"nominal": Stage.NOMINAL, "hips": Stage.JP, "final": Stage.JP_IP}
 """Column -> model."""
@@ -76,7 +75,7 @@ def moment_lines(people: Sequence[str], settings: Settings, out: dict[str, float
             continue
         unit = unit_of_walks(walks["nominal"])
         yield f"{lab}: moments less the vendor's, N·m/kg RMS: {', '.join(STAGES)} in stance; the same, swing too"
-        for quantity in (q for q in QUANTITIES if q.is_moment):
+        for quantity in (q for q in QUANTITIES if q.kind == "moment"):
             found = {words: agreement(quantity, of, unit) for words, of in walks.items()}
             columns = ["".join(f"{a.rms[f]:8.3f}" for a in found.values()) for f in ("leg", "swing too")]
             yield f"  {quantity.words:24}{'   '.join(columns)}"

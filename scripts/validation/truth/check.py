@@ -7,7 +7,7 @@ gait        people of `opensim_truth`, walk and static trial: joint centres, tor
 isolated    the same people's six isolated trials, made by OpenSim once (extra `peers`): joint centres and axes, beside
             SCoRE and SARA
 synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb` writes them
-recovery    the same, every joint and inertial parameter by itself (`truth/recovery.py`); `--know` says what is known
+recovery    the same, every joint and inertial parameter by itself (`truth/made_up.py`); `--know` says what is known
 
 Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published waves, by skin that
 follows the joints or its own time. `before` is the nominal model, `peer` SCoRE or SARA (RMS), `SE` the RMS of the
@@ -25,9 +25,9 @@ from pathlib import Path
 
 from scripts.validation.harness import commas, matching, say, side_by_side
 from scripts.validation.recordings import SIMULATED, data
-from scripts.validation.truth import gait, isolated, recovery, report, synthetic
-from scripts.validation.truth.outcome import Outcome
+from scripts.validation.truth import made_up, report, simulated
 from scripts.validation.truth.people import made
+from scripts.validation.truth.report import Outcome
 from scripts.validation.truth.skin import FIVE, OF_PEOPLE, Kind
 
 SHARED = ("--jobs", "--only", "--seed", "--set", "--cache", "--json")
@@ -53,7 +53,7 @@ def tasks(chosen: argparse.Namespace) -> list[Callable[[], Outcome]]:
     out: list[Callable[[], Outcome]] = []
     for part in chosen.parts:
         if part == "synthetic":
-            out += [partial(synthetic.run, seed, chosen.settings) for seed in seeds(chosen)]
+            out += [partial(made_up.outcome, seed, chosen.settings) for seed in seeds(chosen)]
             continue
         folder = data() / "opensim_truth"
         for person in matching(chosen.only, SIMULATED):
@@ -65,9 +65,9 @@ def tasks(chosen: argparse.Namespace) -> list[Callable[[], Outcome]]:
                 for seed in range(chosen.seed, chosen.seed + (1 if kind is Kind.NONE else chosen.seeds)):
                     common = (person, kind, seed, size, chosen.settings, folder)
                     if part == "gait":
-                        out.append(partial(gait.run, *common))
+                        out.append(partial(simulated.gait, *common))
                     else:
-                        out.append(partial(isolated.run, *common, chosen.cache, chosen.with_gait))
+                        out.append(partial(simulated.isolated, *common, chosen.cache, chosen.with_gait))
     return out
 
 
@@ -78,7 +78,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--kinds", type=commas(kinds), default=[], help=f"of {', '.join(kinds)}")
     parser.add_argument("--seeds", type=int, default=6, help="of each kind of movement and person (default 6)")
     parser.add_argument("--synthetic-people", type=int, default=SYNTHETIC_PEOPLE, metavar="N")
-    known = [setting.value for setting in synthetic.Settings]
+    known = [setting.value for setting in made_up.Settings]
     parser.add_argument("--know", choices=known, default=known[0], dest="settings_of_recovery", help="part recovery")
     parser.add_argument("--size", type=float, metavar="MM", help="of the movement, instead of each part's own")
     parser.add_argument("--with-gait", action="store_true", help="part isolated: the walk, without plates, as well")
@@ -90,9 +90,9 @@ def run(chosen: argparse.Namespace) -> list[Outcome]:
     """Make all fits and print the table."""
     chosen.kinds = [Kind(kind) for kind in chosen.kinds]
     if "recovery" in chosen.parts:
-        settings = synthetic.Settings(chosen.settings_of_recovery)
-        people = [partial(synthetic.synthetic_person, seed, settings, chosen.settings) for seed in seeds(chosen)]
-        say(*recovery.lines(list(side_by_side(people, chosen.jobs))))
+        settings = made_up.Settings(chosen.settings_of_recovery)
+        people = [partial(made_up.synthetic_person, seed, settings, chosen.settings) for seed in seeds(chosen)]
+        say(*made_up.lines(list(side_by_side(people, chosen.jobs))))
         chosen.parts = [part for part in chosen.parts if part != "recovery"]
         if not chosen.parts:
             return []

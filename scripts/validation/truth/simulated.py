@@ -1,0 +1,214 @@
+"""Parts `gait` and `isolated`: a walk, or six isolated trials, of people whom OpenSim knows, with markers that move as
+skin does, calibrated and compared.
+
+Joint centres of a walk are compared in the laboratory, frame by frame, after the turn that the calibration gave the
+recording: the hip as a point; knee and ankle as points too, and across their axes, along which a hinge tells nothing.
+The hip is also compared in pelvis and thigh, as parameters with error bars. Torques are compared, in valid frames, with
+OpenSim's inverse dynamics of its own model on its own motion, whose masses are not ours and whose knee is no hinge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+import gaitcal
+from gaitcal import COORDINATES, Calibration, Motion, Study
+from gaitcal.arrays import Array
+from gaitcal.model.parameters import Parameters
+from scripts.validation.error_bars import Bars, bars, rms
+from scripts.validation.truth.people import (
+    DIRECTIONS,
+    IsolatedPerson,
+    SegmentPose,
+    WalkingPerson,
+    at_times,
+    hip_parameters,
+    isolated_person,
+    leg_parameters,
+    static_frames,
+    walking_person,
+    with_settings,
+    x_axis,
+    z_axis,
+)
+from scripts.validation.truth.report import Figure, Fitted, Gathered, Outcome, fitted_parameters, timed_fit
+from scripts.validation.truth.rigid import Line, Poses, across, rigid_motion, sara, score
+from scripts.validation.truth.skin import Kind, beside, disturbed
+
+JOINT_OF = {"hip": "hip_flexion", "knee": "knee_angle", "ankle": "ankle_angle"}
+"""Joint -> the coordinate whose axis passes through its centre."""
+TORQUES = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", "subtalar_angle")
+
+
+def gait(name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, object], data: Path) -> Outcome:
+    """Part `gait`: disturb, calibrate and compare one person."""
+    person = walking_person(name, data)
+    study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
+    fit = timed_fit(study)
+    return fit.outcome("gait", kind.value, name, seed, compare_gait(fit.calibration, person, study))
+
+
+def compare_gait(calibration: Calibration, person: WalkingPerson, study: Study) -> dict[str, Figure]:
+    """Figure -> RMS of both legs."""
+    (walk,) = study.moving
+    trial = calibration.trial(walk.name)
+    rotation, origin = whole_turn(walk.recording.markers, trial.recording.markers)
+    gathered = Gathered()
+    models = {
+        "error": (calibration.model.parameters, trial.body),
+        "before": (calibration.nominal.parameters, trial.nominal),
+    }
+    for when, (parameters, motion) in models.items():
+        for joint, (centre, axis) in joint_tracks(parameters, motion).items():
+            known = at_times(motion.time, walk.recording.time, person.centres[joint] @ rotation.T + origin)
+            gap, name = 1e3 * (centre - known), joint.split("_")[0]
+            gathered.put(f"{name} in laboratory, mm", **{when: rms(np.linalg.norm(gap, axis=1))})
+            if name != "hip":
+                gathered.put(f"{name} across axis, mm", **{when: rms(np.linalg.norm(across(gap, axis), axis=1))})
+    frames = static_frames(calibration.nominal, study.static.recording)
+    for side in "rl":
+        truth = hip_parameters(frames, side, person.static_hips[f"hip_{side}"])
+        gathered.hip(fitted_parameters(calibration, truth), side)
+    return gathered.figures() | torque_figures(calibration, person, walk.name)
+
+
+def whole_turn(before: Array, after: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and origin (3,) by which all markers (nf, nm, 3) of a recording were turned."""
+    pairs = np.isfinite(before).all(axis=2) & np.isfinite(after).all(axis=2)
+    rotation, origin = rigid_motion(before[pairs], after[pairs][None])
+    return rotation[0], origin[0]
+
+
+def joint_tracks(parameters: Parameters, motion: Motion) -> dict[str, tuple[Array, Array]]:
+    """`hip_r`, ... -> centre (nf, 3) m and axis of flexion (nf, 3), laboratory, of a whole-body motion."""
+    model = gaitcal.build_model(parameters)
+    data = model.createData()
+    order = [model.joints[model.getJointId(name)].idx_q for name in motion.coordinates]
+    values = np.zeros((len(motion.time), model.nq))
+    values[:, order] = motion.q
+    joints = {f"{joint}_{s}": model.getJointId(f"{name}_{s}") for joint, name in JOINT_OF.items() for s in "rl"}
+    out = {name: (np.empty((len(values), 3)), np.empty((len(values), 3))) for name in joints}
+    for f, q in enumerate(values):
+        pin.forwardKinematics(model, data, q)
+        for name, index in joints.items():
+            out[name][0][f], out[name][1][f] = data.oMi[index].translation, data.oMi[index].rotation[:, 2]
+    return out
+
+
+def torque_figures(calibration: Calibration, person: WalkingPerson, walk: str) -> dict[str, Figure]:
+    """RMS error of each joint's torque over valid frames and both legs, and all of them together."""
+    loads = calibration.trial(walk).loads
+    if loads is None:
+        raise RuntimeError(f"the trial {walk} has no torques")
+    recorded = next(t.recording.time for t in calibration.study.trials if t.name == walk)
+    valid = loads.reactions.valid
+    gaps: dict[str, list[Array]] = {}
+    earlier: dict[str, list[Array]] = {}
+    held: dict[str, Bars] = {}
+    for torque in TORQUES:
+        for side in "rl":
+            name = f"{torque}_{side}"
+            column = COORDINATES.index(name)
+            true = np.interp(loads.final.time, recorded, person.torques[name])[valid]
+            gap = loads.final.tau[valid, column] - true
+            error = np.full(len(gap), np.nan) if loads.errors is None else loads.errors.tau[valid, column]
+            gaps.setdefault(torque, []).append(gap)
+            earlier.setdefault(torque, []).append(loads.nominal.tau[valid, column] - true)
+            held[torque] = held.get(torque, Bars()) + bars(gap, error)
+    figures = {f"torque {t}, N·m": Figure(error=rms(gaps[t]), before=rms(earlier[t]), bars=held[t]) for t in TORQUES}
+    every = Figure(error=rms(list(gaps.values())), before=rms(list(earlier.values())), bars=sum(held.values(), Bars()))
+    return {"torques of legs, N·m": every, **figures}
+
+
+AXES = {
+    "knee axis in thigh": ("knee_{s}.thigh", "thigh_{s}", "proximal", "knee_{s}"),
+    "knee axis in shank": ("knee_{s}.shank", "shank_{s}", "distal", "knee_{s}"),
+    "talocrural axis": ("talocrural_{s}.shank", "shank_{s}", "proximal", "ankle_{s}"),
+    "subtalar axis": ("subtalar_{s}.foot", "foot_{s}", "distal", "subtalar_{s}"),
+}
+"""Figure -> parameters, segment, and the true axis, `{s}` being the side."""
+
+
+def isolated(
+    name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, object], data: Path, cache: Path, walk: bool
+) -> Outcome:
+    """Part `isolated`: disturb, calibrate and compare one person."""
+    person = isolated_person(name, data, cache, walk)
+    study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
+    fit = timed_fit(study)
+    return fit.outcome("isolated", kind.value, name, seed, compare_isolated(fit.calibration, person, study))
+
+
+def compare_isolated(calibration: Calibration, person: IsolatedPerson, study: Study) -> dict[str, Figure]:
+    """Figure -> RMS of both legs."""
+    frames = static_frames(calibration.nominal, study.static.recording)
+    gathered = Gathered()
+    for side in "rl":
+        fitted = fitted_parameters(calibration, leg_parameters(person, frames, side))
+        gathered.hip(fitted, side)
+        for end, peer in zip(("pelvis", "thigh"), score(*poses(study, f"hip_{side}")), strict=True):
+            gathered.put(f"hip in {end}, mm", peer=1e3 * float(np.linalg.norm(peer - person.centres[f"hip_{side}"])))
+        for figure in AXES:
+            _axis(gathered, figure, fitted, person, frames, study, side)
+        for unit, parameter in (("mm", "sup"), ("deg", "trans")):
+            gathered.single(f"subtalar in talus, {unit}", f"subtalar_{side}.talus.{parameter}", fitted, unit)
+    return gathered.figures()
+
+
+def _axis(
+    gathered: Gathered,
+    figure: str,
+    fitted: Fitted,
+    person: IsolatedPerson,
+    frames: Mapping[str, SegmentPose],
+    study: Study,
+    side: str,
+) -> None:
+    prefix, segment, end, joint = (word.format(s=side) for word in AXES[figure])
+    lab: Line = {"proximal": person.proximal, "distal": person.distal}[end][joint]
+    true = frames[segment].line(lab)
+    for when, values in fitted.times:
+        found = line_of(prefix, values)
+        gathered.put(f"{figure}, deg", **{when: true.angle(found.direction)})
+        gathered.put(f"{figure}, mm", **{when: 1e3 * true.distance(found.point)})
+    if joint.startswith("knee"):
+        peer = sara(*poses(study, joint))[0 if end == "proximal" else 1]
+        gathered.put(f"{figure}, deg", peer=lab.angle(peer.direction))
+        gathered.put(f"{figure}, mm", peer=1e3 * peer_distance(lab, peer, frames[segment]))
+    own = [n for n in fitted.truth if n.startswith(f"{prefix}.")]
+    for unit, words in (("deg", ("front", "trans", "sag")), ("mm", DIRECTIONS)):
+        gathered.add_bars(f"{figure}, {unit}", fitted.bars([n for n in own if n.endswith(words)], unit))
+
+
+def peer_distance(true: Line, found: Line, frame: SegmentPose) -> float:
+    """Distance (m) of two lines where the found one meets the segment's plane of lateral position zero, as ours is."""
+    lateral = frame.rotation[:, 2]
+    slide = (frame.origin - found.point) @ lateral / (found.direction @ lateral)
+    return true.distance(found.point + slide * found.direction)
+
+
+def line_of(prefix: str, values: Mapping[str, float]) -> Line:
+    """The axis that joint parameters (m, rad) tell in their segment."""
+    point = np.array([values.get(f"{prefix}.{d}", 0.0) for d in DIRECTIONS])
+    if f"{prefix}.sag" in values:
+        return Line(point, x_axis(values[f"{prefix}.trans"], values[f"{prefix}.sag"]))
+    return Line(point, z_axis(values[f"{prefix}.front"], values[f"{prefix}.trans"]))
+
+
+def poses(study: Study, joint: str) -> tuple[Poses, Poses]:
+    """Poses of the clusters above and below a joint along its isolated trial, from their places in the static trial."""
+    static = study.static.recording
+    recording = next(t.recording for t in study.moving if t.joint == joint)
+    rest = dict(zip(static.labels, static.markers.mean(axis=0), strict=True))
+
+    def pose(segment: str) -> Poses:
+        labels = study.marker_set.tracking[segment]
+        columns = [recording.labels.index(label) for label in labels]
+        return rigid_motion(np.array([rest[label] for label in labels]), recording.markers[:, columns])
+
+    above, below = beside(joint)
+    return pose(above), pose(below)
