@@ -298,10 +298,20 @@ def marker_moves(
     )
 
 
-def coordinate_variances(problem: MotionProblem, moves: MotionSensitivity) -> dict[ErrorSource, Array]:
-    """ErrorSource -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial."""
+def coordinate_variances(
+    problem: MotionProblem, moves: MotionSensitivity, more: Array | None = None
+) -> dict[ErrorSource, Array]:
+    """ErrorSource -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial.
+
+    `more`: (nf, m, nq) m quantities' derivatives by coordinates; their variances follow, (nf, nq + m).
+    """
+
+    def moved(part: slice | IntArray) -> Array:
+        found = moves.moved(basis, part, 0)
+        return found if more is None else np.concatenate([found, more[part] @ found], axis=1)
+
     basis = problem.basis
-    parts = [moves.variances(moves.moved(basis, part, 0)) for part in stretches(len(basis.time), BLOCK)]
+    parts = [moves.variances(moved(part)) for part in stretches(len(basis.time), BLOCK)]
     return {source: np.concatenate([part[source] for part in parts]) for source in parts[0]}
 
 

@@ -68,8 +68,8 @@ class ConsistentSettings:
     moment_spread: float = 0.15
     """Standard deviation of the logarithm of a second moment of mass."""
     more_of: Mapping[str, float] = field(default_factory=dict)
-    """Segment without its side -> standard deviation of the logarithm of its mass and second moments beside that of
-    people: of a table that may not be this person's."""
+    """Parameter without its side (`thigh.mass`) -> standard deviation of its variable beside that of people: of a table
+    that may not be this person's."""
     residual: float = 0.01
     """Least standard deviation of F / BW and T / (BW L) that stems from measurement and motion, not from inertia."""
     independent: float = 10.0
@@ -87,7 +87,7 @@ class LogChart:
         kinds = [name.split(".", 1)[1] for name in which.names]
         self.kind = np.array([{"mass": 0, "com": 1, "moi": 2}[k.split(".")[0]] for k in kinds])
         self.selection = which.selection
-        self.segments = tuple(name.split(".", 1)[0].removesuffix("_r").removesuffix("_l") for name in which.names)
+        self.unsided = tuple(name.replace("_r.", ".").replace("_l.", ".") for name in which.names)
         self.of_foot = np.array([name.startswith("foot") for name in which.names])
         moments = self.rows[:, 4:7]
         self.second = 0.5 * moments.sum(axis=1, keepdims=True) - moments
@@ -97,8 +97,7 @@ class LogChart:
         """(n,) prior standard deviation of each variable."""
         kinds = np.array([settings.mass_spread, settings.centre_spread, settings.moment_spread])[self.kind]
         of_people = np.where(self.of_foot & (self.kind == 0), settings.foot_mass_spread, kinds)
-        more = np.array([settings.more_of.get(segment, 0.0) for segment in self.segments])
-        return np.hypot(of_people, np.where(self.kind == 1, 0.0, more))
+        return np.hypot(of_people, [settings.more_of.get(name, 0.0) for name in self.unsided])
 
     def inertial(self, x: Array) -> Array:
         """(84,) inertial parameters, SI."""

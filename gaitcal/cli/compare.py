@@ -10,7 +10,7 @@ from rich.text import Text
 
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.compare.comparison import compare
-from gaitcal.compare.difference import Difference, subject
+from gaitcal.compare.difference import numbers_of, subject
 from gaitcal.compare.osim_words import osim_words
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.errors import UsageError
@@ -74,17 +74,11 @@ def tell(comparison: SessionComparison, console: Console) -> None:
     table = frameless_table(("figure", "unit"), (*comparison.names, "difference", "missed below", "times"))
     table.columns[0].min_width = WIDTH
     for d in comparison.found[:SHOWN]:
-        table.add_row(Text(subject(d)), d.unit, *_numbers(d))
+        table.add_row(Text(subject(d)), d.unit, *numbers_of(d))
     console.line()
     console.out.print(table)
     if (rest := len(comparison.found) - SHOWN) > 0:
         console.line(f"and {rest} more: --out FOLDER writes all")
-
-
-def _numbers(d: Difference) -> tuple[str, ...]:
-    figures = [f"{value:.3g}" if d.unit in ("m", "m/s", "s") else f"{value:.1f}" for value in (d.a, d.b, d.difference)]
-    limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.3g}", f"{d.times:.1f}")
-    return (*figures, *limit)
 
 
 def compare_models(result: Path, osim: Path, console: Console) -> None:

@@ -18,7 +18,7 @@ from gaitcal.errors import InputError, UsageError, nearest
 from gaitcal.figures.chart import Chart
 from gaitcal.figures.paper import Strides, paper_charts
 from gaitcal.figures.report import FORMATS, HealthyBands, Told, report_charts, write_charts
-from gaitcal.gait.conventions import read_normal_bands
+from gaitcal.gait.conventions import Signs, read_normal_bands
 from gaitcal.gait.cycles import Kind
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import counted
@@ -70,7 +70,8 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
     if options.purpose == REPORT:
         _only_for_papers(options)
     width = COLUMN if options.width is None else _width(options.width)
-    convention = convention_of(options.signs, None, options.units or "Nm/kg", external=options.external)
+    signs = options.signs or Signs.CLINICAL.value
+    convention = convention_of(signs, None, options.units or "Nm/kg", external=options.external)
     put_back(result)
     if not result.is_dir():
         raise InputError(

@@ -19,7 +19,6 @@ from gaitcal.faults.verdict import stopping
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.atomic import atomic_text, real_path
 from gaitcal.session.draft import (
-    NEEDED,
     STUDY,
     Draft,
     doubtful_lines,
@@ -134,14 +133,18 @@ def _asked(folder: Folder, options: Options, console: Console) -> Draft:
     if (
         draft.fault
         or draft.problem
-        or not draft.missing
+        or not (draft.missing or draft.estimated)
         or console.quiet
         or not (sys.stdin.isatty() and sys.stderr.isatty())
     ):
         return draft
-    for field in draft.missing:
-        while field not in draft.person:
-            answer = str(typer.prompt(f"no file says the {QUESTIONS[field]}", err=True)).strip()
+    for field in (*draft.missing, *draft.estimated):
+        while True:
+            question, spare = f"no file says the {QUESTIONS[field]}", field in draft.estimated
+            question += " (Enter: estimated, with wider errors)" if spare else ""
+            answer = str(typer.prompt(question, default="" if spare else None, show_default=False, err=True)).strip()
+            if spare and not answer:
+                break
             try:
                 options = _answered(options, field, answer)
             except (UsageError, ValueError) as fault:
@@ -152,9 +155,8 @@ def _asked(folder: Folder, options: Options, console: Console) -> Draft:
 
 
 def _answered(options: Options, field: str, answer: str) -> Options:
-    name = NEEDED[field].split()[0].removeprefix("--")
     value: object = answer.lower() if field == "sex" else float(answer.replace(",", "."))
-    out = replace(options, **{name: value})  # type: ignore[arg-type]
+    out = replace(options, **{field.partition("_")[0]: value})  # type: ignore[arg-type]
     return options_of(out.mass, out.height, out.sex, out.age)
 
 

@@ -17,9 +17,7 @@ Sex = Annotated[str | None, typer.Option(help="female or male, the same.")]
 Age = Annotated[float | None, typer.Option(help="Age in years, the same; may be left out.")]
 Normal = Annotated[
     Path | None,
-    typer.Option(
-        help="CSV of normal bands, drawn behind the report's angles and moments; schwartz2008: published, of children."
-    ),
+    typer.Option(help="CSV of normal bands, or schwartz2008; unless given, children's where age and speed fit them."),
 ]
 Priors = Annotated[
     Path | None,
@@ -85,7 +83,20 @@ Formats = Annotated[
     str,
     typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings; cycles for the strides."),
 ]
-ExportFolder = Annotated[Path | None, typer.Option("--out", help="Folder for the files; DIR/export unless given.")]
+ExportFolder = Annotated[
+    Path | None, typer.Option("--out", help="Folder for the files; DIR/export unless given. With --into: the file.")
+]
+Into = Annotated[
+    Path | None, typer.Option(help="An OpenSim model of your own: its hips, knees and ankles become this person's.")
+]
+Names = Annotated[Path | None, typer.Option(help="For --into: a TOML file that says which joints of it are meant.")]
+Muscles = Annotated[
+    bool, typer.Option("--muscles", help="For --into: lengths and moment arms before and after, by OpenSim.")
+]
+ModelDraws = Annotated[
+    int, typer.Option("--draws", min=0, help="For --into: further models with joints drawn from their error bars.")
+]
+ModelSeed = Annotated[int, typer.Option("--seed", min=0, help="For --draws: seed of the draws.")]
 Inputs = Annotated[
     Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
 ]
@@ -128,7 +139,7 @@ FigureBands = Annotated[
     typer.Option("--normal", help="CSV of normal bands, or schwartz2008; else those of the result, if it has any."),
 ]
 FigureSigns = Annotated[
-    str | None, typer.Option("--convention", help="For paper: signs, opensim (unless given) or clinical.")
+    str | None, typer.Option("--convention", help="For paper: signs, clinical (unless given) or opensim.")
 ]
 FigureExternal = Annotated[bool, typer.Option("--external", help="For paper: external instead of internal moments.")]
 FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/kg (unless given), Nm or %BW*H.")]

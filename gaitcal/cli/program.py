@@ -217,10 +217,20 @@ def export(
     moments: told.Moments = None,
     external: told.External = False,
     units: told.Units = None,
+    into: told.Into = None,
+    names: told.Names = None,
+    muscles: told.Muscles = False,
+    draws: told.ModelDraws = 0,
+    seed: told.ModelSeed = 0,
 ) -> None:
-    """The fitted model for OpenSim, ROS, MuJoCo; recordings as C3D; strides in a convention of your choice."""
-    from gaitcal.cli.other_programs import convention_of, export_model
+    """The fitted model for OpenSim, ROS, MuJoCo; its joints in your own OpenSim model; recordings as C3D; strides."""
+    from gaitcal.cli.other_programs import IntoOptions, convention_of, export_into, export_model, require_into
 
+    if into is not None:
+        chosen = IntoOptions(model=into, out=out, names=names, muscles=muscles, draws=draws, seed=seed)
+        export_into(result, chosen, console)
+        return
+    require_into(names=names, muscles=muscles, draws=draws)
     export_model(result, formats, out, inputs, console, convention_of(convention, moments, units, external=external))
 
 

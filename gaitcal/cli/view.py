@@ -62,7 +62,8 @@ def print_report(result: Path, pdf: Path | None, comments: Path | None, normal: 
     beside = result / COMMENTS
     file = comments or (beside if beside.is_file() else None)
     said = {} if file is None else read_comments(file)
-    content = report_content(result, {} if normal is None else read_normal_bands(normal), said)
+    named = None if normal is None else (read_normal_bands(normal), normal.name)
+    content = report_content(result, named, said)
     target = pdf or result / REPORT
     with file_in_place(target) as path:
         pages = write_pdf(content, path)

@@ -35,6 +35,7 @@ from gaitcal.faults.verdict import Judgement, stopping
 from gaitcal.findings import STUDY
 from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.gait.cycles import Kind, kind_of
+from gaitcal.gait.profile_score import BOTH, GPS
 from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
 from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_room, sha256_of
 from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED
@@ -257,6 +258,10 @@ def _columns() -> tuple[Column, ...]:
                 meant = f"{peak} of the mean curve of {variable} over strides of the {leg} foot"
                 out.append(Column(f"{variable}_{peak}_{side}", float, unit, meant))
                 out.append(Column(f"{variable}_{peak}_se_{side}", float, unit, f"standard error: {meant}"))
+    for side, leg in (*_LEGS, (BOTH, "both legs")):
+        meant = f"Gait Profile Score of {leg}, against healthy people of that age and speed"
+        out.append(Column(f"gait_profile_score_{side}", float, "deg", meant))
+        out.append(Column(f"gait_profile_score_se_{side}", float, "deg", f"standard error: {meant}"))
     out += words(
         ("gaitcal", "version"),
         ("settings_sha256", "of the settings in manifest.json"),
@@ -361,6 +366,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
         **dict(_fits(walks or list(trials.values()))),
         **dict(_residuals(walks)),
         **dict(_spatiotemporal(summary.get("spatiotemporal") or {})),
+        **dict(_profile_scores(summary.get("gait_profile") or {})),
         **dict(_peaks(folder / ENSEMBLE, float(subject["mass_kg"]))),
         "gaitcal": manifest["gaitcal"],
         **{
@@ -421,6 +427,12 @@ def _together(pairs: Iterable[tuple[int, float | None]]) -> float | None:
     known = [(n, value) for n, value in pairs if value is not None]
     frames = sum(n for n, _ in known)
     return math.sqrt(sum(n * value**2 for n, value in known) / frames) if frames else None
+
+
+def _profile_scores(profile: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
+    for side, of_side in profile.items():
+        yield f"gait_profile_score_{side}", of_side[GPS]["score"]
+        yield f"gait_profile_score_se_{side}", of_side[GPS].get("se")
 
 
 def _spatiotemporal(means: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:

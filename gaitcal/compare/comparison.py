@@ -15,16 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from gaitcal.codes import Code
-from gaitcal.compare.osim_reader import read_osim
-from gaitcal.compare.peer_model import Axis, LegGeometry, PeerModel, leg_bodies, our_leg, peer_leg
 from gaitcal.errors import InputError
-from gaitcal.model.linkage import SEGMENTS, SIDES
+from gaitcal.export.osim_correspondence import segment_of
+from gaitcal.export.osim_reader import read_osim
+from gaitcal.export.osim_registration import Registration, registered, shared_markers
+from gaitcal.export.peer_model import Axis, LegGeometry, PeerModel, leg_bodies, our_leg, peer_leg
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.rigid import rigid_distances, rigid_fit
 
 DIRECTIONS = ("ant", "sup", "lat")
 
@@ -42,18 +42,16 @@ class ComparisonRow:
     """theirs - ours."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Registration:
+@dataclass(frozen=True)
+class _Registered:
     """How well a peer's body could be laid on our segment."""
 
     segment: str
     markers: int
     """Our markers on the segment."""
     common: int
-    pose: pin.SE3 | None
-    """Of the peer's body in our segment frame; None with fewer than three common markers, or all on one line."""
-    rms: float
-    """m, of the marker distances that remain."""
+    found: Registration | None
+    """None with fewer than three common markers, or all on one line."""
 
 
 def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
@@ -71,10 +69,10 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     rows: list[ComparisonRow] = []
     for side in SIDES:
         bodies = leg_bodies(peer, side)
-        registered = [_register(model, peer, segment, body) for segment, body in bodies.items()]
-        poses = {r.segment: r.pose for r in registered if r.pose is not None}
+        laid = [_register(model, peer, segment, body) for segment, body in bodies.items()]
+        poses = {r.segment: r.found.pose for r in laid if r.found is not None}
         rows += _leg_rows(side, our_leg(model.parameters, side), peer_leg(peer, side, poses))
-        for r in registered:
+        for r in laid:
             if side == SIDES[0] or r.segment != "pelvis":
                 rows += _registration_rows(r)
     rows += _mass_rows(model, peer)
@@ -142,30 +140,17 @@ def _inversion_angles(axis: Axis) -> tuple[float, float]:
     return float(np.degrees(np.arctan2(-z, x))), float(np.degrees(np.arcsin(np.clip(y, -1.0, 1.0))))
 
 
-def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registration:
+def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registered:
     """Lay the peer's `body` on our `segment` by the markers that both have on it."""
-    markers = model.markers
-    on_segment = [i for i, s in enumerate(markers.segments) if s == segment]
-    theirs, ours = [], []
-    for i in on_segment:
-        label = same_label(markers.labels[i], tuple(peer.markers))
-        carrier, position = peer.markers[label] if label is not None else ("", np.zeros(3))
-        if segment_of(carrier) == segment and carrier not in _SLIDING and peer.is_below(carrier, body):
-            theirs.append(peer.body_pose(carrier, body).act(position))
-            ours.append(markers.local[i])
-    pose, rms = None, 0.0
-    if len(theirs) >= 3:
-        shared = np.array(theirs), np.array(ours)[:, :, None], np.ones((len(theirs), 1))  # one "frame"
-        fit = rigid_fit(*shared)
-        pose = pin.SE3(fit.rotation[0], fit.origin[0]) if fit.determined[0] else None
-        rms = float(np.sqrt(np.mean(rigid_distances(*shared) ** 2)))
-    return _Registration(segment=segment, markers=len(on_segment), common=len(theirs), pose=pose, rms=rms)
+    theirs, ours = shared_markers(model, peer, segment, body)
+    markers = model.markers.segments.count(segment)
+    return _Registered(segment, markers, len(theirs), registered(segment, body, markers, theirs, ours))
 
 
-def _registration_rows(r: _Registration) -> list[ComparisonRow]:
+def _registration_rows(r: _Registered) -> list[ComparisonRow]:
     rows = [_row(f"{r.segment} markers, and how many the peer shares", "1", r.markers, r.common)]
-    if r.pose is not None:
-        rows.append(_row(f"{r.segment} shared markers, RMS distance after registration", "mm", 0.0, 1e3 * r.rms))
+    if r.found is not None:
+        rows.append(_row(f"{r.segment} shared markers, RMS distance after registration", "mm", 0.0, 1e3 * r.found.rms))
     return rows
 
 
@@ -186,46 +171,3 @@ def _mass_rows(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
 
 
 ARMS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand"))
-
-_MIDDLE = {"pelvis": "pelvis", "torso": "head_trunk", "trunk": "head_trunk", "head": "head_trunk"}
-_SIDED = {
-    "femur": "thigh",
-    "patella": "thigh",
-    "tibia": "shank",
-    "fibula": "shank",
-    "pretalus": "foot",
-    "talus": "foot",
-    "calcn": "foot",
-    "toes": "foot",
-    "humerus": "upper_arm",
-    "ulna": "forearm_hand",
-    "radius": "forearm_hand",
-    "hand": "forearm_hand",
-}
-_SLIDING = ("patella_r", "patella_l")
-"""Bodies that slide on the segment they are counted with, so that their markers are no part of it."""
-
-
-def segment_of(body: str) -> str | None:
-    """Our segment for a peer's body (the talus counts with the foot), or None."""
-    if body in MASSIVE_SEGMENTS:
-        return body
-    if body in _MIDDLE:
-        return _MIDDLE[body]
-    stem, _, side = body.rpartition("_")
-    if side in SIDES and stem in _SIDED:
-        return f"{_SIDED[stem]}_{side}"
-    return body if body in SEGMENTS else None
-
-
-def same_label(label: str, candidates: tuple[str, ...]) -> str | None:
-    """The candidate with this name; else the only one that is the same but for case and punctuation; else None."""
-    if label in candidates:
-        return label
-    plain = _plain(label)
-    alike = [c for c in candidates if _plain(c) == plain]
-    return alike[0] if len(alike) == 1 and plain else None
-
-
-def _plain(label: str) -> str:
-    return "".join(c for c in label.casefold() if c.isalnum())

@@ -293,6 +293,13 @@ def subject(d: Difference) -> str:
     return f"{side}{title}, {d.measure}"
 
 
+def numbers_of(d: Difference) -> tuple[str, ...]:
+    """Both sessions, their difference, what could be missed, and how many times that it is."""
+    figures = [f"{value:.3g}" if d.unit in ("m", "m/s", "s") else f"{value:.1f}" for value in (d.a, d.b, d.difference)]
+    limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.3g}", f"{d.times:.1f}")
+    return (*figures, *limit)
+
+
 def _others(d: Difference, beyond: Sequence[Difference]) -> str:
     """How many further figures of the same variable exceed."""
     same = sum((o.side, o.name) == (d.side, d.name) for o in beyond) - 1

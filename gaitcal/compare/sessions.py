@@ -13,6 +13,7 @@ from gaitcal.compare.difference import Difference, difference_table, lines_of, p
 from gaitcal.compare.stride_sets import Common, Key, Session, StrideSet, common_to, identity, stride_sets
 from gaitcal.errors import InputError
 from gaitcal.gait.moments import counted
+from gaitcal.model.subject_model import Subject
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +22,7 @@ class SessionComparison:
 
     names: tuple[str, str]
     """Of A and B."""
+    subjects: tuple[Subject, Subject]
     common: Common
     warnings: tuple[str, ...]
     """What to know before any figure: refused or doubtful results, signs of another person."""
@@ -39,8 +41,12 @@ class SessionComparison:
     @property
     def lines(self) -> tuple[str, ...]:
         """The comparison in words, warnings first."""
-        told = lines_of(self.names, self.common, self.found)
-        return (*(f"warning: {text}" for text in self.warnings), *self.notes, *told)
+        return (*(f"warning: {text}" for text in self.warnings), *self.words)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The same without warnings."""
+        return (*self.notes, *lines_of(self.names, self.common, self.found))
 
 
 def compare_sessions(a: Session, b: Session, common: Common | None = None) -> SessionComparison:
@@ -70,6 +76,7 @@ def compare_sessions(a: Session, b: Session, common: Common | None = None) -> Se
     )
     return SessionComparison(
         names=(a.name, b.name),
+        subjects=(a.model.subject, b.model.subject),
         common=common,
         warnings=(*_verdicts(a, b), *(f"of one person? {doubt}" for doubt in person.doubts), *_kinds(a, b, curves)),
         found=ranked(found),

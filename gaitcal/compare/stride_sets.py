@@ -16,8 +16,8 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.compare.peer_model import our_leg
 from gaitcal.dynamics.axis_errors import AxisErrors
+from gaitcal.export.peer_model import our_leg
 from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of
 from gaitcal.gait.strides import TURNING
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
@@ -108,7 +108,7 @@ def identity(a: Session, b: Session) -> Identity:
     doubts, denied = list[str](), list[str]()
     if one.name != other.name:
         doubts.append(f"the names differ: '{one.name}' and '{other.name}'")
-    if one.sex != other.sex:
+    if one.sex and other.sex and one.sex != other.sex:
         doubts.append(f"{one.sex} in {a.name}, {other.sex} in {b.name}")
     if abs(other.height - one.height) > DOUBTFUL * one.height:
         doubts.append(f"{one.height:.2f} m tall in {a.name}, {other.height:.2f} m in {b.name}")

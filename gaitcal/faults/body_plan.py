@@ -182,6 +182,27 @@ def measures(p: Landmarks, height: float, *, even: bool = True) -> list[Measure]
     return found if even else [m for m in found if not m.postural]
 
 
+def likely_height(p: Landmarks) -> tuple[float, float] | None:
+    """Body height (m) of people with legs like these standing landmarks, and its standard deviation; None without legs.
+
+    Each length tells a height with the deviation that its share has among people. Whoever has long thighs has long
+    shanks, too: the errors are taken as if they went wholly together. (Eleven people: 3.5 % RMS, 4.8 % claimed.)
+    """
+    told = []
+    for name in ("shank", "medial shank", "ASIS to knee"):
+        a, b, mean, sd = LENGTHS[name]
+        pairs = [(p[f"{a}_{s}"], p[f"{b}_{s}"]) for s in SIDES if {f"{a}_{s}", f"{b}_{s}"} <= set(p)]
+        told += [(math.dist(*pair) / mean, sd / mean) for pair in pairs]
+    share, sd = HIP_HEIGHT
+    standing = [s for s in SIDES if {f"asis_{s}", f"ankle_lat_{s}"} <= set(p)]
+    told += [(float(p[f"asis_{s}"][1] - p[f"ankle_lat_{s}"][1]) / share, sd / share) for s in standing]
+    if not told:
+        return None
+    height, relative = np.array(told).T
+    weight = relative**-2 / (relative**-2).sum()
+    return float(weight @ height), float(weight @ height * (weight @ relative))
+
+
 def _lengths(q: Landmarks, height: float) -> Iterator[Measure]:
     """Lengths of a leg, negative where the two lie the wrong way round along the axis that they should lie along."""
     for name, (a, b, mean, sd) in LENGTHS.items():

@@ -27,6 +27,7 @@ from gaitcal.arrays import Array
 from gaitcal.figures import chart
 from gaitcal.figures.chart import SIDE_DASHES, limits
 from gaitcal.gait.moments import SIDE_WORDS
+from gaitcal.gait.profile_score import Score, score_title
 from gaitcal.model.linkage import SIDES
 
 SIDE_COLOURS: Final = {side: HexColor(chart.SIDE_COLOURS[side]) for side in SIDES}
@@ -65,7 +66,8 @@ class Sheet:
     """A page of panels, in rows of three."""
 
     title: str
-    panels: tuple[CurvePanel, ...]
+    panels: tuple[CurvePanel | str, ...]
+    """A sentence where there is no curve."""
     note: str
     comment: str
 
@@ -87,11 +89,17 @@ class ReportContent:
     """Head, then a row for each walk and leg: which strides count."""
     steps: tuple[tuple[str, ...], ...]
     """Head, then a row for each spatiotemporal measure."""
+    steps_norm: str
+    """Whom their norm is of; empty where there is none."""
     sheets: tuple[Sheet, ...]
     toe_off: Mapping[str, float]
     """Side -> % of the gait cycle, the mean over strides."""
     norm: str
     """Whom the grey bands are of; empty where there are none."""
+    norm_remark: str
+    """Why these, or why none."""
+    profile: tuple[Score, ...]
+    """Movement Analysis Profile and Gait Profile Scores; empty where no norm fits."""
     joints: tuple[tuple[str, ...], ...]
     """Head, then a row for each joint: how far calibration moved it."""
     undetermined: tuple[str, ...]
@@ -179,13 +187,19 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
         out += [_heading("Which strides count for moments"), Spacer(1, 1.5 * mm), _table(content.walks, width)]
     if len(content.steps) > 1:
         out += [_heading("Steps and phases"), Spacer(1, 1.5 * mm), _table(content.steps, width)]
+        out += [_text(content.steps_norm, 7, colour=FAINT, before=2)] if content.steps_norm else []
     out += _comment(content, "spatiotemporal")
+    profile = _profile(content, width)
+    together = sum(part.wrap(width, height)[1] + part.getSpaceBefore() for part in (*out, *profile)) < height
+    out += profile if together else []
     for sheet in content.sheets:
-        out += [PageBreak(), _heading(sheet.title), _text(sheet.note, 7, colour=FAINT), Spacer(1, 2 * mm)]
+        note = " ".join(filter(None, (sheet.note, content.norm_remark)))
+        out += [PageBreak(), _heading(sheet.title), _text(note, 7, colour=FAINT), Spacer(1, 2 * mm)]
         comment = _comment(content, sheet.comment)
         taken = sum(part.wrap(width, height)[1] + part.getSpaceBefore() for part in comment)
         out += [_SheetOfCurves(sheet, content, width, height - HEAD - taken), *comment]
-    out += [PageBreak(), _heading("Joints: where calibration moved them"), Spacer(1, 1.5 * mm)]
+    out += [PageBreak(), *([] if together else profile), _heading("Joints: where calibration moved them")]
+    out += [Spacer(1, 1.5 * mm)]
     out += (
         [_table(content.joints, width)] if len(content.joints) > 1 else [_text("Joint parameters stayed as they were.")]
     )
@@ -194,6 +208,16 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
         out += [_text(f"·  {line}", before=2) for line in content.undetermined]
     out += _comment(content, "joints")
     return [*out, Spacer(1, 14 * mm), _signature(width)]
+
+
+def _profile(content: ReportContent, width: float) -> list[Flowable]:
+    """Gait Profile Scores; of somebody whom no norm fits, why."""
+    out: list[Flowable] = [_heading("Gait Profile Score and Movement Analysis Profile"), Spacer(1, 1 * mm)]
+    if not content.profile:
+        return [*out, _text(content.norm_remark or "The norm or the strides lack an angle of the profile.")]
+    words = "RMS distance of each angle from healthy people's mean, deg, with its standard error (Baker 2009). Grey: "
+    words += f"what healthy people have themselves: {content.norm}."
+    return [*out, _text(words, 7, colour=FAINT), Spacer(1, 1 * mm), _ProfileBars(content.profile, width)]
 
 
 def _comment(content: ReportContent, section: str) -> list[Flowable]:
@@ -278,16 +302,23 @@ class _SheetOfCurves(Flowable):  # type: ignore[misc]
 
     def draw(self) -> None:
         """On the canvas that the document sets."""
-        legend = 6 * mm
+        legend = 10 * mm
         size = self.width / SHEET_COLUMNS, (self.height - legend) / SHEET_ROWS
         for k, panel in enumerate(self.sheet.panels):
             row, column = divmod(k, SHEET_COLUMNS)
             place = column * size[0], self.height - (row + 1) * size[1]
-            _Axes(self.canv, panel, place, size).draw(self.content.toe_off)
+            if isinstance(panel, str):
+                part = _text(panel, 7, colour=FAINT)
+                _, high = part.wrap(size[0] - 14 * mm, size[1])
+                part.drawOn(self.canv, place[0] + 8 * mm, place[1] + 0.5 * (size[1] - high))
+            else:
+                _Axes(self.canv, panel, place, size).draw(self.content.toe_off)
         self._legend()
 
     def _legend(self) -> None:
         canvas, x = self.canv, 4 * mm
+        canvas.saveState()
+        canvas.translate(0, 4.5 * mm)
         canvas.setFont(SANS, 7)
         for side, colour in SIDE_COLOURS.items():
             canvas.setStrokeColor(colour)
@@ -296,11 +327,72 @@ class _SheetOfCurves(Flowable):  # type: ignore[misc]
             canvas.line(x, 2 * mm, x + 8 * mm, 2 * mm)
             x = _word(canvas, x + 9.5 * mm, f"{SIDE_WORDS[side]}, mean ± 1 standard error")
         canvas.setDash([])
-        x = _word(canvas, x, "thin: strides, vertical: toe-off")
+        _word(canvas, x, "thin: strides, vertical: toe-off")
+        canvas.restoreState()
+        canvas.setFont(SANS, 7)
         if self.content.norm:
             canvas.setFillColor(NORM)
-            canvas.rect(x, 0.8 * mm, 8 * mm, 2.6 * mm, stroke=0, fill=1)
-            _word(canvas, x + 9.5 * mm, self.content.norm)
+            canvas.rect(4 * mm, 0.8 * mm, 8 * mm, 2.6 * mm, stroke=0, fill=1)
+            _word(canvas, 13.5 * mm, f"{self.content.norm}, mean ± SD"[:150])
+
+
+class _ProfileBars(Flowable):  # type: ignore[misc]
+    """Bars of both sides with standard errors over a grey one of healthy people; the left ones open, not only red."""
+
+    ROW = 6.2 * mm
+    LABEL, NUMBERS = 40 * mm, 52 * mm
+
+    def __init__(self, scores: Sequence[Score], width: float) -> None:
+        super().__init__()
+        self.rows = [(v, [s for s in scores if s.variable == v]) for v in dict.fromkeys(s.variable for s in scores)]
+        self.width, self.height = width, (len(self.rows) + 1) * self.ROW
+        self.most = max(s.score + (s.error if np.isfinite(s.error) else 0.0) for s in scores)
+        self.most = max(self.most, *(s.norm for s in scores)) * 1.05
+
+    def wrap(self, *_: float) -> tuple[float, float]:
+        """Its size, whatever is offered."""
+        return self.width, self.height
+
+    def draw(self) -> None:
+        """On the canvas that the document sets."""
+        canvas, step = self.canv, 5.0 if self.most > 12.0 else 2.0
+        canvas.setStrokeColor(GRID)
+        canvas.setLineWidth(0.4)
+        canvas.setFont(SANS, 6)
+        canvas.setFillColor(FAINT)
+        for value in np.arange(0.0, self.most, step):
+            canvas.line(self._at(value), self.ROW, self._at(value), self.height)
+            canvas.drawCentredString(self._at(value), self.ROW - 3 * mm, f"{value:g}" + (" deg" if not value else ""))
+        for k, (_, of_row) in enumerate(self.rows):
+            self._row(of_row, self.height - (k + 1) * self.ROW)
+
+    def _at(self, value: float) -> float:
+        return float(self.LABEL + (self.width - self.LABEL - self.NUMBERS) * value / self.most)
+
+    def _row(self, scores: Sequence[Score], low: float) -> None:
+        canvas, told = self.canv, list[str]()
+        canvas.setFillColor(NORM)
+        canvas.rect(self._at(0), low + 0.5 * mm, self._at(scores[0].norm) - self._at(0), self.ROW - 1 * mm, 0, 1)
+        canvas.setFillColor(INK)
+        canvas.setFont(BOLD if len(scores) > len(SIDES) else SANS, 7.5)
+        canvas.drawString(0, low + 2 * mm, score_title(scores[0]))
+        for s in scores:
+            error = f" ± {s.error:.1f}" if np.isfinite(s.error) else ""
+            told.append(f"{SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")
+            if s.side not in SIDES:
+                continue
+            y = low + (3.2 * mm if s.side == "r" else 1.2 * mm)
+            canvas.setStrokeColor(SIDE_COLOURS[s.side])
+            canvas.setFillColor(SIDE_COLOURS[s.side])
+            canvas.setLineWidth(0.8)
+            canvas.rect(self._at(0), y, self._at(s.score) - self._at(0), 1.6 * mm, 1, int(s.side == "r"))
+            if error:
+                canvas.setStrokeColor(INK)
+                ends = self._at(max(s.score - s.error, 0.0)), self._at(s.score + s.error)
+                canvas.line(ends[0], y + 0.8 * mm, ends[1], y + 0.8 * mm)
+        canvas.setFont(SANS, 6.5)
+        canvas.setFillColor(INK)
+        canvas.drawRightString(self.width, low + 2 * mm, ",  ".join(told))
 
 
 def _word(canvas: Canvas, x: float, text: str) -> float:
@@ -407,8 +499,10 @@ class _Axes:
 
 
 def limits_of(panel: CurvePanel) -> tuple[float, float, float]:
-    """Limits that hold strides and norm, and the step of the grid: 1, 2 or 5 times a power of ten, some five."""
+    """Limits that hold strides, error bands and norm; step of the grid: 1, 2 or 5 times a power of ten, some five."""
     values, least = [v for strides in panel.strides.values() for v in strides], panel.least
+    for side, mean in panel.mean.items():
+        values += [mean - panel.error[side], mean + panel.error[side]]
     if panel.norm is not None:
         values += [panel.norm[0] - panel.norm[1], panel.norm[0] + panel.norm[1]]
     low, high = limits(values, least)

@@ -105,7 +105,7 @@ class _Line:
 
 def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> Chart:
     lines = [line for side in SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
-    kind, title = kind_of(variable), _title(variable)
+    kind, title = kind_of(variable), variable_title(variable)
     # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one sense for both sides,
     # OpenSim's have not.
     bands = _different([line for line in lines if line.healthy is not None])
@@ -222,7 +222,8 @@ def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
     }[convention.unit]
 
 
-def _title(variable: str) -> str:
+def variable_title(variable: str) -> str:
+    """`Hip flexion moment`."""
     if variable == GROUND_REACTION:
         return "Vertical ground reaction force"
     kind, title = kind_of(variable), capitalised(coordinate_words(coordinate_of(variable)).title)

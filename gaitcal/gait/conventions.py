@@ -214,8 +214,11 @@ def _senses(name: str) -> tuple[str, str]:
 
 COLUMNS: Final = ("variable", "unit", "percent", "mean", "sd")
 LEAST_POINTS: Final = 2
-SHIPPED: Final[Mapping[str, str]] = {"schwartz2008": "normal_walking.csv"}
-"""Bands that gaitcal brings -> their file in `models/`, whose first lines say of whom they are."""
+_SPEEDS: Final = ("very_slow", "slow", "free", "fast", "very_fast")
+SHIPPED: Final[Mapping[str, str]] = {"schwartz2008": "norms/schwartz2008_free.csv"} | {
+    f"schwartz2008-{speed.replace('_', '-')}": f"norms/schwartz2008_{speed}.csv" for speed in _SPEEDS
+}
+"""Bands that gaitcal brings -> their file in `models/`, whose first lines say of whom they are (`gait/norms.py`)."""
 
 
 class _BandsError(InputError):

@@ -27,7 +27,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.still import runs
-from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, LEG_GROUPS, LOCKED
+from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, LEG_GROUPS, LOCKED, SEGMENT_ANGLES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -227,6 +227,7 @@ def known_variables() -> tuple[str, ...]:
     powers = (*moved, *(GROUPS[key].power for key in LEG_GROUPS))
     return (
         *angles,
+        *SEGMENT_ANGLES,
         *(f"{name}{Kind.MOMENT.ending}" for name in moved),
         *(f"{name}{Kind.POWER.ending}" for name in powers),
         GROUND_REACTION,

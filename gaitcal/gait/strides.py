@@ -19,11 +19,13 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
 from gaitcal.gait.events import SIDES, GaitEvents
-from gaitcal.model.linkage import PELVIS_ANGLES
+from gaitcal.model.chain import chain_of, forward, jacobian, segment_poses
+from gaitcal.model.linkage import PELVIS_ANGLES, coordinates_before
+from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import Motion
 
 MOST_POINTS = 400  # a plot against time shows no more: about one a pixel
@@ -32,6 +34,7 @@ TURNING: Final = 15.0
 """deg: who turns by more within a stride does not walk straight. From strike to strike of straight walks the pelvis
 faces the same to 6 deg (27 strides of eight people)."""
 AXES: Final = "ZXY"
+LEG_PARTS: Final = ("thigh", "shank", "talus", "foot")
 
 
 @dataclass(frozen=True)
@@ -148,6 +151,51 @@ def facing(angles: Array) -> Array:
     """
     forward = Rotation.from_euler(AXES, angles).as_matrix()[:, :, 0]
     return np.unwrap(np.arctan2(-forward[:, 2], forward[:, 0]))
+
+
+@dataclass(frozen=True)
+class FootHeadings:
+    """Where the long axes of both feet point, seen from above; order right, left."""
+
+    heading: Array
+    """(nf, 2) rad, to the left of the room's x axis."""
+    error: Array | None = None
+    """(nf, 2) rad, standard error, by markers and by where heel and toe markers sit."""
+    own: Array | None = None
+    """(nf, 2) rad, the part of it that this trial's own markers make."""
+
+    def progression(self, side: str, line: float) -> Array:
+        """(nf,) rad: how far the foot points inwards of a line of progression, the nearer way along it.
+
+        Plug-in Gait's `FootProgressAngles`: toes in (internal) is positive on both sides.
+        """
+        off = np.angle(np.exp(1j * (self.heading[:, SIDES.index(side)] - line)))
+        if np.cos(float(np.nanmean(off))) < 0.0:  # walks backwards
+            off = np.angle(-np.exp(1j * off))
+        return off if side == "r" else -off
+
+
+def foot_headings(motion: Motion, parameters: Parameters) -> tuple[Array, Array]:
+    """Headings (nf, 2) rad of both feet, and what each coordinate (nf, 2, nq) adds to them.
+
+    The long axis u is x of the foot's frame, from heel to toe marker as in the static trial. With h = atan2(-u_z, u_x),
+    a turn about w moves it by dh = (u_z du_x - u_x du_z) / (u_x^2 + u_z^2), du = w x u.
+    """
+    chain = chain_of()
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    poses = forward(chain, constants, motion.q)
+    axes, _ = segment_poses(chain, constants, poses)
+    turns = np.moveaxis(jacobian(chain, constants, poses)[: motion.q.shape[1], 3:], 2, 0)  # (nf, nq, 3)
+    heading, moved = np.empty((len(motion.q), 2)), np.zeros((len(motion.q), 2, motion.q.shape[1]))
+    for k, side in enumerate(SIDES):
+        u = axes[chain.segments.index(f"foot_{side}"), 0].T
+        heading[:, k] = np.arctan2(-u[:, 2], u[:, 0])
+        above = {*PELVIS_ANGLES, *coordinates_before(f"{part}_{side}" for part in LEG_PARTS)}
+        before = [i for i, name in enumerate(motion.coordinates) if name in above]
+        du = cross(turns[:, before], u[:, None, :])
+        flat = (u[:, 0] ** 2 + u[:, 2] ** 2)[:, None]
+        moved[:, k, before] = (u[:, 2:] * du[..., 0] - u[:, :1] * du[..., 2]) / flat
+    return heading, moved
 
 
 def turn_between(time: Array, faced: Array, start: float, stop: float) -> float:

@@ -28,7 +28,7 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.io.toml import models_path
 from gaitcal.model.linkage import SEGMENT_TABLE, SIDES
-from gaitcal.model.parameters import MASSIVE_SEGMENTS
+from gaitcal.model.parameters import IP_NAMES, MASSIVE_SEGMENTS
 from gaitcal.model.subject_model import Subject
 
 CHILD_HEIGHT = 1.45  # m; few adults are shorter, and most children before puberty are
@@ -46,6 +46,9 @@ birthday (2000 CDC Growth Charts, Vital Health Stat 11(246), 2002); some slender
 UNKNOWN_AGE, UNKNOWN_AGE_OF_YOUTH = 8.0, 12.0
 """Years that a child counts as where its age is not known, to say how wrong the table of adults may be: one shorter
 than CHILD_HEIGHT, and any other; half of the children of 12 are taller than 1.50 m."""
+
+UNSIDED = tuple(name.replace("_r.", ".").replace("_l.", ".") for name in IP_NAMES)
+"""(ni,) names of inertial parameters without their side."""
 
 GROWING: dict[str, str] = {
     "Head2": "head",
@@ -124,8 +127,9 @@ _WHOLE = ("Head2", "UpperTrunk", "MiddleTrunk", "LowerTrunk", *_LIMBS, *_LIMBS)
 
 
 def _row(name: str, sex: str) -> dict[str, float]:
-    row: dict[str, float] = _tables("de_leva_1996.json")["table"][name][sex]
-    return row
+    """A row of the table; where nobody says the sex, the mean of both."""
+    rows: dict[str, dict[str, float]] = _tables("de_leva_1996.json")["table"][name]
+    return rows[sex] if sex else {key: 0.5 * (value + rows["male"][key]) for key, value in rows["female"].items()}
 
 
 def mass_shares(sex: str, age: float | None) -> dict[str, float]:
@@ -145,7 +149,11 @@ def mass_shares(sex: str, age: float | None) -> dict[str, float]:
 
 def table_words(subject: Subject) -> str:
     """The table that the nominal masses are from, and what speaks against it."""
-    words = f"de Leva 1996, {subject.sex}"
+    words = f"de Leva 1996, {subject.sex or 'the mean of women and men, as nobody says the sex'}"
+    if unknown := _unknown_spread(subject):
+        thigh, trunk = 100 * unknown.get("thigh.mass", 0.0), 1e3 * unknown["head_trunk.com.sup"]
+        words += f"; what is not known of the person counts as an error, {thigh:.0f} % of the mass of a thigh and "
+        words += f"{trunk:.0f} mm of the trunk's mass centre among it"
     youngest, adult = youngest_and_adult_age()
     if subject.age is not None and subject.age < adult:
         words += f"; masses changed to {max(subject.age, youngest):g} years of age by Jensen 1989, measured on boys"
@@ -177,10 +185,43 @@ def child_spread(subject: Subject) -> dict[str, float]:
     }
 
 
+def table_spread(subject: Subject) -> dict[str, float]:
+    """How far (standard deviation) the nominal inertia may be off, beside how people scatter about the tables, as facts
+    of the person are not known: parameter without its side (`thigh.mass`, ...) -> logarithm of masses and second
+    moments, m of mass centres.
+    """
+    out = _unknown_spread(subject)
+    for segment, more in child_spread(subject).items():
+        for name in (n for n in UNSIDED if n.startswith(f"{segment}.") and ".com." not in n):
+            out[name] = float(np.hypot(out.get(name, 0.0), more))
+    return out
+
+
+def _unknown_spread(subject: Subject) -> dict[str, float]:
+    """Of sex and height: half of what women's table differs from men's, or a height one standard deviation too large
+    from one as much too small.
+    """
+    low, high = subject.height - subject.height_error, subject.height + subject.height_error
+    pairs = [(replace(subject, height=low), replace(subject, height=high))] if subject.height_error else []
+    if not subject.sex:
+        pairs.append((replace(subject, sex="female"), replace(subject, sex="male")))
+    lengths = BodyLengths(default_limbs(subject), np.zeros(2), 0.0)
+    variance = np.zeros((len(MASSIVE_SEGMENTS), 7))
+    for pair in pairs:
+        first, second = (inertial_parameters(one, lengths).reshape(variance.shape) for one in pair)
+        for rows in (first, second):
+            moments = rows[:, 4:7]
+            rows[:, 4:7] = np.log(0.5 * moments.sum(axis=1, keepdims=True) - moments)
+            rows[:, 0] = np.log(rows[:, 0])
+        variance += (0.5 * (second - first)) ** 2
+    return {name: s for name, s in zip(UNSIDED, np.sqrt(variance).ravel().tolist(), strict=True) if s > 0}
+
+
 def default_length(name: str, subject: Subject) -> float:
     """Length (m) of a segment of de Leva's table, scaled by height."""
-    population: float = _tables("de_leva_1996.json")["population"][subject.sex]["height_mm"]
-    return _row(name, subject.sex)["length_mm"] / population * subject.height
+    people = _tables("de_leva_1996.json")["population"]
+    shares = [_row(name, sex)["length_mm"] / people[sex]["height_mm"] for sex in people if subject.sex in ("", sex)]
+    return sum(shares) / len(shares) * subject.height
 
 
 def default_limbs(subject: Subject) -> dict[str, float]:

@@ -141,6 +141,15 @@ _ROWS: Final = (
 # fmt: on
 COORDINATE_TABLE: Final[dict[str, Coordinate]] = {row.name: row for row in _ROWS}
 """Name without its side -> what it is: every angle in the order of the linkage, a reaction after its joint's angle."""
+FOOT_PROGRESSION: Final = "foot_progression"
+# fmt: off
+_SEGMENT_ROWS: Final = (
+    Coordinate(name=FOOT_PROGRESSION, group="ankle", title="Foot progression", angle="internal", moment="",
+        senses=("internal, toes in", "external, toes out"), usual=(-90.0, 90.0)),
+)
+# fmt: on
+SEGMENT_ANGLES: Final[dict[str, Coordinate]] = {row.name: row for row in _SEGMENT_ROWS}
+"""Angles of legs that are no coordinate, against each stride's line of progression: no torque belongs to them."""
 TRANSLATION_RANGES: Final = {"pelvis_tx": (-20.0, 20.0), "pelvis_ty": (-1.0, 3.0), "pelvis_tz": (-20.0, 20.0)}
 """m, as `usual`."""
 
@@ -176,8 +185,12 @@ def with_side(name: str, side: str) -> str:
 def coordinate_words(name: str) -> Coordinate:
     """The row of a coordinate or reaction, with or without its side; of a joint or component its name alone."""
     base = split_side(name)[0]
-    return COORDINATE_TABLE.get(base) or Coordinate(
-        name=base, group="", title=base.replace("_", " "), angle="positive", moment="positive", usual=(0.0, 0.0)
+    return (
+        COORDINATE_TABLE.get(base)
+        or SEGMENT_ANGLES.get(base)
+        or Coordinate(
+            name=base, group="", title=base.replace("_", " "), angle="positive", moment="positive", usual=(0.0, 0.0)
+        )
     )
 
 

@@ -72,6 +72,7 @@ class _Subject(Table):
     mass_kg: Annotated[_Number, Field(gt=0)]
     height_m: Annotated[_Number, Field(gt=0)]
     sex: str
+    height_error_m: Annotated[_Number, Field(ge=0)] = Decimal(0)
     age_years: Annotated[_Number, Field(ge=0)] | None = None
     knee_width_mm: dict[str, _Number] = Field(default={})
     ankle_width_mm: dict[str, _Number] = Field(default={})
@@ -144,6 +145,7 @@ def model_text(model: SubjectModel) -> str:
         f"mass_kg = {_text(s.mass, 'kg')}",
         f"height_m = {_text(s.height, 'm')}",
         f"sex = {toml_value(s.sex)}",
+        *([f"height_error_m = {_text(s.height_error, 'm')}"] if s.height_error else []),
         *(f"{name} = {_text(value, unit)}" for name, (value, unit) in measured.items() if value is not None),
     ]
     sided = {"knee_width": s.knee_width, "ankle_width": s.ankle_width, "leg_length": s.leg_length}
@@ -233,8 +235,8 @@ def load_model(path: Path | str) -> SubjectModel:
             numbers = [_si(getattr(found[name], column), unit) for name, unit in zip(names, units, strict=True)]
             out[_ARRAYS[table]] = np.array(numbers)
     s = file.subject
-    if s.sex not in ("male", "female"):
-        raise fault(f"found {shown(s.sex)}; allowed: 'male', 'female'", "subject.sex")
+    if s.sex not in ("male", "female", ""):
+        raise fault(f"found {shown(s.sex)}; allowed: 'male', 'female', '' where nobody says it", "subject.sex")
     require_known(s.record, vars(PatientRecord()), "field of a record", source=source, field="subject.record")
     for coordinates, field in ((file.frozen, "frozen"), (file.posture_deg, "posture_deg")):
         require_known(coordinates, COORDINATES, "coordinate", source=source, field=field)
@@ -251,6 +253,7 @@ def load_model(path: Path | str) -> SubjectModel:
             _si(s.mass_kg, "kg"),
             _si(s.height_m, "m"),
             s.sex,
+            height_error=_si(s.height_error_m, "m"),
             knee_width={side: _si(width, "mm") for side, width in s.knee_width_mm.items()},
             ankle_width={side: _si(width, "mm") for side, width in s.ankle_width_mm.items()},
             leg_length={side: _si(length, "mm") for side, length in s.leg_length_mm.items()},

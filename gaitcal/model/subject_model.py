@@ -133,9 +133,11 @@ class Subject:
     height: float
     """m."""
     sex: str
-    """`male` or `female`: the column of the anthropometric table."""
+    """`male` or `female`: the column of the anthropometric table; empty where nobody says: the mean of both."""
     age: float | None = None
     """Years; None where not known."""
+    height_error: float = 0.0
+    """m, standard deviation of a height that is estimated; 0 of a measured one."""
     knee_width: Mapping[str, float] = field(default_factory=dict)
     """Side -> m across the femoral epicondyles, where measured."""
     ankle_width: Mapping[str, float] = field(default_factory=dict)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -24,14 +25,15 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.explanations.explanation import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.faults.verdict import Judgement, Verdict, WalkVerdict
-from gaitcal.gait.conventions import Bands
 from gaitcal.gait.cycles import coordinate_of, kind_of
 from gaitcal.gait.moments import explained
+from gaitcal.gait.norms import FREE_WORDS, Norm
 from gaitcal.gait.peaks import Figure, peak_means
+from gaitcal.gait.profile_score import Score, score_title
 from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES
 from gaitcal.io.toml import package_version
 from gaitcal.model.anthropometry import looks_like_child
-from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, Coordinate, is_of_leg
+from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, SEGMENT_ANGLES, Coordinate, is_of_leg
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.page.fit import fit_blocks
@@ -76,16 +78,19 @@ _NO_BACKTICKS: Final = str.maketrans("", "", "`")
 
 
 def calibration_page_data(
-    calibration: Calibration, normal: Bands | None = None, manifest: Mapping[str, object] | None = None
+    calibration: Calibration,
+    norm: Norm | None = None,
+    manifest: Mapping[str, object] | None = None,
+    scores: Sequence[Score] = (),
 ) -> dict[str, Any]:
     """Of a calibration.
 
-    `normal`: bands of healthy people, to be drawn behind angles, moments and powers. `manifest`: versions, settings
-    and hashes of the inputs.
+    `norm`: healthy people, to be drawn behind angles, moments and powers. `manifest`: versions, settings and hashes of
+    the inputs. `scores`: how far it is from the norm.
     """
     truth = calibration.truth
     return {
-        **person_page_data(calibration.model.subject, calibration.verdict, normal),
+        **person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
         "lines": top_lines(calibration),
         "trials": [
             trial_page_data(
@@ -97,16 +102,19 @@ def calibration_page_data(
             )
             for trial in calibration.trials
         ],
-        "sections": result_sections(calibration, normal, manifest),
+        "sections": result_sections(calibration, norm, manifest, scores),
     }
 
 
 def result_sections(
-    calibration: Calibration, normal: Bands | None = None, manifest: Mapping[str, object] | None = None
+    calibration: Calibration,
+    norm: Norm | None = None,
+    manifest: Mapping[str, object] | None = None,
+    scores: Sequence[Score] = (),
 ) -> Sections:
     """Of the whole result; what belongs to one trial stands with the trial."""
     sections = {
-        "clinician": clinician_blocks(calibration, normal),
+        "clinician": clinician_blocks(calibration, norm or Norm(), scores),
         "fit": fit_blocks(calibration),
         "joints": joint_blocks(calibration),
         "trust": trust_blocks(calibration),
@@ -142,10 +150,12 @@ def further_page_data(
     }
 
 
-def person_page_data(subject: Subject, verdict: Verdict, normal: Bands | None = None) -> dict[str, Any]:
+def person_page_data(
+    subject: Subject, verdict: Verdict, norm: Norm | None = None, scores: Sequence[Score] = ()
+) -> dict[str, Any]:
     """What does not belong to one trial; bands in the units and with the signs of curves."""
-    bands = []
-    for name, band in (normal or {}).items():
+    bands, norm = [], norm or Norm()
+    for name, band in norm.bands.items():
         sides = {s: [[rounded(value) for value in part] for part in band.for_person(subject, s)] for s in SIDES}
         bands.append({"base": coordinate_of(name), "kind": kind_of(name).words, "source": band.source, **sides})
     return {
@@ -166,11 +176,35 @@ def person_page_data(subject: Subject, verdict: Verdict, normal: Bands | None = 
         "lines": [],
         "rows": coordinate_rows(),
         "measures": [
-            {"name": name, "title": title, "digits": digits, "unit": MEASURES[name], "least": LEAST_SD[MEASURES[name]]}
+            {
+                "name": name,
+                "title": title,
+                "digits": digits,
+                "unit": MEASURES[name],
+                "least": LEAST_SD[MEASURES[name]],
+                "norm": list(norm.steps.get(name, ())),
+            }
             for name, (title, digits) in SHOWN_MEASURES.items()
         ],
         "bands": bands,
+        "norm": {"words": norm.words, "remark": norm.remark, "steps": FREE_WORDS if norm.steps else ""},
+        "profile": [
+            {
+                "side": s.side,
+                "base": s.variable,
+                "title": score_title(s),
+                "score": rounded_score(s.score),
+                "se": rounded_score(s.error),
+                "norm": rounded_score(s.norm),
+            }
+            for s in scores
+        ],
     }
+
+
+def rounded_score(value: float) -> float | None:
+    """Deg to a hundredth; None where it is not known."""
+    return round(value, 2) if math.isfinite(value) else None
 
 
 def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
@@ -184,14 +218,14 @@ def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
     facts = (
         ("Name or code", subject.name),
         ("Session", ", ".join(filter(None, dict.fromkeys((record.session_date, subject.session)))) or "date not told"),
-        ("Sex", subject.sex),
+        ("Sex", subject.sex or "not told"),
         ("Age", f"{age}, born {record.birth_date}" if record.birth_date else age),
         ("Diagnosis", record.diagnosis),
         ("Affected side", record.affected_side),
         ("Aids", record.aids),
         ("Body mass", f"{subject.mass:.1f} kg"),
-        ("Height", f"{subject.height:.3f} m"),
-        ("Segment masses", "by a table of adults, as no age is told; looks like a child" if adults else ""),
+        ("Height", f"{subject.height:.3f} m" + (f" ± {subject.height_error:.2f} m" if subject.height_error else "")),
+        ("Segment masses", "adults' table: no age told" if adults else ""),
         ("Laboratory", record.laboratory),
     )
     return tuple((label, value) for label, value in facts if value)
@@ -253,12 +287,13 @@ def coordinate_rows() -> list[dict[str, Any]]:
             "pelvis": {s: {"sign": clinical.sign(s), "words": clinical.words} for s in SIDES} if clinical else {},
         }
 
+    rows = (*COORDINATE_TABLE.values(), *SEGMENT_ANGLES.values())
     return [
         {
             "joint": key,
             "title": group.title,
             "power": group.power or None,
-            "rows": [row_of(row) for row in COORDINATE_TABLE.values() if row.group == key],
+            "rows": [row_of(row) for row in rows if row.group == key],
         }
         for key, group in GROUPS.items()
     ]

@@ -105,7 +105,7 @@ def _recordings(calibration: Calibration) -> list[Block]:
     subject = calibration.model.subject
     person = (
         f"Body mass {number(subject.mass)} kg, height {number(subject.height, 3)} m, anthropometric table "
-        f"{subject.sex}; marker set {calibration.study.marker_set.name}."
+        f"{subject.sex or 'of women and men in the mean'}; marker set {calibration.study.marker_set.name}."
     )
     return [heading("What was recorded"), text(person), table(head, rows)]
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.faults.verdict import Judgement
-from gaitcal.gait.conventions import Bands
 from gaitcal.gait.cycles import POINTS, normalise, source_words, usable
 from gaitcal.gait.moments import (
     SIDE_WORDS,
@@ -22,11 +21,13 @@ from gaitcal.gait.moments import (
     moment_of,
     own_error_of,
 )
+from gaitcal.gait.norms import Norm
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean, peak_means, stride_peaks
+from gaitcal.gait.profile_score import BOTH, Score, score_title
 from gaitcal.gait.strides import TURNING, Layout, layout, strides_of, turns
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page.plain_data import Block, fold, heading, named, number, text, visible
+from gaitcal.page.plain_data import Block, cell, fold, heading, named, number, table, text, visible, words_column
 from gaitcal.session.parameter_words import counts, counts_sentence
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.trial_result import RmsErrors, leg_fit, trial_fit
@@ -336,16 +337,35 @@ def _parameters_answer(calibration: Calibration) -> dict[str, str]:
     return _card("What was calibrated?", value, words, tone, f"{blind} not determined" if blind else "")
 
 
-def clinician_blocks(calibration: Calibration, normal: Bands | None) -> list[Block]:
+def clinician_blocks(calibration: Calibration, norm: Norm, scores: Sequence[Score] = ()) -> list[Block]:
     """Of the whole result: how to read curves and steps, and from whom the bands are."""
     if all(trial.joint is not None for trial in calibration.trials):
         return []
-    sources = dict.fromkeys(band.source for band in (normal or {}).values() if band.source)
-    bands = f"Bands with dotted edges are healthy people, mean ± 1 SD: {'; '.join(sources)}."
+    bands = f"Bands with dotted edges are healthy people, mean ± 1 SD: {norm.words}. " if norm.words else ""
     return [
-        *([text(bands, "soft")] if sources else []),
+        *([text(words, "soft")] if (words := bands + norm.remark) else []),
+        *([_profile(scores)] if scores else []),
         fold("How to read curves and steps", [text(words) for words in HOW_TO_READ]),
     ]
+
+
+def _profile(scores: Sequence[Score]) -> Block:
+    """Movement Analysis Profile and Gait Profile Score of both sides, beside healthy people's."""
+
+    def told(score: Score | None) -> str:
+        if score is None:
+            return ""
+        return number(score.score) + (f" ± {number(score.error)}" if np.isfinite(score.error) else "")
+
+    rows = []
+    for variable in dict.fromkeys(s.variable for s in scores):
+        of = {s.side: s for s in scores if s.variable == variable}
+        numbers = [cell(told(of.get(side))) for side in (*SIDES, BOTH)]
+        one = next(iter(of.values()))
+        rows.append([cell(score_title(one)), *numbers, cell(number(one.norm))])
+    head = [words_column(""), *(cell(words, unit="deg") for words in ("right", "left", "both", "norm"))]
+    caption = "Gait Profile Score: RMS distance from healthy people's mean (Baker 2009), ± standard error; norm: theirs"
+    return table(head, rows, caption=caption, total=[len(rows) - 1])
 
 
 def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:

@@ -20,7 +20,7 @@ from gaitcal.gait.cycles import GaitCycle, Kind, normalise, source_words, usable
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of, role_words
 from gaitcal.gait.peaks import stride_peaks
 from gaitcal.gait.strides import along_line, pelvis_angles, strides_of, turns
-from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, split_side
+from gaitcal.model.coordinates import COORDINATE_TABLE, FOOT_PROGRESSION, GROUPS, SEGMENT_ANGLES, split_side
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
@@ -30,7 +30,7 @@ from gaitcal.page.scene import MOST_FRAMES
 from gaitcal.page.summary import gait_numbers, trial_clinician_blocks
 from gaitcal.page.trust import trial_trust_blocks
 from gaitcal.session.result import Loads, TrialResult, angle_counts
-from gaitcal.session.tables import pelvis_in_stride, taken_off, told_powers
+from gaitcal.session.tables import foot_in_stride, pelvis_in_stride, taken_off, told_powers
 from gaitcal.session.truth_errors import CurveTruth, CurveTruths
 
 GROUND: Final = {"ground_reaction_vertical": 1, "ground_reaction_forward": 0, "ground_reaction_sideways": 2}
@@ -63,7 +63,7 @@ def curves_of(
     relative_to : coordinate -> rad in the static posture, from which joint angles are counted; None: from zero.
     truth : None where it is not known.
     """
-    curves = [*_angles(model, trial, relative_to, truth), _marker_error(trial)]
+    curves = [*_angles(model, trial, relative_to, truth), *_feet(trial), _marker_error(trial)]
     if trial.loads is not None:
         curves += [*_moments(model, trial.loads, truth), *_powers(model, trial.loads), *_forces(trial.loads)]
         curves += _residuals(trial.loads)
@@ -100,8 +100,8 @@ def packed_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
 
 def joint_of(base: str) -> str:
     """The joint of the page that a coordinate, or a power of a joint, belongs to; empty where none."""
-    if base in COORDINATE_TABLE:
-        return COORDINATE_TABLE[base].group
+    if row := COORDINATE_TABLE.get(base) or SEGMENT_ANGLES.get(base):
+        return row.group
     return next((key for key, group in GROUPS.items() if group.power == base), "")
 
 
@@ -136,6 +136,18 @@ def _angles(
         yield Curve(
             *split_side(name), "angle", "deg", valid=angle_counts(trial, name, unseen), error=error, own=own, **values
         )
+
+
+def _feet(trial: TrialResult) -> Iterator[Curve]:
+    """Foot progression against the trial's line; each stride has its own (`_strides`)."""
+    feet, line, unseen = trial.foot_headings, line_of(trial), unseen_frames(trial.body)
+    if feet is None:
+        return
+    for k, side in enumerate(SIDES):
+        error, own = (None if e is None else np.degrees(e[:, k]) for e in (feet.error, feet.own))
+        valid = angle_counts(trial, f"subtalar_angle_{side}", unseen)
+        value = np.degrees(feet.progression(side, line))
+        yield Curve(FOOT_PROGRESSION, side, "angle", "deg", value, valid, error=error, own=own)
 
 
 def line_of(trial: TrialResult) -> float:
@@ -300,6 +312,7 @@ def _strides(trial: TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curv
     for side in SIDES:
         for number, cycle in enumerate(strides_of(trial.events)[side], start=1):
             stride = measured.get((side, number))
+            foot = foot_in_stride(trial, side, cycle, stride)
             laid = {
                 part: normalise(time, pelvis_in_stride(trial, angles, cycle, stride), cycle)
                 for part, angles in pelvis.items()
@@ -315,7 +328,8 @@ def _strides(trial: TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curv
                     "pelvis": {
                         name: {part: lengths(angles[:, k]) for part, angles in laid.items()}
                         for k, name in enumerate(PELVIS_ANGLES)
-                    },
+                    }
+                    | ({} if foot is None else {FOOT_PROGRESSION: {"value": lengths(normalise(time, foot, cycle))}}),
                     "valid": [base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)],
                     "peaks": peaks_in(time, cycle, [c for c in curves if c.side in (side, "")], laid["value"]),
                 }

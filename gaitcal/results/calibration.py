@@ -17,6 +17,8 @@ from gaitcal.errors import InputError
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_external_loads, write_mjcf, write_mot, write_sto_moments, write_urdf
 from gaitcal.gait.conventions import Bands
+from gaitcal.gait.norms import Norm, norm_for, own_norm
+from gaitcal.gait.profile_score import Score, profile_scores
 from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
 from gaitcal.io.snapshot import read_whole
@@ -39,7 +41,7 @@ from gaitcal.page.scene import Scene, scene_of
 from gaitcal.page.scene_file import load_scene, save_scene
 from gaitcal.page.view import BodyText, Shown, body_texts, data_text, joined_page, with_trials
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
-from gaitcal.results.stride_files import write_stride_files
+from gaitcal.results.stride_files import mean_speed, means_summary, profile_summary, write_profile, write_stride_files
 from gaitcal.results.summary import subject_summary, summary, write_kinetics, write_truth
 from gaitcal.results.table_file import Json, columns_of, refused_lines, write_csv
 from gaitcal.results.verdict import table_of
@@ -187,24 +189,41 @@ def write_results(
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
         body = write_body(out, scene_of(calibration))
-        told = _write_told(calibration, out, settings, normal)
+        strides = write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
+        norm = _norm(calibration, normal, settings)
+        # angles from the static posture are no anatomical ones: no healthy people's curves are those
+        scores = profile_scores(strides, norm.bands, calibration.model.subject) if not calibration.relative_to else ()
+        told = _write_told(calibration, out, settings, norm, scores)
         write_joined_page(out, body, told)
+        write_profile(out, norm, scores)
         write_truth(calibration.truth, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
-        write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
-        (out / "summary.json").write_text(json_text(summary(calibration)), encoding="utf-8")
+        told_of_all = summary(calibration) | profile_summary(norm, scores)
+        (out / "summary.json").write_text(json_text(told_of_all), encoding="utf-8")
         save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
         _models(calibration.model, out)
         _save_splines(calibration.trials, out / "splines.npz")
     return folder
 
 
-def _write_told(calibration: Calibration, out: Path, settings: Mapping[str, Json] | None, normal: Bands | None) -> str:
+def _norm(calibration: Calibration, normal: Bands | None, settings: Mapping[str, Json] | None) -> Norm:
+    """Of those that the user names, else what gaitcal brings for that age and speed; none beside angles of its own."""
+    subject = calibration.model.subject
+    if normal is not None:
+        return own_norm(normal, str((settings or {}).get("normal", "")), subject)
+    if calibration.relative_to:
+        return Norm(remark="No norm: angles are counted from the static posture.")
+    return norm_for(subject, mean_speed(means_summary(calibration.trials)))
+
+
+def _write_told(
+    calibration: Calibration, out: Path, settings: Mapping[str, Json] | None, norm: Norm, scores: Sequence[Score]
+) -> str:
     """The manifest, and the sheet that tells of it; returns what the page has of the sheet."""
     content = manifest(calibration, settings)
     (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
-    return write_told(out, calibration_page_data(calibration, normal, content))
+    return write_told(out, calibration_page_data(calibration, norm, content, scores))
 
 
 def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = None) -> dict[str, Json]:

@@ -29,12 +29,13 @@ from gaitcal.gait.moments import moment_names, moment_of, own_error_of
 from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
 from gaitcal.io.result_folder import put_back
+from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.result import Calibration, Loads, TrialResult, angle_counts
-from gaitcal.session.tables import pelvis_in_stride, relative_header, taken_off, told_powers
+from gaitcal.session.tables import foot_in_stride, pelvis_in_stride, relative_header, taken_off, told_powers
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
@@ -51,11 +52,12 @@ CYCLE_HEADER = (
     "angles of the pelvis: against a laboratory turned into the line of progression of each stride, from strike to",
     "next strike (where that foot is not seen then: of the nearest stride, else the room's forward axis), so that they",
     "mean the same in any direction of the room; motion/TRIAL.csv has them against the room",
+    "foot_progression: the foot's long axis, heel to toe, against the same line, seen from above; toes in is positive",
     "se: standard error, empty where unknown; se_stride: the part of it that a trial's own markers make, and that",
     "differs from stride to stride; what is left, sqrt(se^2 - se_stride^2), is the same error in all strides",
     "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; angles of a leg",
     "where markers show the segments that they are between; nothing of a refused leg, nor of the trunk with it,",
-    f"nor pelvis angles of a stride that turns by more than {TURNING:g} deg",
+    f"nor pelvis angles and foot progression of a stride that turns by more than {TURNING:g} deg",
     "turn: deg to the left by which the pelvis turns over the stride",
 )
 """Comment lines above the header."""
@@ -156,7 +158,7 @@ def cycle_columns(
                 measured = {s.number: s for s in trial.strides if s.side == side}
                 for number, cycle in enumerate(cycles, start=1):
                     stride = measured.get(number)
-                    told = _against_line(trial, cycle, stride, signals)
+                    told = _against_line(trial, side, cycle, stride, signals)
                     parts.append(_rows(model.subject, trial, side, number, cycle, told, stride))
     return {name: _joined([part[name] for part in parts]) for name in CYCLE_COLUMNS}
 
@@ -178,6 +180,10 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping
             error, own = (None if e is None else np.degrees(e[:, k]) for e in errors)
             usable = angle_counts(trial, name, unseen)
             yield _Signal(_plain(name), np.degrees(body.q[:, k] - static.get(name, 0.0)), error, own, usable)
+    if (feet := trial.foot_headings) is not None:
+        error, own = (None if e is None else np.degrees(e[:, SIDES.index(side)]) for e in (feet.error, feet.own))
+        usable = angle_counts(trial, f"subtalar_angle_{side}", unseen)
+        yield _Signal(FOOT_PROGRESSION, np.degrees(feet.progression(side, 0.0)), error, own, usable)
     if loads is None:
         return
     for name in moment_names(model):
@@ -194,11 +200,12 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping
 
 
 def _against_line(
-    trial: TrialResult, cycle: GaitCycle, stride: Stride | None, signals: Sequence[_Signal]
+    trial: TrialResult, side: str, cycle: GaitCycle, stride: Stride | None, signals: Sequence[_Signal]
 ) -> list[_Signal]:
-    """The signals of one stride: angles of the pelvis against its line of progression."""
+    """The signals of one stride: angles of the pelvis and the foot against its line of progression."""
     straight = stride is None or not turns(stride.turn)
     turned = dict(zip(PELVIS_ANGLES, pelvis_in_stride(trial, pelvis_angles(trial.body), cycle, stride).T, strict=True))
+    turned |= {FOOT_PROGRESSION: foot} if (foot := foot_in_stride(trial, side, cycle, stride)) is not None else {}
     return [replace(s, value=turned[s.name], valid=s.valid & straight) if s.name in turned else s for s in signals]
 
 

@@ -17,27 +17,34 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, CurvePanel, ReportContent, Sheet
-from gaitcal.gait.conventions import Bands, Convention, MomentUnit, Signs
-from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, coordinate_of, kind_of, typed
+from gaitcal.gait.conventions import BAND_SIGNS, Bands, Convention, MomentUnit, NormalBand, Signs
+from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, coordinate_of, kind_of, known_variables, typed
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
+from gaitcal.gait.norms import FREE_WORDS, Norm, norm_for, own_norm
+from gaitcal.gait.profile_score import profile_scores
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.toml import read_toml
-from gaitcal.model.coordinates import coordinate_words
+from gaitcal.model.coordinates import FOOT_PROGRESSION, coordinate_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.page_data import SHOWN_MEASURES, person_facts
+from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, person_facts, read_page_data
+from gaitcal.results.cycles import read_cycles
 from gaitcal.results.cycles_export import strides_in_convention
 from gaitcal.results.saved import load_result_model
+from gaitcal.results.stride_files import mean_speed
 from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 
 CLINICAL: Final = Convention(signs=Signs.CLINICAL, unit=MomentUnit.NM_PER_KG)
+HINGE: Final = "{} is not told: the knee is a hinge in this model."
+CLINICAL_SIGNS: Final = BAND_SIGNS["clinical"]
 KINEMATICS: Final = (
     *("pelvis_tilt", "pelvis_list", "pelvis_rotation", "hip_flexion", "hip_adduction", "hip_rotation"),
-    *("knee_angle", "ankle_angle", "subtalar_angle", "lumbar_extension", "lumbar_bending", "lumbar_rotation"),
+    *("knee_angle", HINGE.format("Knee varus"), HINGE.format("Knee rotation")),
+    *("ankle_angle", FOOT_PROGRESSION, "subtalar_angle"),
 )
-"""Variables of `cycles.csv` in the order of the sheet."""
+"""Variables of `cycles.csv` in the order of the sheet; a sentence where there is none."""
 KINETICS: Final = (
     *("hip_flexion_moment", "hip_adduction_moment", "hip_rotation_moment"),
     *("knee_angle_moment", "knee_adduction_moment", "ankle_angle_moment", "hip_power", "knee_power", "ankle_power"),
@@ -48,12 +55,12 @@ LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE:
 MOST_REASONS = 6
 
 
-def report_content(folder: Path, bands: Bands, comments: Mapping[str, str]) -> ReportContent:
+def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapping[str, str]) -> ReportContent:
     """What the report of the result in `folder` says.
 
     Parameters
     ----------
-    bands : of healthy people; may be empty.
+    named : bands of healthy people, and their name; None: those of the result, else what gaitcal brings.
     comments : section -> text (`read_comments`).
 
     Raises
@@ -65,6 +72,8 @@ def report_content(folder: Path, bands: Bands, comments: Mapping[str, str]) -> R
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
     strides = typed(strides_in_convention(folder, CLINICAL, model))
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
+    norm = _norm(folder, named, model.subject, summary, manifest)
+    of = read_cycles(folder)
     return ReportContent(
         person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
@@ -72,25 +81,28 @@ def report_content(folder: Path, bands: Bands, comments: Mapping[str, str]) -> R
         reasons=_reasons(summary),
         fit=tuple(_fit(summary)),
         walks=tuple(_walks(summary, strides)),
-        steps=tuple(_steps(summary)),
+        steps=tuple(_steps(summary, norm.steps)),
+        steps_norm=f"norm: {FREE_WORDS}, mean ± SD" if norm.steps else "",
         sheets=(
             Sheet(
                 title="Kinematics",
-                panels=tuple(_panels(strides, KINEMATICS, bands, model.subject)),
+                panels=tuple(_panels(strides, KINEMATICS, norm.bands, model.subject)),
                 note="Joint angles over the gait cycle, mean over straight strides of all walks. Pelvis against the "
                 "line of progression of each stride.",
                 comment="kinematics",
             ),
             Sheet(
                 title="Kinetics",
-                panels=tuple(_panels(strides, KINETICS, bands, model.subject)),
+                panels=tuple(_panels(strides, KINETICS, norm.bands, model.subject)),
                 note="Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only where "
                 "the foot stands wholly on a plate.",
                 comment="kinetics",
             ),
         ),
         toe_off=_toe_off(summary),
-        norm=_norm_words(bands),
+        norm=norm.words,
+        norm_remark=norm.remark,
+        profile=profile_scores({n: of[n].to_numpy() for n in of}, norm.bands, model.subject) if norm.bands else (),
         joints=tuple(_joints(parameters)),
         undetermined=_undetermined(parameters),
         comments=comments,
@@ -200,8 +212,8 @@ def _why(missing: int, turning: int, plates: bool) -> str:
     return "; ".join(told)
 
 
-def _steps(summary: Mapping[str, object]) -> Iterator[tuple[str, ...]]:
-    yield ("measure", "unit", "right", "left", "asymmetry, % ± SE")
+def _steps(summary: Mapping[str, object], norms: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, ...]]:
+    yield ("measure", "unit", "right", "left", "asymmetry, % ± SE", *(["norm"] if norms else []))
     found = table_of(summary, "spatiotemporal")
     for name, (title, digits) in SHOWN_MEASURES.items():
         measure = table_of(found, name)
@@ -209,7 +221,8 @@ def _steps(summary: Mapping[str, object]) -> Iterator[tuple[str, ...]]:
             cells = (_average(table_of(measure, side), digits) for side in SIDES)
             asymmetry, error = (measure.get(f"symmetry_{name}") for name in ("percent", "se_percent"))
             apart = "" if asymmetry is None else f"{asymmetry:.1f} ± {error:.1f}"
-            yield (title, str(measure.get("unit", "")), *cells, apart)
+            norm = [" ± ".join(f"{part:.{digits}f}" for part in norms.get(name, ()))] if norms else []
+            yield (title, str(measure.get("unit", "")), *cells, apart, *norm)
 
 
 def _average(of_side: Mapping[str, object], digits: int) -> str:
@@ -226,10 +239,15 @@ def _toe_off(summary: Mapping[str, object]) -> dict[str, float]:
     return {side: float(mean) for side, mean in means.items() if mean is not None}
 
 
-def _panels(strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subject: Subject) -> Iterator[CurvePanel]:
+def _panels(
+    strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subject: Subject
+) -> Iterator[CurvePanel | str]:
     straight = strides[~(strides["turn"].abs() > TURNING)]
     means = ensemble(strides[strides["variable"].isin(variables)]) if len(strides) else strides
     for variable in variables:
+        if variable not in known_variables():
+            yield variable
+            continue
         rows = straight[straight["variable"] == variable]
         kind = kind_of(variable)
         factor = 1.0 / subject.mass if kind is Kind.FORCE else 1.0
@@ -275,9 +293,38 @@ def _title(variable: str) -> str:
             return title
 
 
-def _norm_words(bands: Bands) -> str:
-    sources = dict.fromkeys(band.source.split(",")[0] for band in bands.values())
-    return f"norm ± SD ({'; '.join(s[:16] for s in sources)})" if bands else ""
+def _norm(
+    folder: Path,
+    named: tuple[Bands, str] | None,
+    subject: Subject,
+    summary: Mapping[str, object],
+    manifest: Mapping[str, object],
+) -> Norm:
+    """That of the user; else of the bands that the result was made with; else what gaitcal brings."""
+    if named is not None:
+        return own_norm(*named, subject)
+    made_with, told = str(table_of(manifest, "settings").get("normal", "")), table_of(summary, "norm")
+    if told and not told.get("words"):
+        return Norm(remark=str(told.get("remark", "")))
+    if not made_with:
+        return norm_for(subject, mean_speed(table_of(summary, "spatiotemporal")))
+    bands = {}
+    for band in read_page_data(folder / PAGE_DATA)["bands"]:
+        kind = next(kind for kind in Kind if kind.words == band["kind"])
+        name = band["base"] + kind.ending
+        average, sd = (np.array(part, dtype=np.float64) for part in band["r"])
+        known = np.isfinite(average)
+        average = CLINICAL_SIGNS.values(name, average, "r", subject)
+        bands[name] = NormalBand(
+            variable=name,
+            unit=kind.unit,
+            signs=CLINICAL_SIGNS,
+            percent=np.flatnonzero(known).astype(np.float64),
+            mean=average[known],
+            sd=sd[known],
+            source=band["source"],
+        )
+    return own_norm(bands, made_with, subject)
 
 
 def _joints(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,19 +12,26 @@ import pandas as pd
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.codes import Code
 from gaitcal.compare.curve_differences import CURVE_HEADER
-from gaitcal.compare.difference import DIFFERENCES_HEADER
+from gaitcal.compare.difference import DIFFERENCES_HEADER, MDC
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Session
 from gaitcal.errors import InputError
+from gaitcal.figures.comparison import comparison_page
 from gaitcal.gait.cycles import typed
+from gaitcal.gait.moments import SIDE_WORDS
+from gaitcal.gait.profile_score import GPS
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, put_back, read_object, sha256_of
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
+from gaitcal.model.coordinates import coordinate_words
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.model_file import load_model
+from gaitcal.page.page_data import person_facts
 from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.cycles_export import made_with_another_model, trial_files
+from gaitcal.results.gait_report import CLINICAL, KINEMATICS, KINETICS
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty, settings_of
 from gaitcal.results.stride_files import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
 from gaitcal.results.summary import JOINT_PRIOR
@@ -33,12 +40,14 @@ from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.trial_result import axis_deviations
 
-DIFFERENCES, CURVES, WORDS = "differences.csv", "curve_differences.csv", "comparison.txt"
+DIFFERENCES, CURVES, WORDS, PAGE = "differences.csv", "curve_differences.csv", "comparison.txt", "comparison.html"
 SHARED = "shared_parameters.csv"
 SHARED_HEADER = (
     "joint parameters of a and b, each in its own segment frames: by its own trials alone, and by those of both; se:",
     "standard error",
 )
+
+SHEETS = {"Kinematics": KINEMATICS, "Kinetics": KINETICS}
 
 
 def write_comparison(
@@ -70,8 +79,27 @@ def write_comparison(
         write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
         if shared is not None:
             write_csv(shared, out / SHARED, SHARED_HEADER)
+        people = [person_facts(person) for person in comparison.subjects]
+        page = comparison_page(comparison, CLINICAL, SHEETS, people, tuple(_scores(results)))
+        (out / PAGE).write_text(page, encoding="utf-8")
         (out / WORDS).write_text("".join(f"{one_line(line)}\n" for line in comparison.lines), encoding="utf-8")
     return folder
+
+
+def _scores(results: Sequence[Path]) -> Iterator[tuple[str, ...]]:
+    """Gait Profile Scores and their angles of both results, where both have them; errors as if independent."""
+    a, b = (table_of(read_object(result / SUMMARY), "gait_profile") for result in results)
+    for side in ("both", *SIDES):
+        of_a, of_b = table_of(a, side), table_of(b, side)
+        for name in sorted(of_a.keys() & of_b.keys(), key=lambda n: (n != GPS, list(of_a).index(n))):
+            score, se = ([float(of[name].get(key, np.nan)) for of in (of_a, of_b)] for key in ("score", "se"))
+            title = "Gait Profile Score" if name == GPS else coordinate_words(name).title
+            missed = f" (missed below {MDC * np.hypot(se[0], se[1]):.1f})" if np.isfinite(se).all() else ""
+            yield (
+                f"{title}, {SIDE_WORDS.get(side, 'both sides')}",
+                *(f"{s:.1f} ± {e:.1f}" if np.isfinite(e) else f"{s:.1f}" for s, e in zip(score, se, strict=True)),
+                f"{score[1] - score[0]:+.1f}{missed}",
+            )
 
 
 def one_line(text: str) -> str:

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, typed
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
+from gaitcal.gait.norms import Norm
 from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, stride_peaks
+from gaitcal.gait.profile_score import Score
 from gaitcal.gait.spatiotemporal import MEASURES, Average, MeasureMeans, counting, counts, measure_means
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import sha256_of
@@ -156,8 +158,8 @@ def write_stride_files(
     trials: Sequence[TrialResult],
     relative_to: Mapping[str, float] | None = None,
     earlier: EarlierStrides | None = None,
-) -> None:
-    """Write all files of strides of gait trials, those of earlier ones before them.
+) -> Mapping[str, Column]:
+    """Write all files of strides of gait trials, those of earlier ones before them; returns columns of `cycles.csv`.
 
     `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted.
     """
@@ -173,6 +175,48 @@ def write_stride_files(
     refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
     write_csv(peak_columns(_peaks(strides, table)), folder / PEAKS, (*_turning_lines(strides), *PEAKS_HEADER))
     write_csv(table, folder / SPATIOTEMPORAL, (*before.spatiotemporal_lines, *refused, *SPATIOTEMPORAL_HEADER))
+    return strides
+
+
+PROFILE: Final = "gait_profile.csv"
+PROFILE_HEADER: Final = (
+    "Gait Variable Scores of nine angles and Gait Profile Score (gps), deg, as Baker et al. 2009: RMS distance of",
+    "straight strides from healthy people's mean; side both: the pelvis once, of left strides, and the other angles of",
+    "both sides",
+    "se: standard error, by strides and by what all strides share; norm: what healthy people have, RMS",
+)
+"""Comment lines above the header."""
+
+
+def write_profile(folder: Path, norm: Norm, scores: Sequence[Score]) -> None:
+    """Write `gait_profile.csv`; nothing where no norm fits or an angle is missing."""
+    if not scores:
+        return
+    table: dict[str, Column] = {"side": [s.side for s in scores], "variable": [s.variable for s in scores]}
+    table |= {
+        name: np.round([getattr(s, field) for s in scores], 4)
+        for name, field in (("score", "score"), ("se", "error"), ("norm", "norm"))
+    }
+    table["strides"] = np.array([s.strides for s in scores])
+    write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
+
+
+def profile_summary(norm: Norm, scores: Sequence[Score]) -> dict[str, Json]:
+    """Whom the person is held against, and the scores, as `summary.json` has them."""
+    told: dict[str, Json] = {k: v for k, v in {"words": norm.words, "remark": norm.remark}.items() if v}
+    out: dict[str, Json] = {"norm": told}
+    sides: dict[str, dict[str, Json]] = {}
+    for s in scores:
+        known = {"score": s.score, "se": s.error, "norm": s.norm}
+        figures: dict[str, Json] = {name: round(value, 4) for name, value in known.items() if np.isfinite(value)}
+        sides.setdefault(s.side, {})[s.variable] = {**figures, "strides": s.strides}
+    return out | ({"gait_profile": dict(sides)} if sides else {})
+
+
+def mean_speed(means: Mapping[str, Any]) -> float | None:
+    """m/s, over both legs, of the means of `summary.json`; None where no stride tells it."""
+    of_legs = [side["mean"] for key in "rl" if (side := means.get("speed", {}).get(key))]
+    return float(np.mean(of_legs)) if of_legs else None
 
 
 def _numbers(strides: pd.DataFrame) -> dict[str, Column]:

@@ -171,7 +171,8 @@ def summary(calibration: Calibration) -> dict[str, Json]:
 def subject_summary(subject: Subject) -> dict[str, Json]:
     """Who it is, and what a clinic wrote down; what nobody says is absent."""
     out: dict[str, Json] = {"name": subject.name, "mass_kg": subject.mass, "height_m": subject.height}
-    out["sex"] = subject.sex
+    out |= {"height_error_m": subject.height_error} if subject.height_error else {}
+    out |= {"sex": subject.sex} if subject.sex else {}
     return out | ({} if subject.age is None else {"age_years": subject.age}) | dict(subject.record.known)
 
 

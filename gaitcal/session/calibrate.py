@@ -44,7 +44,7 @@ from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity, note_of
-from gaitcal.model.anthropometry import child_spread
+from gaitcal.model.anthropometry import table_spread
 from gaitcal.model.parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.motion.motion import motion_of
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
@@ -235,7 +235,7 @@ def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> InertialFit:
 
 def spread_of_people(session: Session) -> ConsistentSettings:
     """How far people scatter about the table of the nominal masses: further where it may be the wrong one."""
-    return ConsistentSettings(more_of=child_spread(session.model.subject))
+    return ConsistentSettings(more_of=table_spread(session.model.subject))
 
 
 def _inertial_set(settings: CalibrationSettings) -> InertialSet:

@@ -27,7 +27,7 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_file import load_study_file
 from gaitcal.study.study_trial import read_trial
 
-NEEDED = {"mass_kg": "--mass KG", "height_m": "--height M", "sex": "--sex female|male"}
+NEEDED = {"mass_kg": "--mass KG", "height_m": "--height M"}
 """Fields of the person without which nothing can be calibrated, and the options that give them."""
 
 
@@ -91,6 +91,12 @@ class Draft:
         return tuple(name for name in NEEDED if name not in self.person)
 
     @property
+    def estimated(self) -> tuple[str, ...]:
+        """Fields of the person that nobody tells, and that do without, at the price of wider errors."""
+        height = ("height_m",) if "height_error_m" in self.person else ()
+        return (*height, *(() if "sex" in self.person else ("sex",)))
+
+    @property
     def left_out(self) -> tuple[Seen, ...]:
         """Files that are not used."""
         return tuple(row for row in self.seen if not row.used)
@@ -128,7 +134,7 @@ def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "
 STUDY = "study.toml"
 WIDEST = 70
 """Characters of a line up to which its comment stands beside it; else above."""
-MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex": '"female" or "male"'}
+MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m"}
 """What is to be written where nobody says it; no value that could be taken over without a thought."""
 
 
@@ -156,7 +162,8 @@ def settings_text(settings: CalibrationSettings, priors: Path | None = None, fol
 
 def _subject(draft: Draft) -> list[str]:
     lines = ["[subject]"]
-    for field in ("name", "session", "session_date", "birth_date", "mass_kg", "height_m", "sex", "age_years"):
+    dates = ("session_date", "birth_date")
+    for field in ("name", "session", *dates, "mass_kg", "height_m", "height_error_m", "sex", "age_years"):
         known = draft.person.get(field)
         if known is not None:
             lines += _line(field, known.value, known.reason, known.certain)
@@ -166,6 +173,8 @@ def _subject(draft: Draft) -> list[str]:
     for field in ("knee_width_mm", "ankle_width_mm", "leg_length_mm", "asis_distance_mm", "marker_diameter_mm"):
         if (known := draft.person.get(field)) is not None:
             lines += _line(field, known.value, known.reason, known.certain)
+    if "sex" not in draft.person:
+        lines.append('# sex = "female"   # no file says it; without it the mean of both tables counts, with its error')
     if "age_years" not in draft.person and not {"birth_date", "session_date"} <= set(draft.person):
         lines.append("# age_years =   # no file says it; tables of masses and norms of gait go by it")
     if "session_date" not in draft.person:
@@ -320,6 +329,8 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
     for field, known in draft.person.items():
         if field != "name" and not known.certain:
             out.append(f"{LIKELY}{field} = {known.value}: {known.reason}")
+    if "sex" not in draft.person and not draft.missing:
+        out.append(f"{LIKELY}sex: no file says it; masses are the mean of women's and men's tables (--sex says which)")
     return (*out, *(f"not used: {row.name}: {row.reason or row.kind}" for row in draft.left_out))
 
 

@@ -13,6 +13,7 @@ from pathlib import PurePath, PureWindowsPath
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.faults.body_plan import likely_height
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.labels import Facts
@@ -216,7 +217,8 @@ class _Drafting:
         )
         plates = self._weighed(statics)
         facts = self._facts([*statics, *(i for i in order if i not in statics)])
-        person = person_of(self.folder.name, self.options, facts, plates)
+        tall = likely_height(session.postures[statics[0]].landmarks)
+        person = person_of(self.folder.name, self.options, facts, plates, tall)
         moving = any(trial.role != "static" for trial in trials)
         number = {file.name: i for i, file in enumerate(self.files)}
         owner = {choice.file.name: self.files[i].name for i, choice in forces.items()}
@@ -268,7 +270,7 @@ class _Drafting:
         person = person_of("", self.options, self._facts(statics), None)
         if len(statics) < 2 or "height_m" not in person:
             return statics
-        subject = Subject("", 70.0, float(str(person["height_m"].value)), self.options.sex or "female")
+        subject = Subject("", 70.0, float(str(person["height_m"].value)), self.options.sex or "")
         for i in statics:
             with suppress(InputError):
                 nominal_model(self.spelt[i], self.choice.marker_set, subject)
@@ -345,6 +347,8 @@ class _Drafting:
             return row_of(file, used="marker set" * chosen, reason="" if chosen else "another set knows more labels")
         if file.kind is FileKind.CORNERS:
             return row_of(file, used="corners of the plates in the table of forces beside it")
+        if file.kind is FileKind.FACTS:
+            return row_of(file, used="what the file of the recording beside it said of person and events")
         if file.kind is FileKind.EVENTS:
             return row_of(file, used="foot events of the recordings that it names")
         return row_of(file, reason="a study file; it is not looked into" if file.kind is FileKind.STUDY else "")

@@ -58,7 +58,11 @@ NOTHING_SAID = Options()
 
 
 def person_of(
-    folder: str, options: Options, files: Sequence[tuple[str, Facts]], plates: tuple[str, float] | None
+    folder: str,
+    options: Options,
+    files: Sequence[tuple[str, Facts]],
+    plates: tuple[str, float] | None,
+    markers: tuple[float, float] | None = None,
 ) -> dict[str, Known]:
     """Field of `[subject]` -> what is known of it; fields that nobody tells are not in it.
 
@@ -66,6 +70,7 @@ def person_of(
     ----------
     files : name and facts of every file of the person, the static trial's first.
     plates : name of the static trial that stands wholly on plates, and the mass (kg) that these weigh.
+    markers : height (m) that the standing markers tell, and its standard deviation.
     """
     out = {"name": Known(value=options.name or folder, reason="option" if options.name else "name of the folder")}
     if options.session:
@@ -84,6 +89,10 @@ def person_of(
     height = _number(options.height, files, lambda f: f.height, "m", 4) or _doubtful(files, "height", 4)
     if height is not None:
         out["height_m"] = height
+    elif markers is not None:
+        reason = f"no file says it; people of this height, give or take {100 * markers[1]:.0f} cm, have legs as long"
+        out["height_m"] = Known(value=round(markers[0], 2), reason=reason, certain=False)
+        out["height_error_m"] = Known(value=round(markers[1], 3), reason="one standard deviation; counts in the errors")
     if options.sex:
         out["sex"] = Known(value=options.sex, reason="option")
     if options.age is not None:

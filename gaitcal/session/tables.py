@@ -233,6 +233,12 @@ def pelvis_in_stride(trial: TrialResult, angles: Array, cycle: GaitCycle, stride
     return np.asarray(np.degrees(along_line(angles, stride_line(trial, cycle, stride), inside)))
 
 
+def foot_in_stride(trial: TrialResult, side: str, cycle: GaitCycle, stride: Stride | None) -> Array | None:
+    """(nf,) deg, `foot_progression` over all frames of the trial, against the line of this stride; None: not known."""
+    feet = trial.foot_headings
+    return None if feet is None else np.degrees(feet.progression(side, stride_line(trial, cycle, stride)))
+
+
 def stride_line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:
     """Rad: of the stride, else of the one nearest to it in time; 0, the room's x axis, where none is known."""
     if stride is not None and stride.line is not None:

@@ -32,14 +32,14 @@ from gaitcal.calibration.torque_errors import ErringForces, joined
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
-from gaitcal.dynamics.inverse_dynamics import moments_of
+from gaitcal.dynamics.inverse_dynamics import FEET, moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.gait.events import GaitEvents, trial_events
 from gaitcal.gait.moments import segment_words
 from gaitcal.gait.spatiotemporal import stride_findings, strides_measured
-from gaitcal.gait.strides import facing, pelvis_angles
+from gaitcal.gait.strides import FootHeadings, facing, foot_headings, pelvis_angles
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Source
 from gaitcal.model.parameters import Parameters, impossible_bodies
@@ -100,7 +100,11 @@ def _without_torque_errors(
     """All but the errors of torques."""
     body, final, reactions, subject = trial.motion, trial.parameters, trial.reactions, session.model.subject
     model = session.model.with_parameters(final)
-    variances = {} if moves is None else coordinate_variances(trial.body, moves)
+    heading, by_coordinate = foot_headings(body, final)
+    every = {} if moves is None else coordinate_variances(trial.body, moves, by_coordinate)
+    count = body.q.shape[1]
+    variances = {source: of[:, :count] for source, of in every.items()}
+    of_feet = {source: of[:, count:] for source, of in every.items()}
     events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
     feet = foot_points(model, body, final) if has_feet(model) else None
     faced = None if trial.joint else facing(pelvis_angles(body))
@@ -132,12 +136,26 @@ def _without_torque_errors(
         if moves is None
         else coordinate_standard_errors(trial.body, moves, axes.coordinate_errors(body.q), variances),
         own_coordinate_errors=None if ErrorSource.MOTION not in variances else np.sqrt(variances[ErrorSource.MOTION]),
+        foot_headings=None if trial.joint else _foot_headings(heading, of_feet, axes.segment_turns(body.q)),
         held_out=trial.held_out,
         bandwidth=trial.bandwidth,
         events=events,
         strides=strides,
         doubts=(*trial_findings(trial, loads, subject.weight), *stride_findings(trial.name, strides)),
     )
+
+
+def _foot_headings(heading: Array, variances: Mapping[ErrorSource, Array], turned: Mapping[str, Array]) -> FootHeadings:
+    """With errors: what markers leave, and by how much the foot's own axes may point elsewhere.
+
+    `heading`: (nf, 2) rad; `variances`: source -> (nf, 2) rad^2, none: not known; `turned`: segment -> (nf, k, 3) rad.
+    """
+    if not variances:
+        return FootHeadings(heading)
+    axes = [np.square(turned[foot][:, :, 1]).sum(axis=1) if foot in turned else np.zeros(len(heading)) for foot in FEET]
+    own = variances.get(ErrorSource.MOTION)
+    error = np.sqrt(sum(variances.values()) + np.stack(axes, axis=1))
+    return FootHeadings(heading, error, None if own is None else np.sqrt(own))
 
 
 def axis_deviations(settings: CalibrationSettings) -> Mapping[str, tuple[float, float, float]]:

@@ -108,7 +108,14 @@ class SubjectTable(Table):
     name: str = Field(description="the subject's name as reports show it")
     mass_kg: float = Field(gt=0, description="body mass in kg")
     height_m: float = Field(description="body height in m")
-    sex: Literal["male", "female"] = Field(description="'male' or 'female': which anthropometric table is used")
+    height_error_m: float = Field(
+        default=0.0, ge=0, le=0.3, description="standard deviation of an estimated height, m; counts in the errors"
+    )
+    sex: Literal["male", "female"] | None = Field(
+        default=None,
+        description="'male' or 'female': which anthropometric table is used; without it the mean of both, and their "
+        "difference counts in the errors",
+    )
     age_years: float | None = Field(default=None, ge=0, le=130, description="age in years")
     knee_width_mm: Annotated[dict[str, float], _WIDTHS] = Field(
         default={}, description="width of the knee across the epicondyles, mm: one number, or { r = 105, l = 107 }"

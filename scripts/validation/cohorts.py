@@ -25,7 +25,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gaitcal.cohort.page import PAGE
-from scripts.validation.harness import commas, judged, say
+from scripts.validation.harness import judged, say
 from scripts.validation.many_people import copy_people, look_at, write_people
 
 TABLES = (
@@ -217,7 +217,6 @@ PARTS: dict[str, Callable[[Path, list[int], argparse.Namespace], bool]] = {
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Parts, and how many people and kills."""
-    parser.add_argument("--parts", type=commas(PARTS), default=list(PARTS), help=f"of {', '.join(PARTS)}")
     parser.add_argument("--people", type=int, nargs="+")
     parser.add_argument("--kills", type=int, default=30)
     parser.add_argument("--folder", type=Path, help="where to work; a new one, removed afterwards, unless given")

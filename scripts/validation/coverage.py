@@ -12,12 +12,11 @@ most draws none: its error bars are right in the mean square (errors are 0.91 of
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources, coordinate_standard_errors, marker_moves
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints
@@ -38,72 +37,57 @@ from gaitcal.synthetic.motion import (
     residual_free_wrench,
     synthetic_markers,
 )
+from scripts.validation.error_bars import shares
 from scripts.validation.harness import side_by_side
 
-Array = NDArray[np.float64]
-
 SHARED = ("--jobs", "--seed")
-LEVELS = {"68 %": (1.0, (60.0, 76.0)), "95 %": (1.96, (91.0, 98.0))}
-"""Interval -> half width in standard errors, and what is wanted of its coverage, %."""
+WANTED = {"68 %": (60.0, 76.0), "95 %": (91.0, 98.0)}
+"""Interval -> what is wanted of its coverage, %."""
 ENDS = 20
 """Frames at either end of the gait trial whose torques are not valid: ends of the splines."""
 HEARS_FEW_WAVES = "knee trial, 9 joint parameters"
 EVERY = 8
 """Torques are looked at in every eighth frame; neighbours say the same."""
-
-
-@dataclass(frozen=True)
-class Draw:
-    """Errors in units of their standard errors."""
-
-    parameters: Array
-    """(np,)."""
-    torques: Array | None
-    """(nf, 23) joint torques and knee reactions of the gait trial."""
-    powers: Array | None
-    """(nf, 28) joint powers of the gait trial."""
-    vectors: Array | None
-    """(nf, 63) components of its moment vectors."""
-    angles: Array | None
-    """(nf, 27) coordinates of the gait trial."""
+Draw = dict[str, Array]
+"""Quantity -> errors in units of their standard errors."""
 
 
 def gait_draw(seed: int, noise_m: float) -> Draw:
-    """One walk with 34 joint parameters free, and its torques."""
-    model, motion = published_model(), gait_motion()
-    truth = model.parameters
-    free = tuple(name for side in "rl" for name in gait_parameters(side))
+    """One walk with 34 joint parameters free: these, and in frames (nf,) the 23 joint torques and knee reactions, 28
+    joint powers, 63 components of moment vectors and 27 coordinates.
+    """
+    motion, truth = gait_motion(), published_model().parameters
     problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m)
-    fit, influence = estimated(problem, truth, free)
+    fit, influence = estimated(problem, truth, tuple(name for side in "rl" for name in gait_parameters(side)))
     wrench = residual_free_wrench(truth, motion)
     moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
     spread = ErringForces(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves).errors()
-    errors = spread.every
-    found = [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)]
-    moved = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
-    fitted, true = _torques(fit.parameters, found, wrench), _torques(truth, moved, wrench)
-    power, moment = kinetic_values(fit.parameters, found[0], found[1], found[2], wrench)
-    true_power, true_moment = kinetic_values(truth, moved[0], moved[1], moved[2], wrench)
-    inner = slice(ENDS, -ENDS, EVERY)
-    joints = slice(6, None)
-    torques = (fitted - true)[inner, joints] / errors[inner, joints]
     if spread.kinetics is None:
         raise RuntimeError("no standard errors of powers")
-    powers = ((power - true_power) / spread.kinetics.power)[inner]
-    vectors = ((moment - true_moment) / spread.kinetics.moment)[inner].reshape(len(torques), -1)
-    angles = (problem.basis.evaluate(fit.nodes[0]) - motion.q) / coordinate_standard_errors(problem, moves)
-    return Draw(
-        _standardised(fit.free, fit.values, truth, influence.standard_errors), torques, powers, vectors, angles[inner]
+    found = [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)]
+    moved = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
+    fitted, true = (
+        (Dynamics(p).forces(*q, wrench), *kinetic_values(p, *q, wrench))
+        for p, q in ((fit.parameters, found), (truth, moved))
     )
+    errors = (spread.every, spread.kinetics.power, spread.kinetics.moment)
+    inner = slice(ENDS, -ENDS, EVERY)
+    torques, powers, vectors = (((f - t) / e)[inner] for f, t, e in zip(fitted, true, errors, strict=True))
+    return {
+        "gait, 34 joint parameters": _standardised(fit, truth, influence),
+        "gait, joint torques": torques[:, 6:],
+        "gait, joint powers": powers,
+        "gait, moment vectors": vectors.reshape(len(vectors), -1),
+        "gait, coordinates": ((found[0] - motion.q) / coordinate_standard_errors(problem, moves))[inner],
+    }
 
 
 def knee_draw(seed: int, noise_m: float) -> Draw:
     """One isolated trial of the right knee."""
-    truth = published_model().parameters
-    motion = isolated_motion("knee_r")
+    truth, motion = published_model().parameters, isolated_motion("knee_r")
     problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m, joint_segments("knee_r"))
     fit, influence = estimated(problem, truth, isolated_parameters("knee_r"))
-    return Draw(_standardised(fit.free, fit.values, truth, influence.standard_errors), None, None, None, None)
+    return {HEARS_FEW_WAVES: _standardised(fit, truth, influence)}
 
 
 def noisy_problem(
@@ -122,32 +106,19 @@ def estimated(problem: MotionProblem, truth: Parameters, free: tuple[str, ...]) 
     return estimate_joints({"trial": (problem,)}, truth, free, prior=None, settings=JointSettings())
 
 
-def _torques(parameters: Parameters, motion: list[Array], wrench: Array) -> Array:
-    return Dynamics(parameters).forces(*motion, wrench)
+def _standardised(fit: JointEstimate, truth: Parameters, influence: ErrorSources) -> Array:
+    errors, pairs = influence.standard_errors, zip(fit.free, fit.values, strict=True)
+    return np.array([(v - truth.joint[JP_INDEX[n]]) / errors[n] for n, v in pairs])
 
 
-def _standardised(free: tuple[str, ...], values: Array, truth: Parameters, errors: dict[str, float]) -> Array:
-    return np.array([(v - truth.joint[JP_INDEX[n]]) / errors[n] for n, v in zip(free, values, strict=True)])
-
-
-def coverage(standardised: Array, half_width: float) -> float:
-    """% of the errors within `half_width` standard errors."""
-    return 100.0 * float(np.mean(np.abs(standardised) < half_width))
-
-
-def draws(count: int, noise_m: float, seed: int, processes: int) -> dict[str, Array]:
+def draws(count: int, noise_m: float, seed: int, processes: int) -> Draw:
     """Quantity -> errors in standard errors, draws first."""
     seeds = [int(s.generate_state(1)[0]) for s in np.random.SeedSequence(seed).spawn(count)]
-    gait = list(side_by_side([partial(gait_draw, s, noise_m) for s in seeds], processes))
-    knee = list(side_by_side([partial(knee_draw, s, noise_m) for s in seeds], processes))
-    return {
-        "gait, 34 joint parameters": np.stack([d.parameters for d in gait]),
-        "gait, joint torques": np.stack([d.torques for d in gait]),
-        "gait, joint powers": np.stack([d.powers for d in gait]),
-        "gait, moment vectors": np.stack([d.vectors for d in gait]),
-        "gait, coordinates": np.stack([d.angles for d in gait]),
-        HEARS_FEW_WAVES: np.stack([d.parameters for d in knee]),
-    }
+    out: Draw = {}
+    for draw in (gait_draw, knee_draw):
+        found = list(side_by_side([partial(draw, s, noise_m) for s in seeds], processes))
+        out |= {name: np.stack([d[name] for d in found]) for name in found[0]}
+    return out
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -160,12 +131,12 @@ def run(chosen: argparse.Namespace) -> bool:
     """Print the table; whether everything is covered as wanted."""
     standardised = draws(chosen.draws, 1e-3 * chosen.noise, chosen.seed, chosen.jobs)
     print(f"{chosen.draws} draws, noise up to {chosen.noise:g} mm")
-    print(f"{'quantity':34}" + "".join(f"{level:>8}" for level in LEVELS) + "   wanted")
+    print(f"{'quantity':34}" + "".join(f"{level:>8}" for level in WANTED) + "   wanted")
     good = True
     for name, values in standardised.items():
-        covered = {level: coverage(values, width) for level, (width, _) in LEVELS.items()}
-        judged = [level for level in LEVELS if level == "95 %" or name != HEARS_FEW_WAVES]
-        inside = all(LEVELS[level][1][0] <= covered[level] <= LEVELS[level][1][1] for level in judged)
+        covered = dict(zip(WANTED, shares(values), strict=True))
+        judged = ["95 %"] if name == HEARS_FEW_WAVES else list(WANTED)
+        inside = all(WANTED[level][0] <= covered[level] <= WANTED[level][1] for level in judged)
         good &= inside
         print(f"{name:34}" + "".join(f"{c:8.1f}" for c in covered.values()) + ("   yes" if inside else "   no"))
     return good

@@ -44,11 +44,16 @@ def bars(errors: Array, standard_errors: Array) -> Bars:
     return Bars(errors.size, (first, second), float((widths**2).sum()))
 
 
+def shares(z: Array) -> tuple[float, float]:
+    """% of errors in standard errors that lie within the intervals of 68 and 95 %."""
+    first, second = (100.0 * float(np.mean(np.abs(z) < width)) for width in HALF_WIDTHS)
+    return first, second
+
+
 def coverage(z: Array) -> str:
-    """Of differences in standard errors: the part within error bars of 68 and 95 %."""
-    within = [float(np.mean(np.abs(z) < limit)) for limit in HALF_WIDTHS]
-    rms = np.sqrt(np.mean(z**2))
-    return f"{within[0]:.0%} of {len(z)} inside 68 %, {within[1]:.0%} inside 95 %, RMS {rms:.2f} standard errors"
+    """The same in words."""
+    first, second = shares(z)
+    return f"{first:.0f}% of {len(z)} inside 68 %, {second:.0f}% inside 95 %, RMS {rms(z):.2f} standard errors"
 
 
 def rms(values: object) -> float:

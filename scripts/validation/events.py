@@ -47,7 +47,7 @@ THRESHOLDS = np.linspace(0.5, 2.0, 16)
 """Times our own."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Walk:
     """One trial: its motion, and the truth."""
 
@@ -77,9 +77,8 @@ def extremes(walk: Walk) -> list[FootEvent]:
         for moment, sign, points in ((FootMoment.STRIKE, 1, walk.feet.heel), (FootMoment.OFF, -1, walk.feet.toe)):
             ahead = sign * (points[:, foot, 0] - walk.pelvis[:, 0])
             low = float(ahead.min())
-            peaks, _ = find_peaks(
-                np.concatenate([[low], ahead, [low]]), prominence=max(0.1, 0.25 * float(np.ptp(ahead)))
-            )
+            prominence = max(0.1, 0.25 * float(np.ptp(ahead)))
+            peaks, _ = find_peaks(np.concatenate([[low], ahead, [low]]), prominence=prominence)
             out += [FootEvent(moment, side, float(walk.time[k - 1])) for k in peaks if 1 < k < len(ahead)]
     return out
 
@@ -89,20 +88,17 @@ RULES: dict[str, Rule] = {"extremes": extremes, "ours": ours()}
 
 def walks_of(study: Study) -> list[Walk]:
     """Every gait trial with the nominal model."""
-    model = nominal_of(study)
-    out = []
-    for trial in study.moving:
-        if trial.role is Role.GAIT:
-            ready = prepare_trial(trial, model, study.settings)
-            motion = tracked_motion(ready.body, model.parameters)
-            feet, recording = foot_points(model, motion, model.parameters), ready.recording
-            plates: list[FootEvent] = []
-            if recording.plates:
-                loaded = measured_reactions(ready, model, model.parameters, motion, study.settings).loaded
-                plates = whole_contacts(plate_events(motion.time, loaded, recording.plates), feet, recording)
-            start = motion.coordinates.index("pelvis_tx")
-            pelvis = motion.q[:, start : start + 3]
-            out.append(Walk(time=motion.time, feet=feet, pelvis=pelvis, plates=plates, file=recording.events))
+    model, out = nominal_of(study), []
+    for trial in (t for t in study.moving if t.role is Role.GAIT):
+        ready = prepare_trial(trial, model, study.settings)
+        motion = tracked_motion(ready.body, model.parameters)
+        feet, recording = foot_points(model, motion, model.parameters), ready.recording
+        plates: list[FootEvent] = []
+        if recording.plates:
+            loaded = measured_reactions(ready, model, model.parameters, motion, study.settings).loaded
+            plates = whole_contacts(plate_events(motion.time, loaded, recording.plates), feet, recording)
+        start = motion.coordinates.index("pelvis_tx")
+        out.append(Walk(motion.time, feet, motion.q[:, start : start + 3], plates, recording.events))
     return out
 
 
@@ -148,24 +144,14 @@ def told(found: Array) -> str:
 
 def left_out(labs: dict[str, list[Walk]], moment: FootMoment) -> Iterator[str]:
     """Every laboratory with the threshold that brings the median of the others' means to zero."""
-    own = STRIKE if moment is FootMoment.STRIKE else OFF
-    table = np.array(
-        [
-            [np.nanmean(found) if len(found) and np.isfinite(found).any() else np.nan for found in row]
-            for row in (
-                [all_differences(w, ours(*_thresholds(moment, own * k)), moment) for w in labs.values()]
-                for k in THRESHOLDS
-            )
-        ]
-    )
+    own, strike = (STRIKE, True) if moment is FootMoment.STRIKE else (OFF, False)
+    rules = [ours(own * k, OFF) if strike else ours(STRIKE, own * k) for k in THRESHOLDS]
+    found = [[all_differences(walks, rule, moment) for walks in labs.values()] for rule in rules]
+    table = np.array([[np.nanmean(d) if np.isfinite(d).any() else np.nan for d in row] for row in found])
     for k, name in enumerate(labs):
         others = np.delete(table, k, axis=1)
         best = int(np.nanargmin(np.abs(np.nanmedian(others, axis=1))))
         yield f"{name:12}{moment.value:13} threshold {own * THRESHOLDS[best]:.2f}: {1e3 * table[best, k]:4.0f} ms"
-
-
-def _thresholds(moment: FootMoment, value: float) -> tuple[float, float]:
-    return (value, OFF) if moment is FootMoment.STRIKE else (STRIKE, value)
 
 
 def lines(labs: dict[str, list[Walk]]) -> Iterator[str]:

@@ -5,6 +5,7 @@
 A member is a module. Its docstring is its help, and it has
 
     SHARED          which of the options of `OPTIONS` it takes
+    PARTS           name -> what runs it, for the option `--parts` (optional); all of them unless told otherwise
     add_options     its own options (optional)
     run             does all of it, prints its tables, returns its results
     passed          whether these keep their limits; exit code 1 where not (optional)
@@ -142,6 +143,9 @@ def parsed(member: ModuleType, name: str, arguments: Sequence[str]) -> argparse.
     parser = argparse.ArgumentParser(program, description=member.__doc__, formatter_class=raw)
     for option in member.SHARED:
         parser.add_argument(option, **OPTIONS[option])
+    if parts := getattr(member, "PARTS", None):
+        usual = list(getattr(member, "USUAL_PARTS", parts))
+        parser.add_argument("--parts", type=commas(parts), default=usual, help=f"of {', '.join(parts)}")
     getattr(member, "add_options", lambda _: None)(parser)
     chosen = parser.parse_args(arguments)
     if "--set" in member.SHARED:

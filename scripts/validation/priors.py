@@ -57,7 +57,7 @@ from gaitcal.synthetic.motion import (
     two_strides,
 )
 from gaitcal.synthetic.truth import in_static_frames
-from scripts.validation.error_bars import HALF_WIDTHS, rms
+from scripts.validation.error_bars import rms, shares
 from scripts.validation.harness import commas
 from scripts.validation.study_folder import write_folder
 
@@ -258,7 +258,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
                 yield _line(outcomes, f"{joint}, {kind.value}s, {kind.unit}", chosen)
     for band, name in enumerate(BANDS):
         yield _band(outcomes, band, name)
-    yield "bars of 95 % cover: " + ", ".join(f"{name} {_covered(outcomes, name):.0%}" for name in outcomes[0].fits)
+    yield "bars of 95 % cover: " + ", ".join(f"{name} {_covered(outcomes, name):.0f}%" for name in outcomes[0].fits)
 
 
 def _chosen(kind: Kind, joint: str) -> Array:
@@ -302,7 +302,7 @@ def _band(outcomes: Sequence[Outcome], band: int, name: str) -> str:
 
 def _covered(outcomes: Sequence[Outcome], prior: str) -> float:
     errors = np.array([o.fits[prior].errors[LEGS] for o in outcomes])
-    return float(np.mean(np.abs(_errors(outcomes, prior) / errors) < HALF_WIDTHS[1]))
+    return shares(_errors(outcomes, prior) / errors)[1]
 
 
 COHORTS = ("gait", "isolated")

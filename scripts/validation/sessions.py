@@ -56,7 +56,7 @@ from gaitcal.synthetic.motion import (
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.error_bars import coverage, rms
-from scripts.validation.harness import commas, say, side_by_side
+from scripts.validation.harness import say, side_by_side
 from scripts.validation.recordings import only, study_of_person
 from scripts.validation.study_folder import write_folder
 
@@ -290,7 +290,6 @@ PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Parts and people."""
-    parser.add_argument("--parts", type=commas(PARTS), default=list(PARTS), help=f"of {', '.join(PARTS)}")
     parser.add_argument("--people", type=int, default=10, help="made-up people")
     parser.add_argument("--out", type=Path, help="folder that keeps the results")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,13 +12,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gaitcal.arrays import Array
 from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.gait.cycles import POINTS, GaitCycle
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
-from gaitcal.gait.strides import AXES, MOST_POINTS, TURNING, Layout, along_line, facing, thinned, turn_between, turns
+from gaitcal.gait.strides import (
+    AXES,
+    MOST_POINTS,
+    TURNING,
+    FootHeadings,
+    Layout,
+    along_line,
+    facing,
+    foot_headings,
+    thinned,
+    turn_between,
+    turns,
+)
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
+from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import Subject
+from gaitcal.motion.motion import Motion
 from tests.page.people import subject_model
 
 TIME = np.arange(0.0, 3.001, 0.01)
@@ -150,3 +167,29 @@ def test_gait_itself_is_no_turn_and_a_turn_is_one_whichever_way() -> None:
         assert turn_between(WALK_TIME, faced, 0.3, 1.3) == pytest.approx(sign * 200.0, abs=0.5)
         assert turns(turn_between(WALK_TIME, faced, 0.3, 1.3))
     assert not turns(None) and not turns(TURNING) and turns(-TURNING - 0.1)
+
+
+def test_headings_of_feet_follow_their_coordinates_as_finite_differences_do() -> None:
+    model, random = published_model(), np.random.default_rng(3)
+    q = 0.3 * random.standard_normal((4, len(COORDINATES)))
+
+    def heading(at: Array) -> tuple[Array, Array]:
+        motion = cast(Motion, SimpleNamespace(q=at, coordinates=COORDINATES))
+        return foot_headings(motion, model.parameters)
+
+    _, moved = heading(q)
+    for k, name in enumerate(COORDINATES):
+        step = np.zeros(len(COORDINATES))
+        step[k] = 1e-6
+        expected = (heading(q + step)[0] - heading(q - step)[0]) / 2e-6
+        np.testing.assert_allclose(moved[:, :, k], expected, atol=1e-8, err_msg=name)
+    assert not moved[:, 0, [k for k, name in enumerate(COORDINATES) if name.endswith("_l")]].any()
+
+
+def test_toes_in_is_positive_on_both_sides_whatever_the_direction() -> None:
+    """Both feet point 10 deg inwards of a walk to 120 deg: right to the left, left to the right; backwards, too."""
+    for line in np.radians([0.0, 120.0, 179.0, -60.0]):
+        feet = FootHeadings(np.tile([line + np.radians(10.0), line - np.radians(10.0)], (5, 1)))
+        for along in (line, line + np.pi):
+            for side in "rl":
+                np.testing.assert_allclose(np.degrees(feet.progression(side, along)), 10.0, atol=1e-9)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,6 +18,7 @@ from gaitcal.model.anthropometry import (
     inertial_parameters,
     jensen_share,
     mass_shares,
+    table_spread,
     table_words,
     youngest_and_adult_age,
 )
@@ -48,7 +51,7 @@ def test_published_numbers_come_back_to_the_printed_digits() -> None:
     mass=st.floats(8.0, 200.0),
     age=st.none() | st.floats(0.5, 30.0),
     height=st.floats(0.9, 2.2),
-    sex=st.sampled_from(["male", "female"]),
+    sex=st.sampled_from(["male", "female", ""]),
     factor=st.floats(0.7, 1.4),
 )
 def test_any_person_is_possible_and_weighs_what_they_weigh(
@@ -126,3 +129,25 @@ def test_older_children_are_known_by_mass_and_height_together() -> None:
         assert child_spread(child)["thigh"] == pytest.approx(abs(thigh))
     for mass, height in ((49.0, 1.66), (62.0, 1.52)):
         assert child_spread(Subject("adult", mass, height, "female")) == {}
+
+
+@pytest.mark.parametrize("other", ["male", "female"])
+def test_without_a_sex_either_table_lies_within_the_error(other: str) -> None:
+    """What nobody says is the mean of both tables, and one standard deviation away is either."""
+    one = Subject("", 70.0, 1.75, "")
+    mean, table_of = (inertial_parameters(s, published_lengths()) for s in (one, replace(one, sex=other)))
+    spread = table_spread(one)
+    for name in ("thigh", "shank", "upper_arm", "pelvis"):
+        i = IP_NAMES.index(f"{name if name == 'pelvis' else name + '_r'}.mass")
+        assert abs(np.log(table_of[i] / mean[i])) == pytest.approx(spread[f"{name}.mass"], rel=0.05)
+        assert abs(table_of[i + 2] - mean[i + 2]) == pytest.approx(spread[f"{name}.com.sup"], rel=0.15)
+    assert table_spread(replace(one, sex=other)) == {}
+
+
+def test_an_estimated_height_is_an_error_of_what_goes_by_it() -> None:
+    one = Subject("", 70.0, 1.75, "male", height_error=0.08)
+    spread = table_spread(one)
+    step = [inertial_parameters(replace(one, height=h), published_lengths()) for h in (1.67, 1.83)]
+    i = IP_NAMES.index("head_trunk.com.sup")
+    assert spread["head_trunk.com.sup"] == pytest.approx(0.5 * (step[1] - step[0])[i], rel=1e-9)
+    assert "thigh.com.sup" not in spread, "its length is measured"

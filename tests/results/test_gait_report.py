@@ -14,6 +14,7 @@ from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.figures.document import CurvePanel, ReportContent, limits_of, write_pdf
 from gaitcal.gait.conventions import read_normal_bands
+from gaitcal.gait.profile_score import ANGLES
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.gait_report import KINEMATICS, KINETICS, read_comments, report_content
 from gaitcal.results.saved import load_result_model
@@ -31,12 +32,14 @@ def made(kept: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def content(made: Path) -> ReportContent:
-    return report_content(made, read_normal_bands(NORMS), {"kinematics": HOSTILE})
+    return report_content(made, (read_normal_bands(NORMS), NORMS), {"kinematics": HOSTILE})
 
 
 def panel(content: ReportContent, variable: str) -> CurvePanel:
     sheet, titles = (1, KINETICS) if variable in KINETICS else (0, KINEMATICS)
-    return content.sheets[sheet].panels[list(titles).index(variable)]
+    found = content.sheets[sheet].panels[list(titles).index(variable)]
+    assert isinstance(found, CurvePanel)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -63,7 +66,27 @@ def test_a_norm_stands_beside_what_it_is_of(content: ReportContent) -> None:
     shown = panel(content, "ankle_angle_moment")
     assert shown.norm is not None and 1.0 < np.nanmax(shown.norm[0]) < 1.5 and (shown.norm[1][1:-1] > 0).all()
     assert shown.senses == ("plantarflexion", "dorsiflexion") and shown.unit == "N·m/kg"
-    assert "Schwartz" in content.norm
+    assert content.norm == "children 4 to 17 years, free speed, n = 83 (Schwartz, Rozumalski, Trost 2008)"
+    assert "Bands of children of 4 to 17 years, as asked for" in content.norm_remark
+
+
+def test_scores_stand_on_paper_as_in_a_second_computation(made: Path, content: ReportContent) -> None:
+    """GPS of the right side: nine root mean squares over 0, 2, ... 100 % of its strides, away from the norm."""
+    table, bands = read_cycles(made), read_normal_bands(NORMS)
+    model = load_result_model(made)[0]
+    squares = []
+    for name in ANGLES:
+        rows = table[(table["variable"] == name) & (table["side"] == "r") & (table["turn"].abs() < 15)]
+        away = rows["value"].to_numpy().reshape(-1, 101)[:, ::2] - bands[name].for_person(model.subject)[0][::2]
+        squares.append(np.mean(np.sqrt(np.mean(away**2, axis=1))) ** 2)
+    shown = {(s.side, s.variable): s for s in content.profile}
+    assert shown["r", "gps"].score == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-6)
+    assert np.isfinite(shown["r", "gps"].error)
+
+
+def test_no_adult_is_held_against_children_unasked(made: Path) -> None:
+    content = report_content(made, None, {})
+    assert content.norm == "" and not content.profile and content.norm_remark.startswith("No norm")
 
 
 def test_axes_hold_strides_and_norm_and_stay_wide_where_little_happens(content: ReportContent) -> None:
@@ -72,7 +95,7 @@ def test_axes_hold_strides_and_norm_and_stay_wide_where_little_happens(content: 
     mean, sd = shown.norm
     low, high, step = limits_of(shown)
     assert low < np.nanmin(mean - sd) and np.nanmax(mean + sd) < high and 3 <= (high - low) / step <= 6
-    still = replace(shown, norm=None, strides={"r": (np.full(101, 0.1),)})
+    still = replace(shown, norm=None, mean={}, strides={"r": (np.full(101, 0.1),)})
     assert limits_of(still)[:2] == pytest.approx((0.1 - still.least / 2, 0.1 + still.least / 2))
 
 

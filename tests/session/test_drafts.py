@@ -30,8 +30,8 @@ SNAPSHOT = """\
 
 [subject]
 name = "person"  # sure: name of the folder
-mass_kg = 69.4  # sure: option
-# height_m =   # MISSING: no file says it; write body height in m, and take the first # away
+# mass_kg =   # MISSING: no file says it; write body mass in kg, and take the first # away
+height_m = 1.7  # sure: option
 sex = "male"  # sure: option
 # age_years =   # no file says it; tables of masses and norms of gait go by it
 # session_date = "2016-03-09"   # no file says it; with birth_date it gives the age
@@ -65,13 +65,13 @@ forces = "grf.csv"  # sure: covers the time, and under load acts 4 cm from the f
 def test_the_text_of_a_draft(tmp_path: Path) -> None:
     folder = write(tmp_path / "person", recordings("knee_r"), forces="grf")
     (folder / "photo.png").touch()
-    made = draft(folder, Options(mass=69.4, sex="male"))
+    made = draft(folder, Options(height=1.70, sex="male"))
     worn = "has R.Knee.Lat, R.Knee.Med, R.Ankle.Lat, R.Ankle.Med, ..., worn for standing only"
     assert draft_text(made, folder) == SNAPSHOT.replace("@", worn)
-    assert made.missing == ("height_m",)
+    assert made.missing == ("mass_kg",)
     study = tmp_path / "person/study.toml"
     study.write_text(draft_text(made, folder), encoding="utf-8")
-    with pytest.raises(InputError, match=r"subject.height_m: missing: body height in m"):
+    with pytest.raises(InputError, match=r"subject.mass_kg: missing: body mass in kg"):
         Study.load(study)
 
 

@@ -6,32 +6,22 @@ from pathlib import Path
 
 import pytest
 
+from gaitcal.faults.body_plan import likely_height
 from gaitcal.session.draft import draft_text
 from gaitcal.session.drafting import draft_of
 from gaitcal.session.folder import read_folder
+from gaitcal.session.movement import standing
 from gaitcal.session.person_facts import Options
 from tests.session.folders import JOINTS, roles
 
 FOLDERS = {
-    "labs_c3d/kad": ("plug-in-gait", {"static": "static", "walk": "gait"}, ("sex",)),
-    "labs_c3d/multi": ("plug-in-gait", {"static": "static"} | {f"walk0{k}": "gait" for k in range(3, 8)}, ("sex",)),
-    "children/HC002D": ("plug-in-gait", {"static": "static", "straight": "gait", "turn": "gait"}, ("sex",)),
-    "pig_c3d": ("plug-in-gait", {"static": "static", "gait": "gait"}, ("sex",)),
-    "functional_c3d": (
-        "conventional73",
-        {"static": "static", "hip_r": "joint hip_r", "knee_r": "joint knee_r"},
-        ("height_m", "sex"),
-    ),
-    "subject01": (
-        "gait2354",
-        {"subject01_static": "static", "subject01_walk1": "gait"},
-        ("mass_kg", "height_m", "sex"),
-    ),
-    "uf3": (
-        "rcnl",
-        {"static": "static", "gait": "gait"} | {joint: f"joint {joint}" for joint in JOINTS},
-        ("mass_kg", "height_m", "sex"),
-    ),
+    "labs_c3d/kad": ("plug-in-gait", {"static": "static", "walk": "gait"}, ()),
+    "labs_c3d/multi": ("plug-in-gait", {"static": "static"} | {f"walk0{k}": "gait" for k in range(3, 8)}, ()),
+    "children/HC002D": ("plug-in-gait", {"static": "static", "straight": "gait", "turn": "gait"}, ()),
+    "pig_c3d": ("plug-in-gait", {"static": "static", "gait": "gait"}, ()),
+    "functional_c3d": ("conventional73", {"static": "static", "hip_r": "joint hip_r", "knee_r": "joint knee_r"}, ()),
+    "subject01": ("gait2354", {"subject01_static": "static", "subject01_walk1": "gait"}, ("mass_kg",)),
+    "uf3": ("rcnl", {"static": "static", "gait": "gait"} | {joint: f"joint {joint}" for joint in JOINTS}, ("mass_kg",)),
 }
 
 
@@ -43,6 +33,7 @@ def test_bare_folders(name: str, data_dir: Path) -> None:
     assert made.choice is not None and made.choice.entry == marker_set
     assert roles(made) == expected
     assert made.missing == missing
+    assert ("height_error_m" in made.person) == (name in ("functional_c3d", "subject01", "uf3"))
     assert all(trial.certain for trial in made.trials)
     forces = [trial.forces.file.name for trial in made.trials if trial.forces]
     assert forces == (["subject01_walk1_grf.mot"] if name == "subject01" else [])
@@ -64,3 +55,20 @@ def test_a_recording_with_joint_centres_is_the_walk_again(data_dir: Path) -> Non
     assert made.trials[-1].forces is not None and made.trials[-1].forces.file.name == "grf.mot"
     (again,) = (row for row in made.left_out if row.name == "walk_with_joint_centres.trc")
     assert again.reason == "the same recording as walk.trc"
+
+
+HEIGHTS = {"children/HC002D": 1.45, "labs_c3d/multi": 1.634, "pig_c3d": 1.79, "subject01": 1.803, "uf3": 1.70}
+"""m, as files and sources tell them."""
+
+
+@pytest.mark.parametrize("name", HEIGHTS)
+def test_legs_tell_the_height_within_its_error(name: str, data_dir: Path) -> None:
+    made = draft_of(read_folder(data_dir / name), Options(mass=60.0))
+    static = next(trial.file.recording for trial in made.trials if trial.role == "static")
+    assert static is not None and made.choice is not None
+    posture, _ = standing(made.choice.marker_set.renamed(static), made.choice.marker_set)
+    assert posture is not None
+    told = likely_height(posture.landmarks)
+    assert told is not None
+    assert told[1] == pytest.approx(0.05 * told[0], rel=0.1)
+    assert abs(told[0] - HEIGHTS[name]) < told[1]

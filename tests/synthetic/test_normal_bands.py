@@ -7,13 +7,12 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from gaitcal.io.toml import models_path
+from gaitcal.gait.conventions import bands_file, read_normal_bands
+from gaitcal.gait.norms import SPEEDS
 from scripts.tools import walking_person
 
-TABLE = models_path() / "normal_walking.csv"
 SHARE = 0.75
 """Of frames of a leg's stride; of two real adults (OpenSim's subject01, a Plug-in Gait walk) 0.81 to 0.95 are."""
 
@@ -37,22 +36,27 @@ def walk(walking: ModuleType) -> Any:
     return walking.true_walk()
 
 
-def test_the_table_says_source_licence_and_signs() -> None:
-    comments = [line for line in TABLE.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
-    for word in ("# source: Schwartz", "# licence: ", "CC BY-SA 4.0", "# signs: gaitcal"):
-        assert any(word in line for line in comments)
+@pytest.mark.parametrize("speed", [speed.name for speed in SPEEDS])
+def test_every_table_says_source_licence_and_signs_and_spans_the_stride(speed: str) -> None:
+    text = bands_file(speed).read_text(encoding="utf-8")
+    for word in (
+        "# source: children 4 to 17 years, ",
+        "n = 83 (Schwartz",
+        "# licence: ",
+        "CC BY-SA 4.0",
+        "# signs: clinical",
+    ):
+        assert word in text
+    bands = read_normal_bands(speed)
+    assert len(bands) == 17 and set(PEOPLE) < set(bands)
+    for band in bands.values():
+        np.testing.assert_array_equal(band.percent, np.arange(0, 101, 2))
+        assert (band.sd > 0).all()
 
 
-def test_the_bands_span_the_stride_and_have_the_signs_of_people() -> None:
-    table = pd.read_csv(TABLE, comment="#")
-    assert list(table.columns) == ["variable", "unit", "percent", "mean", "sd"]
-    assert set(table["unit"]) == {"N m/kg"}
-    bands = {str(name): rows for name, rows in table.groupby("variable")}
-    assert bands.keys() == PEOPLE.keys()
+def test_the_bands_have_the_signs_of_people(walking: ModuleType) -> None:
     for name, signs in PEOPLE.items():
-        band = bands[name]
-        np.testing.assert_array_equal(band["percent"], np.arange(0, 101, 2))
-        assert (band["sd"] > 0).all()
+        band = walking.normal_bands()[name.removesuffix("_moment")]
         means = band.set_index("percent")["mean"]
         assert abs(means[100] - means[0]) < 2 * band["sd"].iloc[0]  # a stride ends as it begins
         for percent, sign in signs:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from gaitcal import read_recording
-from scripts.validation.clinics.run import Ending, Outcome, difference, messages, run_case
+from scripts.validation.clinics.check import Ending, Outcome, difference, messages, run_case
 from scripts.validation.clinics.variants import VARIANTS, cases
 from scripts.validation.harness import results
 from scripts.validation.recordings import CLINICS

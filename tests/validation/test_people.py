@@ -14,7 +14,8 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from scripts.validation import recordings
 from scripts.validation.harness import results
-from scripts.validation.people import calibrated, hips, pairs
+from scripts.validation.people import check, hips, pairs
+from scripts.validation.people.fits import Fit
 from scripts.validation.truth import opensim_trials, skin
 from tests.synthetic_studies import write_synthetic_study
 from tests.validation.test_truth import SLOW_CAMERA, TRACKING, _bending
@@ -25,7 +26,7 @@ CLEAN_MM = 0.5
 """What hips of simulated people may be off without noise."""
 
 
-def _fit(name: str, outward: float, error: float = 0.002) -> calibrated.Fit:
+def _fit(name: str, outward: float, error: float = 0.002) -> Fit:
     """A person whose hips moved outward in the pelvis by so many m."""
     nominal = published_model()
     joint = nominal.parameters.joint.copy()
@@ -33,7 +34,7 @@ def _fit(name: str, outward: float, error: float = 0.002) -> calibrated.Fit:
     joint[JP_INDEX["hip_l.pelvis.lat"]] -= outward
     for name_of in (f"hip_{side}.pelvis.{d}" for side in "rl" for d in ("ant", "sup")):
         joint[JP_INDEX[name_of]] += 1e-6
-    return calibrated.Fit(
+    return Fit(
         name=name,
         nominal=nominal,
         parameters=replace(nominal.parameters, joint=joint),
@@ -55,7 +56,7 @@ def test_two_fits_differ_in_standard_errors_of_the_difference() -> None:
     one, other = _fit("a", 0.010), _fit("a", 0.016, 0.004)
     gap, score = hips.gap_scores(one, other)
     assert gap[0, 2] == gap[2, 2] == pytest.approx(6.0)  # right and left in the pelvis; thighs moved nowhere
-    assert hips.largest_score(one, other) == pytest.approx(6.0 / np.hypot(2.0, 4.0))
+    assert hips.largest(one, other)[0] == pytest.approx(6.0 / np.hypot(2.0, 4.0))
     assert np.isnan(score[1]).all()
 
 
@@ -156,10 +157,8 @@ def test_hips_of_a_simulated_person(data_dir: Path, tmp_path: Path) -> None:
     opensim_trials.make_trials(
         source / "subject01.osim", source / "coordinates.sto", tmp_path / "p01", rate=SLOW_CAMERA
     )
-    exact, moved = (
-        calibrated.hips_of("p01", kind, 0, {}, folder, tmp_path) for kind in (skin.Kind.NONE, skin.Kind.PEOPLE)
-    )
+    exact, moved = (check.hips_of("p01", kind, 0, {}, folder, tmp_path) for kind in (skin.Kind.NONE, skin.Kind.PEOPLE))
     out: dict[str, float] = {}
-    assert len(list(calibrated.lines([*exact, *moved], out))) == 7
+    assert len(list(check.skin_lines([*exact, *moved], out))) == 7
     # without noise the artefact is a fiftieth of people's, and not nothing: the prior on its size sees to that
     assert out["none, isolated: RMS"] < CLEAN_MM < out["people, isolated: RMS"] < 60.0

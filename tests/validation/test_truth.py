@@ -52,14 +52,6 @@ def _moving(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return Rotation.random(count, random_state=seed).as_matrix(), rng.normal(size=(count, 3))
 
 
-def test_rigid_motion_finds_the_motion() -> None:
-    rotation, origin = _moving(7, 3)
-    local = np.random.default_rng(4).normal(size=(3, 3))
-    found = rigid.rigid_motion(local, local @ rotation.swapaxes(1, 2) + origin[:, None])
-    np.testing.assert_allclose(found[0], rotation, atol=ROUNDING)
-    np.testing.assert_allclose(found[1], origin, atol=ROUNDING)
-
-
 def test_score_finds_a_ball_joint() -> None:
     (above, at), below = _moving(30, 5), Rotation.random(30, random_state=6).as_matrix()
     c, d = np.array([0.1, -0.2, 0.3]), np.array([0.0, 0.4, -0.1])
@@ -83,7 +75,7 @@ def test_true_parameters_of_a_known_linkage() -> None:
     parameters = synthetic_model(np.random.default_rng(9), perturb=True).parameters
     pose = np.zeros(len(COORDINATES))
     pose[6:] = np.random.default_rng(10).normal(size=21) * 0.1
-    frames = {name: people.SegmentPose(f.rotation, f.origin) for name, f in segment_frames(parameters, pose).items()}
+    frames = segment_frames(parameters, pose)
     known = _joint_lines(parameters, pose)
     for side in "rl":
         coordinates = {"knee": "knee_angle", "ankle": "ankle_angle", "subtalar": "subtalar_angle"}
@@ -114,7 +106,7 @@ def test_static_frames_are_where_the_model_put_its_markers() -> None:
     for name, frame in people.static_frames(model, recording).items():
         if model.markers.segments.count(name) >= 3:
             np.testing.assert_allclose(frame.rotation, turn, atol=1e-6)  # markers may stand nearly on one line
-            np.testing.assert_allclose(frame.point(shift), 0.0, atol=1e-6)
+            np.testing.assert_allclose(frame.local(shift), 0.0, atol=1e-6)
 
 
 def test_bars_count_what_holds() -> None:

@@ -16,7 +16,7 @@ angle, with that of its two orientations in the segment above; floor 2 deg.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,8 +24,8 @@ import numpy as np
 from gaitcal import COORDINATES, Calibration
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.session.result import TrialResult
-from scripts.validation.truth.rigid import across, rigid_motion
-from scripts.validation.truth.simulated import joint_tracks
+from scripts.validation.truth.rigid import across
+from scripts.validation.truth.simulated import joint_tracks, whole_turn
 
 ANGLES = tuple(
     f"{name}_{side}"
@@ -153,7 +153,10 @@ def _movements(trial: str, found: Curves, clean: Curves) -> list[Movement]:
             gap = np.abs(found.torques[here] - clean.torques[there])[both]
             names = [f"moment of {name}" for name in (*ANGLES, "knee_adduction_r", "knee_adduction_l")]
             out += _columns(trial, names, gap, found.torque_bars[here][both], 1.0, "N·m")
-    rotation, origin = _turn(clean, there, found, here)
+    labels = [label for label in clean.labels if label in found.labels]
+    before = clean.markers[there][:, [clean.labels.index(label) for label in labels]]
+    after = found.markers[here][:, [found.labels.index(label) for label in labels]]
+    rotation, origin = whole_turn(before, after)
     for joint, (centre, direction) in found.centres.items():
         if joint not in clean.centres:  # declared for another leg
             continue
@@ -171,9 +174,7 @@ def _movements(trial: str, found: Curves, clean: Curves) -> list[Movement]:
     return out
 
 
-def _columns(
-    trial: str, names: tuple[str, ...] | list[str], gap: Array, bars: Array, unit: float, word: str
-) -> list[Movement]:
+def _columns(trial: str, names: Sequence[str], gap: Array, bars: Array, unit: float, word: str) -> list[Movement]:
     moved = np.sqrt(np.mean((gap / bars) ** 2, axis=0))
     sizes = unit * np.sqrt(np.mean(gap**2, axis=0))
     return [
@@ -188,15 +189,3 @@ def _shared_frames(a: Array, b: Array) -> tuple[Array, Array]:
     nearest -= (a - b[nearest - 1]) < (b[nearest] - a)
     same = np.abs(b[nearest] - a) < 0.5 * step
     return np.flatnonzero(same), nearest[same]
-
-
-def _turn(clean: Curves, there: Array, found: Curves, here: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and origin (3,) from the laboratory of the clean run to that of the other."""
-    labels = [label for label in clean.labels if label in found.labels]
-    before = clean.markers[there][:, [clean.labels.index(label) for label in labels]]
-    after = found.markers[here][:, [found.labels.index(label) for label in labels]]
-    pairs = np.isfinite(before).all(axis=2) & np.isfinite(after).all(axis=2)
-    if pairs.sum() < 3:
-        return np.eye(3), np.zeros(3)
-    rotation, origin = rigid_motion(before[pairs], after[pairs][None])
-    return rotation[0], origin[0]

@@ -1,18 +1,16 @@
 """What other laboratories do differently, each made of the files of a folder.
 
 A variant that changes nothing about the person must give the same torques. One that takes something away may give
-wider bars, or end with a clear line where nothing else can be said; never other torques in silence.
-
-C3D files changed in place, as another laboratory would have written them.
+wider bars, or end with a clear line where nothing else can be said; never other torques in silence. C3D files are
+changed in place.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import ezc3d
 import numpy as np
@@ -59,8 +57,8 @@ class Trial:
         places = [i for i, label in enumerate(labels) if wanted(label)]
         data, point = self.file["data"], self.file["parameters"]["POINT"]
         data["points"] = data["points"][:, places]
-        data["meta_points"]["residuals"] = data["meta_points"]["residuals"][:, places]
-        data["meta_points"]["camera_masks"] = data["meta_points"]["camera_masks"][:, places]
+        for name in ("residuals", "camera_masks"):
+            data["meta_points"][name] = data["meta_points"][name][:, places]
         kept = [labels[i] for i in places]
         for ending, part in (("", kept[:MOST]), ("2", kept[MOST:])):
             if part:
@@ -83,11 +81,10 @@ class Trial:
         row = np.concatenate([path, np.ones((1, path.shape[1]))])[:, None]
         data["points"] = np.concatenate([data["points"], row], axis=1)
         seen = np.where(np.isfinite(path).all(axis=0), 0.0, -1.0)[None, None]
-        data["meta_points"]["residuals"] = np.concatenate([data["meta_points"]["residuals"], seen], axis=1)
-        masks = data["meta_points"]["camera_masks"]
-        data["meta_points"]["camera_masks"] = np.concatenate(
-            [masks, np.zeros((masks.shape[0], 1, masks.shape[2]), dtype=masks.dtype)], axis=1
-        )
+        meta = data["meta_points"]
+        meta["residuals"] = np.concatenate([meta["residuals"], seen], axis=1)
+        none = np.zeros_like(meta["camera_masks"][:, :1])
+        meta["camera_masks"] = np.concatenate([meta["camera_masks"], none], axis=1)
         name = "LABELS2" if "LABELS2" in point else "LABELS"
         point[name]["value"] = [*point[name]["value"], label]
         other = name.replace("LABELS", "DESCRIPTIONS")
@@ -114,12 +111,6 @@ class Trial:
             if name in trial:
                 del trial[name]
 
-    def forget(self, *groups: str) -> None:
-        """Without these groups of parameters."""
-        for group in groups:
-            if group in self.file["parameters"]:
-                del self.file["parameters"][group]
-
     def scale_lengths(self, factor: float, unit: str) -> None:
         """The points in another unit of length (forces, corners and moments of a C3D file stay in theirs: also mm)."""
         self.file["data"]["points"][:3] *= factor
@@ -134,14 +125,13 @@ class Trial:
         self.file.write(str(self.path))
 
 
-def each(folder: Path) -> list[Trial]:
-    """Every C3D file of a folder."""
-    return [Trial(path) for path in sorted(folder.glob("*.c3d"))]
-
-
 TRUNK = ("C7", "T2", "T6", "T8", "T10", "T12", "CLAV", "STRN", "RBAK", "RSHO", "LSHO")
-ARMS = ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN", "WRI")
+ARMS = tuple(side + name for side in "RL" for name in ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN", "WRI"))
 HEAD = ("RFHD", "LFHD", "RBHD", "LBHD")
+VICON = ("pig", "kad", "multi2", "HC002D", "HC030A")
+EVERY = ("pig", "kad", "multi", "HC002D", "HC030A", "HC031A", "HC032A", "functional", "subject01", "uf3")
+METADATA = ("PROCESSING", "SUBJECTS", "EVENT", "ANALYSIS")
+Change: TypeAlias = Callable[[Any], None]
 
 
 @dataclass(frozen=True)
@@ -149,218 +139,207 @@ class Variant:
     """One thing that another laboratory does."""
 
     name: str
-    make: Callable[[Path, Person], tuple[str, ...]]
-    """Changes a copy of a folder; returns the options of the command."""
+    files: str
+    """`static.c3d`, `*.c3d`, or those of `moving` trials, one by one; or the `folder`."""
+    change: Change
+    """Of a `Trial` in memory, or of a folder."""
     clinics: tuple[str, ...]
-    may_refuse: bool = False
+    may_refuse: bool
     """Whether a clear line instead of torques is right."""
-    same: bool = True
+    same: bool
     """Whether the torques must be those of the folder as it was."""
+    told: bool
+    """Whether the command is told all that the files held, too."""
+
+    def make(self, folder: Path, clinic: Person) -> tuple[str, ...]:
+        """Change a copy of a folder; returns the options of the command."""
+        if self.files == "folder":
+            self.change(folder)
+        else:
+            for path in sorted(folder.glob("*.c3d" if self.files == "moving" else self.files)):
+                if self.files != "moving" or path.name != "static.c3d":
+                    trial = Trial(path)
+                    self.change(trial)
+                    trial.write()
+        return (*clinic.options, *clinic.facts) if self.told else clinic.options
 
 
-def _plain(change: Callable[[Path], None]) -> Callable[[Path, Person], tuple[str, ...]]:
-    def make(folder: Path, clinic: Person) -> tuple[str, ...]:
-        change(folder)
-        return clinic.options
-
-    return make
+VARIANTS: list[Variant] = []
 
 
-def _trials(change: Callable[[Trial], None]) -> Callable[[Path, Person], tuple[str, ...]]:
-    def every(folder: Path) -> None:
-        for trial in each(folder):
-            change(trial)
-            trial.write()
+def variant(
+    name: str,
+    clinics: tuple[str, ...],
+    files: str = "*.c3d",
+    *,
+    may_refuse: bool = False,
+    same: bool = True,
+    told: bool = False,
+) -> Callable[[Change], Change]:
+    """Adds one to the list: the function changes the trials, or the folder."""
 
-    return _plain(every)
+    def listed(change: Change) -> Change:
+        VARIANTS.append(Variant(name, files, change, clinics, may_refuse, same, told))
+        return change
 
-
-def _static(change: Callable[[Trial], None]) -> Callable[[Path, Person], tuple[str, ...]]:
-    def one(folder: Path) -> None:
-        trial = Trial(folder / "static.c3d")
-        change(trial)
-        trial.write()
-
-    return _plain(one)
-
-
-def _moving(change: Callable[[Trial], None]) -> Callable[[Path, Person], tuple[str, ...]]:
-    def others(folder: Path) -> None:
-        for trial in each(folder):
-            if trial.path.name != "static.c3d":
-                change(trial)
-                trial.write()
-
-    return _plain(others)
+    return listed
 
 
-def _as_it_is(folder: Path, clinic: Person) -> tuple[str, ...]:
-    return clinic.options
+def without(trial: Trial, *gone: str) -> None:
+    """The trial without some markers."""
+    trial.keep(lambda name: name not in gone)
 
 
+@variant("as it is", EVERY, "folder")
+def _as_it_is(folder: Path) -> None:
+    """Nothing is changed."""
+
+
+@variant("names say nothing", (*VICON, "uf3", "functional"), "folder")
 def _numbered(folder: Path) -> None:
-    """Names that say nothing, the static trial's last of all."""
+    """The static trial's last of all."""
     for k, path in enumerate(sorted(folder.iterdir(), key=lambda p: (p.stem.endswith("static"), p.name[::-1]))):
         if path.suffix in (".c3d", ".trc"):
             path.rename(path.with_name(f"{k + 1:08d}{path.suffix}"))
 
 
+@variant("prefix on every label", VICON)
 def _prefixed(trial: Trial) -> None:
     trial.relabel(lambda name: name if name.startswith("*") else f"Doe_J:{name}")
 
 
+@variant("labels in lower case", VICON)
 def _lower(trial: Trial) -> None:
     computed = trial.computed
     trial.relabel(lambda name: name if name in computed else name.lower())
 
 
-def _no_metadata(folder: Path, clinic: Person) -> tuple[str, ...]:
-    for trial in each(folder):
-        trial.forget("PROCESSING", "SUBJECTS", "EVENT", "ANALYSIS")
-        trial.write()
-    return (*clinic.options, *clinic.facts)
+@variant("no metadata", VICON, told=True)
+def _no_metadata(trial: Trial) -> None:
+    for group in METADATA:
+        if group in trial.file["parameters"]:
+            del trial.file["parameters"][group]
 
 
+@variant("metres", ("pig", "kad"))
+def _metres(trial: Trial) -> None:
+    trial.scale_lengths(1e-3, "m")
+
+
+@variant("walkway along y", ("pig", "multi2", "HC002D"))
+def _turned(trial: Trial) -> None:
+    points = trial.file["data"]["points"]
+    points[:2] = np.array([-points[1], points[0]])
+    plates = trial.file["parameters"].get("FORCE_PLATFORM", {})
+    if "CORNERS" in plates and np.size(plates["CORNERS"]["value"]):
+        corners = np.asarray(plates["CORNERS"]["value"], dtype=float)
+        corners[:2] = np.array([-corners[1], corners[0]])
+        plates["CORNERS"]["value"] = corners
+
+
+@variant("markers only", ("pig", "kad", "HC002D"))
 def _markers_only(trial: Trial) -> None:
     """Nothing of the vendor's model but the modelled knees of a knee alignment device."""
-    computed = trial.computed - {"RKNE", "LKNE"}
-    trial.keep(lambda name: name not in computed)
+    without(trial, *(trial.computed - {"RKNE", "LKNE"}))
 
 
+@variant("no trunk, no arms", ("pig", "HC002D"))
 def _no_trunk(trial: Trial) -> None:
-    gone = {*TRUNK, *HEAD, *(side + name for side in "RL" for name in ARMS)}
-    trial.keep(lambda name: name not in gone)
+    without(trial, *TRUNK, *HEAD, *ARMS)
 
 
+@variant("no arms", ("pig", "HC030A"))
 def _no_arms(trial: Trial) -> None:
-    gone = {side + name for side in "RL" for name in ARMS}
-    trial.keep(lambda name: name not in gone)
+    without(trial, *ARMS)
 
 
+@variant("no acromia", ("pig", "HC002D"))
 def _no_acromia(trial: Trial) -> None:
-    trial.keep(lambda name: name not in ("RSHO", "LSHO", "RBAK"))
+    without(trial, "RSHO", "LSHO", "RBAK")
 
 
+@variant("one sacral marker", ("pig", "kad", "multi2"), same=False)
 def _one_sacral(trial: Trial) -> None:
-    if "SACR" in trial.labels:
-        return
-    trial.add("SACR", trial.points(("RPSI", "LPSI"))[:3].mean(axis=1))
-    trial.keep(lambda name: name not in ("RPSI", "LPSI"))
+    if "SACR" not in trial.labels:
+        trial.add("SACR", trial.points(("RPSI", "LPSI"))[:3].mean(axis=1))
+        without(trial, "RPSI", "LPSI")
 
 
+@variant("markers that no set knows", VICON)
 def _extra_markers(trial: Trial) -> None:
-    """Electrodes on a thigh, and a wand on the floor, which no set knows."""
+    """Electrodes on a thigh, and a wand on the floor."""
     side = trial.points(("RASI", "RKNE" if "RKNE" in trial.labels else "RANK"))[:3]
     trial.add("EMG1", 0.4 * side[:, 0] + 0.6 * side[:, 1])
     trial.add("WAND1", np.zeros_like(side[:, 0]) + np.array([[100.0], [200.0], [50.0]]))
 
 
-def _hidden(label: str) -> Callable[[Trial], None]:
-    return lambda trial: trial.hide(label)
+@variant("PSIS lost while standing", ("pig", "kad", "multi2"), "static.c3d", may_refuse=True)
+def _psis_lost(trial: Trial) -> None:
+    trial.hide("RPSI")
 
 
+@variant("thigh marker lost while standing", ("pig", "kad"), "static.c3d", may_refuse=True)
+def _thigh_lost(trial: Trial) -> None:
+    trial.hide("LTHI")
+
+
+@variant("heel lost while standing", ("pig", "HC002D"), "static.c3d", may_refuse=True)
+def _heel_lost(trial: Trial) -> None:
+    trial.hide("RHEE")
+
+
+@variant("gap while walking", ("pig", "HC002D"), "moving")
 def _gap(trial: Trial) -> None:
-    frames = trial.file["data"]["points"].shape[2]
-    trial.hide("RTHI" if "RTHI" in trial.labels else "RTHI1", slice(frames // 3, frames // 3 + 12))
+    third = trial.file["data"]["points"].shape[2] // 3
+    trial.hide("RTHI" if "RTHI" in trial.labels else "RTHI1", slice(third, third + 12))
 
 
-def _metres(trial: Trial) -> None:
-    trial.scale_lengths(1e-3, "m")
-
-
+@variant("static of five frames", ("pig", "kad", "HC030A"), "static.c3d")
 def _few_frames(trial: Trial) -> None:
     trial.cut(0, 5)
 
 
+@variant("pictures and broken files beside", ("pig", "multi2"), "folder")
 def _pictures(folder: Path) -> None:
-    (folder / "foot.png").write_bytes(b"\x89PNG\r\n\x1a\n")
-    (folder / "notes.docx").write_bytes(b"PK\x03\x04")
-    (folder / "Thumbs.db").write_bytes(b"\0" * 64)
-    (folder / "session.enf").write_text("[Node]\n", encoding="utf-8")
-    (folder / "broken.c3d").write_bytes(b"\0" * 700)
-    (folder / "subject.mp").write_text("$Bodymass = 66\n", encoding="utf-8")
+    contents = {"foot.png": b"\x89PNG\r\n\x1a\n", "notes.docx": b"PK\x03\x04", "Thumbs.db": b"\0" * 64}
+    contents |= {"session.enf": b"[Node]\n", "broken.c3d": b"\0" * 700, "subject.mp": b"$Bodymass = 66\n"}
+    for name, content in contents.items():
+        (folder / name).write_bytes(content)
 
 
+@variant("a squat beside", ("pig", "kad", "HC002D"), "folder")
 def _squat(folder: Path) -> None:
     """The static trial again as a trial of something else: the whole body goes up and down."""
     trial = Trial(folder / "static.c3d")
     points = trial.file["data"]["points"]
-    wave = np.sin(np.linspace(0, 6 * np.pi, points.shape[2]))
-    ankles = [i for i, name in enumerate(trial.labels) if name[1:] in ("ANK", "HEE", "TOE", "MED")]
-    moved = np.setdiff1d(np.arange(points.shape[1]), ankles)
-    points[2, moved] += 60.0 * wave
+    moved = [i for i, name in enumerate(trial.labels) if name[1:] not in ("ANK", "HEE", "TOE", "MED")]
+    points[2, moved] += 60.0 * np.sin(np.linspace(0, 6 * np.pi, points.shape[2]))
     trial.path = folder / "squat.c3d"
     trial.write()
 
 
+@variant("no static trial", ("pig", "HC002D"), "folder", may_refuse=True)
 def _without_static(folder: Path) -> None:
     (folder / "static.c3d").unlink()
 
 
-def _two_people(folder: Path, clinic: Person) -> tuple[str, ...]:
-    other = CLINICS["HC031A" if clinic.name != "HC031A" else "HC002D"]
-    for file in other.files:
-        target = folder / f"other_{Path(file).name}"
-        target.write_bytes((data() / file).read_bytes())
-    return clinic.options
+@variant("two people", ("pig", "HC030A"), "folder", may_refuse=True)
+def _two_people(folder: Path) -> None:
+    for file in CLINICS["HC031A"].files:
+        (folder / f"other_{Path(file).name}").write_bytes((data() / file).read_bytes())
 
 
+@variant("walk cut short", ("pig", "kad", "HC031A"), "moving", may_refuse=True)
 def _half_stance(trial: Trial) -> None:
     """The walk ends in the middle of the file."""
     trial.cut(0, trial.file["data"]["points"].shape[2] * 2 // 3)
 
 
+@variant("no toe markers", ("pig", "HC002D"), may_refuse=True, same=False)
 def _toe_lost(trial: Trial) -> None:
-    trial.keep(lambda name: name not in ("RTOE", "LTOE"))
-
-
-def _turned(trial: Trial) -> None:
-    """A laboratory whose walkway runs along its y."""
-    points = trial.file["data"]["points"]
-    x, y = points[0].copy(), points[1].copy()
-    points[0], points[1] = -y, x
-    plates = trial.file["parameters"].get("FORCE_PLATFORM", {})
-    if "CORNERS" in plates and np.size(plates["CORNERS"]["value"]):
-        corners = np.asarray(plates["CORNERS"]["value"], dtype=float)
-        a, b = corners[0].copy(), corners[1].copy()
-        corners[0], corners[1] = -b, a
-        plates["CORNERS"]["value"] = corners
-
-
-VICON = ("pig", "kad", "multi2", "HC002D", "HC030A")
-
-VARIANTS = (
-    Variant(
-        "as it is",
-        _as_it_is,
-        ("pig", "kad", "multi", "HC002D", "HC030A", "HC031A", "HC032A", "functional", "subject01", "uf3"),
-    ),
-    Variant("names say nothing", _plain(_numbered), (*VICON, "uf3", "functional")),
-    Variant("prefix on every label", _trials(_prefixed), VICON),
-    Variant("labels in lower case", _trials(_lower), VICON),
-    Variant("no metadata", _no_metadata, VICON),
-    Variant("metres", _trials(_metres), ("pig", "kad")),
-    Variant("walkway along y", _trials(_turned), ("pig", "multi2", "HC002D")),
-    Variant("markers only", _trials(_markers_only), ("pig", "kad", "HC002D")),
-    Variant("no trunk, no arms", _trials(_no_trunk), ("pig", "HC002D")),
-    Variant("no arms", _trials(_no_arms), ("pig", "HC030A")),
-    Variant("no acromia", _trials(_no_acromia), ("pig", "HC002D")),
-    Variant("one sacral marker", _trials(_one_sacral), ("pig", "kad", "multi2"), same=False),
-    Variant("markers that no set knows", _trials(_extra_markers), VICON),
-    Variant("PSIS lost while standing", _static(_hidden("RPSI")), ("pig", "kad", "multi2"), may_refuse=True),
-    Variant("thigh marker lost while standing", _static(_hidden("LTHI")), ("pig", "kad"), may_refuse=True),
-    Variant("heel lost while standing", _static(_hidden("RHEE")), ("pig", "HC002D"), may_refuse=True),
-    Variant("gap while walking", _moving(_gap), ("pig", "HC002D")),
-    Variant("static of five frames", _static(_few_frames), ("pig", "kad", "HC030A")),
-    Variant("pictures and broken files beside", _plain(_pictures), ("pig", "multi2")),
-    Variant("a squat beside", _plain(_squat), ("pig", "kad", "HC002D")),
-    Variant("no static trial", _plain(_without_static), ("pig", "HC002D"), may_refuse=True),
-    Variant("two people", _two_people, ("pig", "HC030A"), may_refuse=True),
-    Variant("walk cut short", _moving(_half_stance), ("pig", "kad", "HC031A"), may_refuse=True),
-    Variant("no toe markers", _trials(_toe_lost), ("pig", "HC002D"), may_refuse=True, same=False),
-)
+    without(trial, "RTOE", "LTOE")
 
 
 def cases() -> list[tuple[Variant, str]]:
     """Every variant with every folder that it is meant for."""
-    return list(itertools.chain.from_iterable(((v, c) for c in v.clinics) for v in VARIANTS))
+    return [(v, clinic) for v in VARIANTS for clinic in v.clinics]

@@ -22,20 +22,140 @@ and `moments` fit the joints alone.
 from __future__ import annotations
 
 import argparse
+import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 import gaitcal
+from gaitcal import Calibration
+from gaitcal.arrays import Array
+from gaitcal.model.linkage import SIDES
+from gaitcal.model.parameters import JP_INDEX
+from gaitcal.session.result import Stage
+from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.harness import commas, matching, say
-from scripts.validation.people import calibrated, hips, pairs
-from scripts.validation.people.calibrated import fitted
-from scripts.validation.recordings import PEOPLE, SIMULATED, changed, data, study_of_person
-from scripts.validation.truth.people import made
-from scripts.validation.truth.skin import Kind
+from scripts.validation.people import hips, pairs
+from scripts.validation.people.fits import fitted
+from scripts.validation.recordings import PEOPLE, SIMULATED, changed, data, only, study_of_person
+from scripts.validation.truth.people import hip_parameters, isolated_person, made, static_frames
+from scripts.validation.truth.report import TO_UNIT
+from scripts.validation.truth.skin import TABLE_MM, Kind, disturbed
+from scripts.validation.vendors import LABS, QUANTITIES, agreement, calibrated_walk, unit_of_walks
 
 SHARED = ("--only", "--set", "--cache", "--json")
+STAGES = {"nominal": Stage.NOMINAL, "hips": Stage.JP, "final": Stage.JP_IP}
+"""Column -> model."""
+Settings = Mapping[str, object]
 Figures = dict[str, float]
+
+
+def calibrated(person: str, settings: Settings) -> Calibration:
+    """All recordings of a person together, once."""
+    return _calibrated(person, json.dumps(settings))
+
+
+@lru_cache(maxsize=32)
+def _calibrated(person: str, settings: str) -> Calibration:
+    return gaitcal.calibrate(changed(study_of_person(person), json.loads(settings)))
+
+
+def fit_lines(people: Sequence[str], settings: Settings, out: dict[str, float]) -> Iterator[str]:
+    """Marker distance of each trial over its floors, pelvis residual over valid frames; figures into `out`."""
+    yield (
+        f"{'RMS marker distance, mm':32}{'nominal':>8}{'final':>7}{'rigid':>7}{'ratio':>7}{'to joint floor':>16}"
+        f"{'pelvis residual':>20}   verdict"
+    )
+    for person in people:
+        calibration = calibrated(person, settings)
+        for trial in calibration.trials:
+            nominal, _, rigid = trial.rms_mm()
+            final, floor = 1e3 * (trial.final.errors.rms() or np.nan), trial.joint_floor_mm() or np.nan
+            ratio = final / (rigid or np.nan)
+            out[f"{person} {trial.name}: over rigid floor"] = float(ratio)
+            residual = ""
+            if trial.loads is not None and trial.loads.residuals:
+                last = trial.loads.residuals[-1]
+                residual = f"{last.rms_force:8.0f} N{last.rms_moment:6.1f} N·m"
+                out[f"{person} {trial.name}: residual N"] = last.rms_force
+                out[f"{person} {trial.name}: residual N·m"] = last.rms_moment
+            yield (
+                f"{person + ' ' + trial.name:32}{nominal or np.nan:8.1f}{final:7.2f}{rigid or np.nan:7.2f}{ratio:7.2f}"
+                f"{final / floor:16.2f}{residual:>20}   {calibration.verdict.judgement.value}"
+            )
+
+
+def moment_lines(people: Sequence[str], settings: Settings, out: dict[str, float]) -> Iterator[str]:
+    """RMS difference of moments (N·m/kg) to the vendor's, with the models of each stage: in stance; in swing too."""
+    for lab, of_lab in LABS.items():
+        found = [calibrated(person, settings) for person in of_lab if person in people]
+        every = {w: [calibrated_walk(c, t.name, stage) for c in found for t in c.trials] for w, stage in STAGES.items()}
+        walks = {words: [walk for walk in of if walk is not None] for words, of in every.items()}
+        if not all(walks.values()):
+            continue
+        unit = unit_of_walks(walks["nominal"])
+        yield f"{lab}: moments less the vendor's, N·m/kg RMS: {', '.join(STAGES)} in stance; the same, swing too"
+        for quantity in (q for q in QUANTITIES if q.kind == "moment"):
+            agreed = {words: agreement(quantity, of, unit) for words, of in walks.items()}
+            columns = ["".join(f"{a.rms[f]:8.3f}" for a in agreed.values()) for f in ("leg", "swing too")]
+            yield f"  {quantity.words:24}{'   '.join(columns)}"
+            out |= {f"{lab} {quantity.words}, {words}": a.rms["leg"] for words, a in agreed.items()}
+
+
+TRIALS = {"gait": ("gait",), "isolated": ("joint",), "gait and isolated": ("gait", "joint")}
+"""Words -> roles of the trials that are calibrated."""
+WAVES_MM = 10.0
+"""Of the published waves; other kinds have the size of their table."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hips:
+    """Both hips of one fit, in pelvis and thigh."""
+
+    kind: Kind
+    trials: str
+    error: Array
+    """(4, 3) mm: fitted less true."""
+    nominal: Array
+    """(4, 3) mm: nominal less true, which is the prior's error."""
+    se: Array
+    """(4, 3) mm."""
+
+
+def hips_of(person: str, kind: Kind, seed: int, settings: Mapping[str, object], data: Path, cache: Path) -> list[Hips]:
+    """Hips of a simulated person: disturb the markers, and fit each choice of trials."""
+    made = isolated_person(person, data, cache, with_gait=True)
+    size = WAVES_MM if kind is Kind.SINUSOIDS else TABLE_MM
+    study = changed(disturbed(made.study, kind, size, seed), settings)
+    out = []
+    for words, roles in TRIALS.items():
+        fit = fitted(person, only(study, *roles))
+        frames = static_frames(fit.nominal, study.static.recording)
+        truth = {n: v for s in SIDES for n, v in hip_parameters(frames, s, made.centres[f"hip_{s}"]).items()}
+        at, true = [JP_INDEX[name] for name in truth], np.array(list(truth.values()))
+        values = (fit.parameters.joint[at] - true, fit.nominal.parameters.joint[at] - true, fit.errors[at])
+        error, nominal, se = (v.reshape(-1, 3) / TO_UNIT["mm"] for v in values)
+        out.append(Hips(kind=kind, trials=words, error=error, nominal=nominal, se=se))
+    return out
+
+
+def skin_lines(found: Sequence[Hips], out: dict[str, float]) -> Iterator[str]:
+    """RMS distance and coverage of each kind and choice of trials; figures into `out`."""
+    yield f"{'hips, mm: RMS distance':32}{'fits':>6}{'nominal':>9}{'fitted':>9}{'SE':>7}{'in 68 %':>9}{'in 95 %':>9}"
+    for kind, trials in dict.fromkeys((h.kind, h.trials) for h in found):
+        of = [h for h in found if (h.kind, h.trials) == (kind, trials)]
+        nominal, error = (rms([np.linalg.norm(getattr(h, w), axis=1) for h in of]) for w in ("nominal", "error"))
+        held = sum((bars(h.error, h.se) for h in of), Bars())
+        name = f"{kind.value}, {trials}"
+        yield (
+            f"{name:32}{len(of):6}{nominal:9.1f}{error:9.2f}{np.sqrt(3) * held.rms:7.1f}"
+            f"{held.shares[0]:9.0f}{held.shares[1]:9.0f}"
+        )
+        out |= {f"{name}: nominal": nominal, f"{name}: RMS": error, f"{name}: in 95 %": held.shares[1]}
 
 
 def hips_part(chosen: argparse.Namespace) -> Figures:
@@ -52,10 +172,10 @@ def halves_part(chosen: argparse.Namespace) -> Figures:
     out = {}
     for name in chosen.only:
         found = hips.halves(name, chosen.settings)
-        say(*hips.half_lines(name, found))
+        for line in hips.half_lines(name, found):
+            say(line)
         for case, pair in found.items():
-            out[f"{name}, {case}: largest z"] = hips.largest_score(*pair)
-            out[f"{name}, {case}: farthest, mm"] = hips.farthest(*pair)
+            out[f"{name}, {case}: largest z"], out[f"{name}, {case}: farthest, mm"] = hips.largest(*pair)
     return out
 
 
@@ -66,13 +186,12 @@ def pairs_part(chosen: argparse.Namespace) -> Figures:
     return pairs.figures(found)
 
 
-def _told(lines: Callable[..., object]) -> Callable[[argparse.Namespace], Figures]:
+def told(lines: Callable[[Sequence[str], Settings, Figures], Iterator[str]]) -> Callable[[argparse.Namespace], Figures]:
     """A part that prints line by line."""
 
     def part(chosen: argparse.Namespace) -> Figures:
         out: Figures = {}
-        settings = tuple(chosen.settings.items()) if lines is not pairs.marker_lines else chosen.settings
-        for line in lines(chosen.only, settings, out):
+        for line in lines(chosen.only, chosen.settings, out):
             say(line)
         return out
 
@@ -88,8 +207,8 @@ def skin_part(chosen: argparse.Namespace) -> Figures:
         for person in SIMULATED:
             made(person, folder, chosen.cache)
             for seed in range(1 if kind is Kind.NONE else chosen.seeds):
-                found += calibrated.hips_of(person, kind, seed, chosen.settings, folder, chosen.cache)
-        say(*calibrated.lines(found, out))
+                found += hips_of(person, kind, seed, chosen.settings, folder, chosen.cache)
+        say(*skin_lines(found, out))
     return out
 
 
@@ -97,9 +216,9 @@ PARTS = {
     "hips": hips_part,
     "halves": halves_part,
     "pairs": pairs_part,
-    "markers": _told(pairs.marker_lines),
-    "fit": _told(calibrated.fit_lines),
-    "moments": _told(calibrated.moment_lines),
+    "markers": told(pairs.marker_lines),
+    "fit": told(fit_lines),
+    "moments": told(moment_lines),
     "skin": skin_part,
 }
 
@@ -107,7 +226,6 @@ PARTS = {
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Parts and people."""
     kinds = [kind.value for kind in Kind]
-    parser.add_argument("--parts", type=commas(PARTS), default=list(PARTS), help=f"of {', '.join(PARTS)}")
     parser.add_argument("--study", action="append", default=[], metavar="FILE", help="one person more; may be repeated")
     parser.add_argument("--kinds", type=commas(kinds), default=[Kind.PEOPLE.value], help="how skin moves in part skin")
     parser.add_argument("--seeds", type=int, default=5, help="of each kind of movement and person (default 5)")

@@ -18,8 +18,8 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.segment_frames import HipCentre, hip_centre
-from scripts.validation.people.calibrated import LEG, Fit, fitted, wide_hips
+from gaitcal.model.segment_frames import HipCentre, hip_centre, pelvis_frame
+from scripts.validation.people.fits import LEG, Fit, fitted, wide_hips
 from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
 
 HIP = [LEG.index(f"hip.pelvis.{d}") for d in ("ant", "sup", "lat")]
@@ -108,14 +108,10 @@ def gap_scores(one: Fit, other: Fit) -> tuple[Array, Array]:
     return gap, gap / np.array(errors).reshape(-1, 3)
 
 
-def largest_score(one: Fit, other: Fit) -> float:
-    """Of all coordinates of the hips that trials of both kinds tell."""
-    return float(np.nanmax(np.abs(gap_scores(one, other)[1])))
-
-
-def farthest(one: Fit, other: Fit) -> float:
-    """Largest distance of the hips of two fits, mm."""
-    return float(np.nanmax(np.linalg.norm(gap_scores(one, other)[0], axis=1)))
+def largest(one: Fit, other: Fit) -> tuple[float, float]:
+    """Of all coordinates of the hips that both tell the largest score, and the largest distance of hips, mm."""
+    gaps, scores = gap_scores(one, other)
+    return float(np.nanmax(np.abs(scores))), float(np.nanmax(np.linalg.norm(gaps, axis=1)))
 
 
 def half_lines(name: str, found: Mapping[str, tuple[Fit, Fit]]) -> Iterator[str]:
@@ -127,7 +123,7 @@ def half_lines(name: str, found: Mapping[str, tuple[Fit, Fit]]) -> Iterator[str]
         for place, gap, score in zip(places, gaps, scores, strict=True):
             told = "".join(f"{g:8.1f} ({z:+.1f})" for g, z in zip(gap, score, strict=True))
             yield f"  {place:18}{np.linalg.norm(gap):7.1f}  {told}"
-        yield f"  largest z {largest_score(one, other):.2f}, RMS {np.sqrt(np.nanmean(scores**2)):.2f}"
+        yield f"  largest z {np.nanmax(np.abs(scores)):.2f}, RMS {np.sqrt(np.nanmean(scores**2)):.2f}"
 
 
 SKIN_MM = np.array([10.0, 8.0, 6.0])
@@ -155,17 +151,14 @@ def imaged(file: Path) -> Imaged:
     for _, rows in table[table["bone"] == "pelvis"].groupby("person"):
         points = rows.set_index("landmark")[["x_mm", "y_mm", "z_mm"]]
         at = {str(name): 1e-3 * point.to_numpy(float) for name, point in points.iterrows()}
-        front, back = (0.5 * (at[f"{name}_R"] + at[f"{name}_L"]) for name in ("ASIS", "PSIS"))
-        across = at["ASIS_R"] - at["ASIS_L"]
-        width = float(np.linalg.norm(across))
-        z = across / width
-        x = front - back - ((front - back) @ z) * z
-        x /= np.linalg.norm(x)
-        axes = np.array([x, np.cross(z, x), z])
+        back = 0.5 * (at["PSIS_R"] + at["PSIS_L"])
+        width, frame = (
+            float(np.linalg.norm(at["ASIS_R"] - at["ASIS_L"])),
+            pelvis_frame(at["ASIS_R"], at["ASIS_L"], back),
+        )
         for side, mirror in zip(SIDES, (1.0, -1.0), strict=True):
-            told = hip_centre(HipCentre.HARRINGTON, width, float(np.linalg.norm(front - back)), side)
-            gap = axes @ (at[f"HJC_{side.upper()}"] - front) - told
-            errors.append(1e3 * gap * [1.0, 1.0, mirror])
+            told = hip_centre(HipCentre.HARRINGTON, width, float(np.linalg.norm(frame.origin - back)), side)
+            errors.append(1e3 * (frame.local(at[f"HJC_{side.upper()}"]) - told) * [1.0, 1.0, mirror])
         ratios.append(float(np.linalg.norm(at["HJC_R"] - at["HJC_L"])) / width)
     return Imaged(np.array(errors), np.array(ratios))
 

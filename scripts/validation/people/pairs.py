@@ -20,8 +20,8 @@ from gaitcal.compare.stride_sets import Common
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.study.study_trial import Role, Trial
-from scripts.validation.error_bars import coverage
-from scripts.validation.people.calibrated import Fit, fitted
+from scripts.validation.error_bars import coverage, rms, shares
+from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.people.hips import HIP
 from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
 
@@ -45,23 +45,22 @@ class Pair:
 
 def pairs_of(person: str, study: Study) -> Iterator[Pair]:
     """All that a person's walks allow."""
-    walks = study.walks
+    walks, half = study.walks, len(study.walks) // 2
     if person in CHILDREN:
-        yield Pair(kind="straight against turn", person=person, first=only(study, "straight"), last=only(study, "turn"))
+        chosen = [("straight against turn", ("straight",), ("turn",))]
     else:
-        for one, other in combinations(walks, 2):
-            yield Pair(kind="walk against walk", person=person, first=only(study, one), last=only(study, other))
+        chosen = [("walk against walk", (one,), (other,)) for one, other in combinations(walks, 2)]
     if len(walks) >= SESSION:
-        half = len(walks) // 2
-        first, last = only(study, *walks[:half]), only(study, *walks[half:])
-        yield Pair(kind="first walks against last", person=person, first=first, last=last)
+        chosen.append(("first walks against last", walks[:half], walks[half:]))
+    for kind, first, last in chosen:
+        yield Pair(kind=kind, person=person, first=only(study, *first), last=only(study, *last))
     for walk in walks:
         alone = only(study, walk)
         (time,) = (t.recording.time for t in alone.moving)
         if time[-1] - time[0] >= LONG_S:
             middle = 0.5 * (time[0] + time[-1])
-            first, last = (_between(alone, *span) for span in ((time[0], middle), (middle, time[-1])))
-            yield Pair(kind="first strides against last", person=person, first=first, last=last)
+            begun, ended = (_between(alone, *span) for span in ((time[0], middle), (middle, time[-1])))
+            yield Pair(kind="first strides against last", person=person, first=begun, last=ended)
 
 
 def _between(study: Study, begin: float, end: float) -> Study:
@@ -90,15 +89,11 @@ def every_score(people: Sequence[str], settings: Mapping[str, object]) -> dict[t
     out: dict[tuple[str, str], list[Array]] = {}
     for person in people:
         fits: dict[tuple[object, ...], Fit] = {}
-
-        def fit(study: Study, person: str = person, fits: dict[tuple[object, ...], Fit] = fits) -> Fit:
-            key = tuple(id(t.recording) for t in study.moving)
-            if key not in fits:
-                fits[key] = fitted(person, study)
-            return fits[key]
-
         for pair in pairs_of(person, changed(study_of_person(person), settings)):
-            out.setdefault((pair.kind, person), []).append(scores(fit(pair.first), fit(pair.last)))
+            keys = [tuple(id(t.recording) for t in study.moving) for study in (pair.first, pair.last)]
+            for key, study in zip(keys, (pair.first, pair.last), strict=True):
+                fits[key] = fits.get(key) or fitted(person, study)
+            out.setdefault((pair.kind, person), []).append(scores(fits[keys[0]], fits[keys[1]]))
     return {key: np.concatenate(found) for key, found in out.items()}
 
 
@@ -115,8 +110,8 @@ def figures(found: Mapping[tuple[str, str], Array]) -> dict[str, float]:
     """% of the differences of each kind inside bars of 68 and 95 %."""
     out = {}
     for kind in dict.fromkeys(kind for kind, _ in found):
-        z = np.abs(np.concatenate([z for (k, _), z in found.items() if k == kind]))
-        out |= {f"{kind}, {p} %": 100.0 * float(np.mean(z < limit)) for p, limit in ((68, 1.0), (95, 1.96))}
+        within = shares(np.concatenate([z for (k, _), z in found.items() if k == kind]))
+        out |= {f"{kind}, {p} %": share for p, share in zip((68, 95), within, strict=True)}
     return out
 
 
@@ -154,5 +149,5 @@ def marker_lines(people: Sequence[str], settings: Mapping[str, object], out: dic
                     yield f"  {person:12}{part:7}hip_{side}{np.linalg.norm(gap):8.1f}  {told}"
                     moved.setdefault(part, []).append(float(np.linalg.norm(gap)))
     for part, distances in moved.items():
-        out[f"without third marker of {part}, RMS mm"] = float(np.sqrt(np.mean(np.square(distances))))
-        yield f"  RMS, {part}: {out[f'without third marker of {part}, RMS mm']:.1f} mm"
+        out[f"without third marker of {part}, RMS mm"] = rms(distances)
+        yield f"  RMS, {part}: {rms(distances):.1f} mm"

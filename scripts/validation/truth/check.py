@@ -32,7 +32,8 @@ from scripts.validation.truth.skin import FIVE, OF_PEOPLE, Kind
 
 SHARED = ("--jobs", "--only", "--seed", "--set", "--cache", "--json")
 PARTS = ("gait", "isolated", "synthetic", "recovery")
-"""The last by itself, as its table is another; the first three unless told otherwise."""
+USUAL_PARTS = PARTS[:3]
+"""The last by itself, as its table is another."""
 KINDS = {
     "gait": (Kind.NONE, Kind.SINUSOIDS, Kind.MIXTURE, Kind.PEOPLE),
     "isolated": (Kind.NONE, *FIVE, Kind.MIXTURE, Kind.PEOPLE),
@@ -74,7 +75,6 @@ def tasks(chosen: argparse.Namespace) -> list[Callable[[], Outcome]]:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Parts, and how markers move."""
     kinds = [kind.value for kind in Kind]
-    parser.add_argument("--parts", type=commas(PARTS), default=list(PARTS[:3]), help=f"of {', '.join(PARTS)}")
     parser.add_argument("--kinds", type=commas(kinds), default=[], help=f"of {', '.join(kinds)}")
     parser.add_argument("--seeds", type=int, default=6, help="of each kind of movement and person (default 6)")
     parser.add_argument("--synthetic-people", type=int, default=SYNTHETIC_PEOPLE, metavar="N")

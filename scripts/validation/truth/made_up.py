@@ -36,7 +36,7 @@ from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.motion import residual_free_wrench
 from gaitcal.synthetic.subject import synthesize, true_gait
 from gaitcal.synthetic.truth import in_static_frames, truth_table
-from scripts.validation.error_bars import HALF_WIDTHS, bars, rms
+from scripts.validation.error_bars import bars, rms, shares
 from scripts.validation.truth.people import with_settings
 from scripts.validation.truth.report import Figure, Outcome, TimedFit, timed_fit
 
@@ -184,12 +184,9 @@ def parameter_figures(table: pd.DataFrame) -> dict[str, Figure]:
     return out
 
 
-LEVELS = dict(zip(("68 %", "95 %"), HALF_WIDTHS, strict=True))
-
-
 def coverage(z: np.ndarray) -> str:
     """Share of errors within each interval, %."""
-    return "  ".join(f"{100.0 * np.mean(np.abs(z) < width):5.1f} in {name}" for name, width in LEVELS.items())
+    return "  ".join(f"{share:5.1f} in {name}" for share, name in zip(shares(z), ("68 %", "95 %"), strict=True))
 
 
 def median_errors(rows: list[pd.DataFrame]) -> tuple[float, float]:

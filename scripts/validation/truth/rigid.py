@@ -1,8 +1,5 @@
 """Rigid motions, and the axes that they turn about.
 
-Markers l_m of a body at rest and x_m moved: the rotation R that maximises trace(R^T sum (x_m - x)(l_m - l)^T) is
-U diag(1, 1, det U V^T) V^T of its singular value decomposition (Kabsch 1976), and p = x - R l.
-
 Screw. A turn (R, p) leaves the line {c + s n} in place but for a slide along it: R n = n, (1 - R) c = p across n. With
 the small residue of rounding, c is the least-norm solution by the pseudo-inverse, the nearest point to the origin.
 
@@ -53,15 +50,6 @@ def across(vectors: Array, direction: Array) -> Array:
     """The part of vectors (..., 3) at right angles to unit vectors (..., 3)."""
     out: Array = vectors - (vectors * direction).sum(axis=-1, keepdims=True) * direction
     return out
-
-
-def rigid_motion(local: Array, measured: Array) -> tuple[Array, Array]:
-    """Rotations (nf, 3, 3) and origins (nf, 3) that carry points (nm, 3) nearest to measured ones (nf, nm, 3)."""
-    l_mean, x_mean = local.mean(axis=0), measured.mean(axis=1)
-    u, _, vt = np.linalg.svd(np.einsum("fmi,mj->fij", measured - x_mean[:, None], local - l_mean))
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    rotation: Array = u @ vt
-    return rotation, x_mean - rotation @ l_mean
 
 
 def relative(parent: tuple[Array, Array], child: tuple[Array, Array]) -> tuple[Array, Array]:

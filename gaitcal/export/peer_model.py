@@ -114,18 +114,25 @@ class PeerModel:
                 motion = motion * pin.SE3(np.eye(3), amount * axis.axis)
         return joint.in_parent * motion * joint.in_child.inverse()
 
-    def body_pose(self, body: str, ancestor: str) -> pin.SE3:
-        """Pose of a body in the frame of one of its ancestors, all coordinates zero (locked ones at their default)."""
+    def body_pose(self, body: str, ancestor: str, values: Mapping[str, float] | None = None) -> pin.SE3:
+        """Pose of a body in the frame of one of its ancestors; coordinates as in `joint_pose`."""
         pose = pin.SE3.Identity()
-        for joint in self._way_up(body, ancestor):
-            if joint is None:
-                raise InputError(f"body {body} does not hang on {ancestor}", source=self.source, code=Code.OTHER_MODEL)
-            pose = self.joint_pose(joint, {}) * pose
+        for joint in reversed(self.joints_between(ancestor, body)):
+            pose = self.joint_pose(joint, values or {}) * pose
         return pose
 
     def is_below(self, body: str, ancestor: str) -> bool:
         """Whether `ancestor` is the body itself or on its way to the ground."""
         return None not in self._way_up(body, ancestor)
+
+    def joints_between(self, ancestor: str, body: str) -> list[PeerJoint]:
+        """The joints from a body down to one below it, in that order."""
+        joints: list[PeerJoint] = []
+        for joint in self._way_up(body, ancestor):
+            if joint is None:
+                raise InputError(f"body {body} does not hang on {ancestor}", source=self.source, code=Code.OTHER_MODEL)
+            joints.insert(0, joint)
+        return joints
 
     def _way_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
         """The joints from a body up to one of its ancestors; None at the end where it does not hang on that one."""
