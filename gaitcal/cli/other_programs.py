@@ -14,7 +14,7 @@ from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import UsageError, nearest
-from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, joints_csv
+from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, Verdict, joints_csv
 from gaitcal.export.muscle_paths import (
     MuscleChange,
     MusclePath,
@@ -164,6 +164,9 @@ def _tell(console: Console, read: Snapshot, doubts: Sequence[Finding]) -> None:
 
 # ------------------------------------------------------------------------------------------- a model of the user's own
 
+JOINTS, MASSES = "joints", "masses"
+"""What `--parameters` allows; the second never without the first."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class IntoOptions:
@@ -172,6 +175,7 @@ class IntoOptions:
     model: Path
     out: Path | None
     names: Path | None = None
+    parameters: str = JOINTS
     muscles: bool = False
     draws: int = 0
     seed: int = 0
@@ -192,6 +196,14 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         raise UsageError(message, field="--out")
     if out.resolve() == options.model.resolve():
         raise UsageError("found the model that is read; allowed: another file", field="--out")
+    wanted = {word.strip() for word in options.parameters.split(",")}
+    if wanted not in ({JOINTS}, {JOINTS, MASSES}):
+        message = f"found '{options.parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
+        raise UsageError(message, field="--parameters")
+    if MASSES in wanted and options.draws:
+        raise UsageError(
+            f"found {MASSES} with --draws, whose masses are those of the model; allowed: {JOINTS}", field="--parameters"
+        )
     if options.muscles and not opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
@@ -202,8 +214,9 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         prior=prior_of_study(saved.settings.joint_prior),
         names=options.names,
         recorded=recorded_coordinates(result),
+        marker_set=saved.marker_set,
     )
-    done = transfer.result()
+    done = transfer.result(masses=MASSES in wanted)
     for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
@@ -252,17 +265,27 @@ def _tell_joints(console: Console, done: CalibratedOsim) -> None:
         theirs = move.theirs if found_by in ("", "name") else f"{move.theirs} (by {found_by})"
         ends = [end for end in (move.parent, move.child) if end is not None]
         if not ends:
-            table.add_row(move.joint, Text(theirs), Text(move.verdict.value), "", "", "", "")
+            table.add_row(move.joint, Text(theirs), "", "left" if theirs else "none", "", "", "")
         for k, end in enumerate(ends):
             numbers = (1e3 * end.moved, 1e3 * end.errors[0], np.degrees(end.turn), np.degrees(end.errors[1]))
             words = [f"{x:.1f}" if np.isfinite(x) else "" for x in numbers]
             table.add_row("" if k else move.joint, Text("" if k else theirs), Text(end.body), *words)
     console.out.print(table)
+    if done.masses:
+        weights = frameless_table(("segment", "bodies"), ("kg", "now"))
+        for m in done.masses:
+            weights.add_row(m.segment, Text(", ".join(m.bodies)), f"{m.theirs:.2f}", f"{m.ours:.2f}")
+        console.line()
+        console.out.print(weights)
+    for verdict in (Verdict.UNDETERMINED, Verdict.ABSENT):
+        if which := [move.joint for move in done.joints if move.verdict is verdict]:
+            console.line(f"{', '.join(which)}: {verdict.value}")
     for move in done.joints:
         if max(1e3 * move.rolls[0], np.degrees(move.rolls[1])) > TOLD:
             console.line(
-                f"{move.theirs} rolls or cannot turn as the bones do: as the person stands, it and our hinge differ by "
-                f"{1e3 * move.rolls[0]:.1f} mm, {np.degrees(move.rolls[1]):.1f} deg"
+                f"{move.theirs} rolls, or cannot turn as the bones are turned: "
+                f"as the person stands, it and our hinge differ by {1e3 * move.rolls[0]:.1f} mm, "
+                f"{np.degrees(move.rolls[1]):.1f} deg"
             )
     for note in done.notes:
         console.line(f"note: {note}")

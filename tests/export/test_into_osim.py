@@ -21,10 +21,11 @@ from gaitcal.export.muscle_paths import leg_ranges, muscle_changes, muscle_paths
 from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
-from gaitcal.export.peer_model import PeerModel
+from gaitcal.export.peer_model import PeerModel, read_numbers
 from gaitcal.model.linkage import COORDINATES, LEG_JOINTS, LEGS, SIDES
-from gaitcal.model.parameters import JP_NAMES
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, table
+from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from tests.export.osim_people import person_of
@@ -102,7 +103,7 @@ def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0
             way *= rng.uniform(*DISTURBED) / np.linalg.norm(way)
             turn = pin.exp3(np.deg2rad(deg) * rng.normal(size=3))
             places[leg.theirs.name, end] = Place(frame.translation + way, frame.rotation @ turn if deg else None)
-    out.write_bytes(document.placed(places))
+    out.write_bytes(document.changed(places))
     return out
 
 
@@ -284,6 +285,69 @@ def test_the_users_own_names(published: SubjectModel, tmp_path: Path) -> None:
     names.write_text('[joints]\nhip_r = "hipr"\n')
     with pytest.raises(InputError, match="found 'hipr', which is no joint of the model; did you mean 'hip_r'"):
         leg_joints(read_osim(path), names)
+
+
+def test_a_model_of_one_leg(published: SubjectModel, tmp_path: Path) -> None:
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    tree = ET.parse(path)
+    for tag, names in (("BodySet", LEGS["l"]), ("JointSet", ("hip_l", "knee_l", "talocrural_l", "subtalar_l"))):
+        (holder,) = tree.iter(tag)
+        objects = holder.find("objects")
+        assert objects is not None
+        for element in [e for e in objects if e.get("name") in names]:
+            objects.remove(element)
+    tree.write(path)
+    done = into_osim(published, path)
+    assert done.content == path.read_bytes()
+    assert [m.joint for m in done.joints if m.verdict is Verdict.ABSENT] == [f"{j}_l" for j in LEG_JOINTS]
+
+
+def test_markers_of_the_static_trial_count(published: SubjectModel, tmp_path: Path) -> None:
+    """Landmarks that the model wears as markers lay its bodies on our segments, too."""
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    few = [k for k, s in enumerate(published.markers.segments) if s != "thigh_r"]
+    own = [k for k, s in enumerate(published.markers.segments) if s == "thigh_r"][:3]
+    m = published.markers
+    fewer = MarkerPlacement(
+        tuple(m.labels[k] for k in few), tuple(m.segments[k] for k in few), m.local[few], m.weight[few]
+    )
+    names = ("knee_lat_r", "knee_med_r", "thigh_r")
+    landmarks = {name: ("thigh_r", m.local[k]) for name, k in zip(names, own, strict=True)}
+    worn = {name: (m.labels[k],) for name, k in zip(names, own, strict=True)}
+    marker_set = MarkerSet(name="few", description="", landmarks=worn, tracking={})
+    person = replace(published, markers=fewer, landmarks=landmarks)
+    (told,) = [r for r in into_osim(person, path, marker_set=marker_set).registrations if r.segment == "thigh_r"]
+    assert (told.markers, told.common) == (3, 3) and told.rms < BACK
+    (bare,) = [r for r in into_osim(person, path).registrations if r.segment == "thigh_r"]
+    assert bare.common == 0
+
+
+@pytest.mark.parametrize("variant", ["opensim 4", "opensim 3", "other frames"])
+def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant: str) -> None:
+    """Bodies weigh what our segments weigh, and have their mass centres; nothing else of the document changes."""
+    path = written(published, tmp_path / "m.osim", variant)
+    heavier = table(published.parameters.inertial).copy()
+    heavier[:, 0] *= np.linspace(0.8, 1.3, len(heavier))
+    heavier[:, 1:4] += 0.01
+    p = published.parameters.with_inertial(heavier.ravel())
+    done = into_osim(replace(published, parameters=p), path, masses=True)
+    (tmp_path / "out.osim").write_bytes(done.content)
+    was, now = read_document(path), read_document(tmp_path / "out.osim")
+    weights = peer_of(now).masses
+    for k, segment in enumerate(MASSIVE_SEGMENTS):
+        assert weights[segment] == pytest.approx(heavier[k, 0], rel=1e-12)
+        if segment in (*LEGS["r"], *LEGS["l"], "pelvis"):
+            shift = np.linalg.norm(now.mass_centre(segment) - was.mass_centre(segment))
+            expected = np.linalg.norm(heavier[k, 1:4] - table(published.parameters.inertial)[k, 1:4])
+            if variant == "other frames":  # whose mass centres were not taken along
+                continue
+            assert shift == pytest.approx(expected, abs=BACK)
+    assert peer_of(now).joints.keys() == peer_of(was).joints.keys()
+    numbers = re.compile(rb"<(mass|mass_center|inertia\w*)>[^<]*<")
+    assert numbers.sub(b"", now.content) == numbers.sub(b"", was.content)
+    ratio = heavier[0, 0] / peer_of(was).masses[MASSIVE_SEGMENTS[0]]
+    moments = [read_numbers(d.body(MASSIVE_SEGMENTS[0]), "inertia", path) for d in (was, now)]
+    assert moments[1] == pytest.approx(ratio * moments[0], rel=1e-12)
 
 
 def without_legs(tree: ET.ElementTree) -> None:
