@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import importlib
-import io
 import json
-import sys
-from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -15,11 +11,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from gaitcal import cli
 from gaitcal.cli.application import app
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.study.settings import CalibrationSettings
+from tests.commands import gaitcal
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
@@ -56,24 +52,6 @@ FILES = (
     "scene.npz",
     "manifest.json",
 )
-
-
-@dataclass(frozen=True)
-class Done:
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-def gaitcal(*arguments: str) -> Done:
-    """The command line, in this process."""
-    out, err = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.setattr(sys, "argv", ["gaitcal", *arguments])
-        with pytest.raises(SystemExit) as ending:
-            cli.main()
-    code = ending.value.code
-    return Done(code if isinstance(code, int) else 0, out.getvalue(), err.getvalue())
 
 
 def test_help_shows_the_commands_in_order() -> None:

@@ -170,8 +170,7 @@ def picture(kind: str, unit: str, rows: Sequence[Mapping[str, Any]]) -> Block:
 
     Parameters
     ----------
-    kind : `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is known; `bars`:
-        stacked horizontal bars, the parts of a row sum to its total.
+    kind : `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is known.
     """
     return {"kind": kind, "unit": unit, "rows": [dict(row) for row in rows]}
 

@@ -29,6 +29,7 @@ from gaitcal.gait.strides import TURNING, Layout, layout, strides_of, turns
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.plain_data import Block, cell, fold, heading, named, number, table, text, visible, words_column
+from gaitcal.page.stride_use import stride_uses, usable_words
 from gaitcal.session.parameter_words import counts, counts_sentence
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.trial_result import RmsErrors, leg_fit, trial_fit
@@ -75,12 +76,6 @@ class GaitNumbers:
     """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
     limits: ResidualLimits | None = None  # What is asked of simulations; given where `stages` are
     expected: ExpectedResidual | None = None  # Of the last of `stages`; None where its errors are not known
-
-    def complete_strides(self, side: str) -> tuple[int, int]:
-        """How many strides of a leg have valid moments throughout, and how many there are."""
-        time, valid, cycles = self.layout.time, self.layout.valid_for(side), strides_of(self.trial.events)[side]
-        inside = [valid[(time >= c.start) & (time <= c.stop)] for c in cycles]
-        return sum(bool(frames.size and frames.all()) for frames in inside), len(cycles)
 
 
 def gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
@@ -185,13 +180,7 @@ def _counting(mass: float, walks: Sequence[GaitNumbers]) -> Line:
         plates = any(walk.trial.loads is not None for walk in walks)
         why = "no foot is wholly on a force plate of its own" if plates else "there are no force plates"
         return {"tone": "plain", "text": f"Angles alone count, no moments: {why}."}
-    valid, total = {}, {}
-    for side in SIDES:
-        strides = [walk.complete_strides(side) for walk in loaded]
-        valid[side], total[side] = sum(v for v, _ in strides), sum(n for _, n in strides)
-    right, left = (f"{valid[side]} of {total[side]} {SIDE_WORDS[side]}" for side in SIDES)
-    others = sum(total.values()) - sum(valid.values())
-    words = f"Usable for moments: {right}, {left} strides{'; others: foot beside the plate' if others else ''}."
+    words = usable_words([use for walk in loaded for use in stride_uses(walk.trial)])
     if both := ", ".join(_peak(peak, mass) for peak in adduction_peaks([walk.trial for walk in walks])):
         words += (
             " External knee adduction moment, N·m/kg, first peak, mean ± standard error over all straight strides: "
@@ -401,8 +390,5 @@ def _validity(walk: GaitNumbers) -> str:
         f"of the left leg and {whole} of pelvis, trunk and arms: those of a leg where its own foot is wholly on "
         "plates or in the air, the others where both feet are, away from the ends of the trial."
     )
-    complete = {side: walk.complete_strides(side) for side in SIDES}
-    if not any(total for _, total in complete.values()):
-        return words
-    right, left = (f"{valid} of {total} {SIDE_WORDS[side]}" for side, (valid, total) in complete.items())
-    return f"{words} Strides that are valid throughout: {right}, {left}."
+    uses = stride_uses(walk.trial)
+    return f"{words} {usable_words(uses)}" if uses else words

@@ -70,14 +70,6 @@ def test_marker_errors_are_those_of_the_summary(whole: Calibration, sheet: dict[
     assert rows_of(segments)["pelvis and legs"][1] == number(legs["calibrated"])
 
 
-def test_the_bar_of_a_segment_is_its_calibrated_error(sheet: dict[str, Any]) -> None:
-    bars = [b for b in every(sheet) if b["kind"] == "bars" and b["unit"] == "mm"]
-    assert bars
-    for row in (row for b in bars for row in b["rows"]):
-        assert sum(part["value"] for part in row["parts"]) == pytest.approx(row["total"], abs=2e-4)
-        assert all(part["value"] >= 0.0 for part in row["parts"])
-
-
 def test_parameters_are_those_of_the_table(whole: Calibration, sheet: dict[str, Any]) -> None:
     table = parameter_table(whole).set_index("name")
     drawn = {
@@ -152,9 +144,6 @@ def test_peaks_are_told_with_their_sources_the_largest_first(sheet: dict[str, An
     numbers = [float(row[0].removeprefix("± ")) for row in rows_of(table).values()]
     assert numbers[:-1] == sorted(numbers[:-1], reverse=True)
     assert np.hypot.reduce(numbers[:-1]) == pytest.approx(numbers[-1], abs=0.002)
-    (bars,) = [b for b in walked(blocks) if b["kind"] == "bars"]
-    for row in bars["rows"]:
-        assert sum(part["value"] for part in row["parts"]) == pytest.approx(row["total"], abs=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -165,7 +154,7 @@ def test_peaks_are_told_with_their_sources_the_largest_first(sheet: dict[str, An
         ({"errors": False}, "No standard errors of the moments", "error alone"),
         ({"gait": False}, "that needs a walking trial with force plates", "Of 241 frames"),
         ({"joint": False}, "Joint parameters were not calibrated", "kept, not determined"),
-        ({"cycles": False}, "no complete stride of the", "Strides that are valid throughout"),
+        ({"cycles": False}, "no complete stride of the", "Usable for moments"),
     ],
 )
 def test_what_is_not_there_is_said_or_left_out(without: dict[str, bool], there: str, missing: str) -> None:
@@ -241,7 +230,7 @@ def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     limit = summary(whole)["trials"]["walk"]["pelvis_residual_limit"]  # type: ignore[index,call-overload]
     assert agrees["text"].startswith(f"Marker fit {number(rms)} mm (best possible ")
     assert f"N RMS (limit {number(limit['force_N'])}), moment " in agrees["text"] and "too high" not in agrees["text"]
-    assert "Usable for moments: 1 of 2 right, 0 of 1 left strides; others: foot beside the plate." in counts["text"]
+    assert "Usable for moments: 1 of 2 right, 0 of 1 left strides; others: " in counts["text"]
 
 
 def test_nothing_on_top_is_amber_where_the_verdict_has_no_reason(whole: Calibration) -> None:

@@ -13,8 +13,6 @@ KINDS = {
     "table": {"head", "rows", "caption", "fold", "total"},
     "cards": {"cards"},
     "intervals": {"unit", "rows"},
-    "bars": {"unit", "rows"},
-    "boxes": {"unit", "title", "groups"},
     "curves": {"kinds"},
     "pair": {"left", "right"},
     "fold": {"title", "blocks"},
