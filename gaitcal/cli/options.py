@@ -90,6 +90,7 @@ Into = Annotated[
     Path | None, typer.Option(help="An OpenSim model of your own: its hips, knees and ankles become this person's.")
 ]
 Names = Annotated[Path | None, typer.Option(help="For --into: a TOML file that says which joints of it are meant.")]
+Transferred = Annotated[str, typer.Option("--parameters", help="For --into: joints, or joints,masses.")]
 Muscles = Annotated[
     bool, typer.Option("--muscles", help="For --into: lengths and moment arms before and after, by OpenSim.")
 ]

@@ -164,6 +164,9 @@ def _tell(console: Console, read: Snapshot, doubts: Sequence[Finding]) -> None:
 
 # ------------------------------------------------------------------------------------------- a model of the user's own
 
+JOINTS, MASSES = "joints", "masses"
+"""What `--parameters` allows; the second never without the first."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class IntoOptions:
@@ -172,6 +175,7 @@ class IntoOptions:
     model: Path
     out: Path | None
     names: Path | None = None
+    parameters: str = JOINTS
     muscles: bool = False
     draws: int = 0
     seed: int = 0
@@ -192,6 +196,14 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         raise UsageError(message, field="--out")
     if out.resolve() == options.model.resolve():
         raise UsageError("found the model that is read; allowed: another file", field="--out")
+    wanted = {word.strip() for word in options.parameters.split(",")}
+    if wanted not in ({JOINTS}, {JOINTS, MASSES}):
+        message = f"found '{options.parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
+        raise UsageError(message, field="--parameters")
+    if MASSES in wanted and options.draws:
+        raise UsageError(
+            f"found {MASSES} with --draws, whose masses are those of the model; allowed: {JOINTS}", field="--parameters"
+        )
     if options.muscles and not opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
@@ -204,7 +216,7 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         recorded=recorded_coordinates(result),
         marker_set=saved.marker_set,
     )
-    done = transfer.result()
+    done = transfer.result(masses=MASSES in wanted)
     for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
@@ -259,6 +271,12 @@ def _tell_joints(console: Console, done: CalibratedOsim) -> None:
             words = [f"{x:.1f}" if np.isfinite(x) else "" for x in numbers]
             table.add_row("" if k else move.joint, Text("" if k else theirs), Text(end.body), *words)
     console.out.print(table)
+    if done.masses:
+        weights = frameless_table(("segment", "bodies"), ("kg", "now"))
+        for m in done.masses:
+            weights.add_row(m.segment, Text(", ".join(m.bodies)), f"{m.theirs:.2f}", f"{m.ours:.2f}")
+        console.line()
+        console.out.print(weights)
     for verdict in (Verdict.UNDETERMINED, Verdict.ABSENT):
         if which := [move.joint for move in done.joints if move.verdict is verdict]:
             console.line(f"{', '.join(which)}: {verdict.value}")

@@ -18,7 +18,7 @@ import numpy as np
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.export.osim_correspondence import segment_of
+from gaitcal.export.osim_correspondence import ARMS, segment_of
 from gaitcal.export.osim_reader import read_osim
 from gaitcal.export.osim_registration import Registration, registered, shared_markers
 from gaitcal.export.peer_model import Axis, LegGeometry, PeerModel, leg_bodies, our_leg, peer_leg
@@ -168,6 +168,3 @@ def _mass_rows(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
         ours["head_trunk"] += sum(ours[arm] for arm in ARMS)
     rows = [_row(titles[s], "kg", ours[s], theirs[s]) for s in MASSIVE_SEGMENTS if s in theirs]
     return [*rows, _row("total mass", "kg", model.parameters.mass, sum(peer.masses.values()))]
-
-
-ARMS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand"))
