@@ -249,11 +249,10 @@ def _residuals(walk: GaitNumbers) -> list[Block]:
         "RMS over valid frames and the three components, peaks of the magnitude. What is asked of simulations rests on "
         f"a peak force of {number(limits.peak_force, 0)} N and a mass centre {number(limits.centre_height, 2)} m high."
     )
-    drawn = {"residual_force": round(limits.force, 2), "residual_moment": round(limits.moment, 3)}
     return [
         heading(f"Do motion and ground forces agree? Trial {named(walk.trial.name)}"),
         text(RESIDUALS),
-        curves(list(drawn), drawn),
+        curves(["residual_force", "residual_moment"]),
         table(head, [*rows, *below], total=range(len(rows), len(rows) + len(below))),
         text(rests, "soft"),
     ]

@@ -230,7 +230,10 @@ def _everything_of(trial: MotionScene, strides: tuple[Stride, ...]) -> dict[str,
     return trial_data(
         trial,
         (*(Curve(k, "", k, u, v, valid, nominal=1.2 * v) for k, u, v in kinds), *joint),
-        [{**_USE, "side": s, "number": 1, "start": 0.1, "stop": 0.9, "off": 0.6, "turns": False} for s in "rl"],
+        [
+            {**_USE, "side": s, "number": 1, "start": 0.1, "stop": 0.9, "off": 0.6, "turns": False, "peaks": {}}
+            for s in "rl"
+        ],
         refused=list(refused),
         verdict={"judgement": "refused" if refused else "trustworthy", **legs},
         measures=[
@@ -297,7 +300,6 @@ def every_block() -> list[dict[str, Any]]:
         {"kind": "fold", "title": "Monte Carlo", "blocks": [_heading("Spread", 4), _intervals()]},
         _heading("Pair"),
         {"kind": "pair", **{side: [{"kind": "text", "text": side}, _table()] for side in ("left", "right")}},
-        {"kind": "curves", "kinds": ["residual_force", "residual_moment", "marker_error"],
-         "limits": {"residual_force": 40.0, "residual_moment": 9.0}},
+        {"kind": "curves", "kinds": ["residual_force", "residual_moment", "marker_error"]},
         {"kind": "of a later version"},
     ]  # fmt: skip

@@ -16,7 +16,7 @@ from gaitcal.faults.verdict import judge
 from gaitcal.gait.moments import parameter_words
 from gaitcal.page.page_data import calibration_page_data, peak_page_rows, result_sections
 from gaitcal.page.plain_data import LONGEST_NAME, number
-from gaitcal.page.summary import gait_numbers
+from gaitcal.page.summary import answers, gait_numbers
 from gaitcal.page.trial_data import trial_sections
 from gaitcal.page.trust import peak_error
 from gaitcal.results.summary import summary
@@ -116,7 +116,7 @@ def test_residuals_and_changes_are_those_of_the_summary(whole: Calibration, shee
     (curves,) = [b for b in walked(blocks) if b["kind"] == "curves"]
     walk = gait_numbers(whole.model, whole.trials[0])
     assert walk is not None and walk.limits is not None
-    assert curves["limits"]["residual_force"] == pytest.approx(walk.limits.force, abs=0.01)
+    assert curves["kinds"] == ["residual_force", "residual_moment"], "no limit is drawn by which nothing is judged"
 
 
 def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(whole: Calibration) -> None:
@@ -227,10 +227,20 @@ def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     believed, agrees, counts = sheet["lines"]
     assert believed["tone"] == "look" and believed["text"].startswith("Doubtful: knee_r.thigh.front (right knee axis")
     rms = summary(whole)["trials"]["walk"]["pelvis_and_legs_mm"]["calibrated"]  # type: ignore[index,call-overload]
-    assert f"to {number(rms)} mm RMS (walk)" in agrees["text"] and "within what their errors explain" in agrees["text"]
+    limit = summary(whole)["trials"]["walk"]["pelvis_residual_limit"]  # type: ignore[index,call-overload]
+    assert agrees["text"].startswith(f"Marker fit {number(rms)} mm (best possible ")
+    assert f"N RMS (limit {number(limit['force_N'])}), moment " in agrees["text"] and "too high" not in agrees["text"]
     assert "Usable for moments: 1 of 2 right, 0 of 1 left strides; others: " in counts["text"]
+
+
+def test_nothing_on_top_is_amber_where_the_verdict_has_no_reason(whole: Calibration) -> None:
     sound = replace(whole, verdict=judge((), ["walk"]))
-    assert calibration_page_data(sound)["lines"][0]["tone"] == "good"
+    assert [line["tone"] for line in calibration_page_data(sound)["lines"]] == ["good", "good", "plain"]
+    (residual,) = (answer for answer in answers(sound) if answer["question"] == "Do motion and ground forces agree?")
+    assert residual["verdict"] == "within its errors", "its limit is that of the verdict's reason (GC-128)"
+
+
+def test_a_page_without_plates_says_so(whole: Calibration) -> None:
     without = calibration_page_data(fake_calibration(plates=False))["lines"][2]
     assert without == {"tone": "plain", "text": "Angles alone count, no moments: there are no force plates."}
 

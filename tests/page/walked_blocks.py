@@ -13,7 +13,7 @@ KINDS = {
     "table": {"head", "rows", "caption", "fold", "total"},
     "cards": {"cards"},
     "intervals": {"unit", "rows"},
-    "curves": {"kinds", "limits"},
+    "curves": {"kinds"},
     "pair": {"left", "right"},
     "fold": {"title", "blocks"},
 }
