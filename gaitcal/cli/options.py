@@ -87,6 +87,9 @@ ExportFolder = Annotated[Path | None, typer.Option("--out", help="Folder for the
 Inputs = Annotated[
     Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
 ]
+Replace = Annotated[
+    bool, typer.Option("--replace", help="For c3d: in place of what another program computed under the same names.")
+]
 Signs = Annotated[
     str | None, typer.Option("--convention", help="For cycles: signs, opensim (unless given) or clinical.")
 ]

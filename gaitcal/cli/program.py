@@ -213,6 +213,7 @@ def export(
     formats: told.Formats = "osim,urdf,mjcf",
     out: told.ExportFolder = None,
     inputs: told.Inputs = None,
+    replace: told.Replace = False,
     convention: told.Signs = None,
     moments: told.Moments = None,
     external: told.External = False,
@@ -221,7 +222,8 @@ def export(
     """The fitted model for OpenSim, ROS, MuJoCo; recordings as C3D; strides in a convention of your choice."""
     from gaitcal.cli.other_programs import convention_of, export_model
 
-    export_model(result, formats, out, inputs, console, convention_of(convention, moments, units, external=external))
+    chosen = convention_of(convention, moments, units, external=external)
+    export_model(result, formats, out, inputs, console, chosen, replace=replace)
 
 
 @command
