@@ -17,14 +17,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from gaitcal.codes import Code
 from gaitcal.compare.osim_reader import read_osim
-from gaitcal.compare.peer_model import Axis, LegGeometry, PeerModel, leg_bodies, our_leg, peer_leg
-from gaitcal.errors import InputError
+from gaitcal.compare.peer_model import Axis, LegGeometry, OtherModelError, PeerModel, leg_bodies, our_leg, peer_leg
 from gaitcal.model.linkage import SEGMENTS, SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.rigid import rigid_distances, rigid_fit
+from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_distances, rigid_fit
 
 DIRECTIONS = ("ant", "sup", "lat")
 
@@ -34,26 +32,10 @@ class ComparisonRow:
     """One quantity in both models."""
 
     quantity: str
-    unit: str
-    """mm, deg, kg, or 1 for a count."""
+    unit: str  # mm, deg, kg, or 1 for a count
     ours: float
     theirs: float
-    difference: float
-    """theirs - ours."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Registration:
-    """How well a peer's body could be laid on our segment."""
-
-    segment: str
-    markers: int
-    """Our markers on the segment."""
-    common: int
-    pose: pin.SE3 | None
-    """Of the peer's body in our segment frame; None with fewer than three common markers, or all on one line."""
-    rms: float
-    """m, of the marker distances that remain."""
+    difference: float  # theirs - ours
 
 
 def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
@@ -70,20 +52,21 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     peer = read_osim(osim)
     rows: list[ComparisonRow] = []
     for side in SIDES:
-        bodies = leg_bodies(peer, side)
-        registered = [_register(model, peer, segment, body) for segment, body in bodies.items()]
-        poses = {r.segment: r.pose for r in registered if r.pose is not None}
-        rows += _leg_rows(side, our_leg(model.parameters, side), peer_leg(peer, side, poses))
-        for r in registered:
-            if side == SIDES[0] or r.segment != "pelvis":
-                rows += _registration_rows(r)
+        poses: dict[str, pin.SE3] = {}
+        laid: list[ComparisonRow] = []
+        for segment, body in leg_bodies(peer, side).items():
+            of_segment = _laid(model, peer, segment, body, poses)
+            laid += of_segment if side == SIDES[0] or segment != "pelvis" else []
+        theirs = _leg_quantities(side, peer_leg(peer, side, poses))
+        ours = _leg_quantities(side, our_leg(model.parameters, side))
+        rows += [_row(*name, value, theirs[name]) for name, value in ours.items() if name in theirs]
+        rows += laid
     rows += _mass_rows(model, peer)
     if not rows:
-        raise InputError(
+        raise OtherModelError(
             "has neither hip_flexion_r, knee_angle_r, ankle_angle_r (or _l) nor a body with a known name such as "
             f"pelvis, femur_r, tibia_r; found the bodies {', '.join(peer.masses)}",
             source=osim,
-            code=Code.OTHER_MODEL,
         )
     return rows
 
@@ -93,12 +76,6 @@ def _row(quantity: str, unit: str, ours: float, theirs: float) -> ComparisonRow:
     return ComparisonRow(
         quantity=quantity, unit=unit, ours=float(ours) + 0.0, theirs=float(theirs) + 0.0, difference=difference
     )
-
-
-def _leg_rows(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[ComparisonRow]:
-    """What both legs have, in the order of ours."""
-    known = _leg_quantities(side, theirs)
-    return [_row(*name, value, known[name]) for name, value in _leg_quantities(side, ours).items() if name in known]
 
 
 def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]:
@@ -122,28 +99,26 @@ def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]
         if axis is not None:
             crossing = axis.crossing(2)[:2]
             out |= {(f"{name}, {d}", "mm"): 1e3 * x for d, x in zip(DIRECTIONS[:2], crossing, strict=True)}
-            angles = _flexion_angles(axis)
-            out |= {(f"{name}, {d}", "deg"): angle for d, angle in zip(("front", "trans"), angles, strict=True)}
+            out |= _turns(name, axis, 2, ("front", "trans"))
     if leg.subtalar_in_foot is not None:
-        name, angles = f"subtalar_{side} axis in foot_{side}", _inversion_angles(leg.subtalar_in_foot)
-        out |= {(f"{name}, {d}", "deg"): angle for d, angle in zip(("trans", "sag"), angles, strict=True)}
+        out |= _turns(f"subtalar_{side} axis in foot_{side}", leg.subtalar_in_foot, 0, ("trans", "sag"))
     return out
 
 
-def _flexion_angles(axis: Axis) -> tuple[float, float]:
-    """`front` and `trans`, deg."""
-    x, y, z = axis.direction
-    return float(np.degrees(np.arctan2(-y, z))), float(np.degrees(np.arcsin(np.clip(x, -1.0, 1.0))))
+def _turns(name: str, axis: Axis, along: int, planes: tuple[str, str]) -> dict[tuple[str, str], float]:
+    """Deg by which an axis is turned from coordinate axis `along`, about the two others in their order."""
+    back, main, next_one = (axis.direction[(along + k) % 3] for k in (-1, 0, 1))
+    angles = np.arctan2(-back, main), np.arcsin(np.clip(next_one, -1.0, 1.0))
+    return {(f"{name}, {plane}", "deg"): float(np.degrees(a)) for plane, a in zip(planes, angles, strict=True)}
 
 
-def _inversion_angles(axis: Axis) -> tuple[float, float]:
-    """`trans` and `sag`, deg."""
-    x, y, z = axis.direction
-    return float(np.degrees(np.arctan2(-z, x))), float(np.degrees(np.arcsin(np.clip(y, -1.0, 1.0))))
+def _laid(
+    model: SubjectModel, peer: PeerModel, segment: str, body: str, poses: dict[str, pin.SE3]
+) -> list[ComparisonRow]:
+    """Lay the peer's `body` on our `segment` by the markers that both have on it, and tell how well that went.
 
-
-def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registration:
-    """Lay the peer's `body` on our `segment` by the markers that both have on it."""
+    `poses` gets the pose of the body in our segment, unless fewer than three markers are shared, or all on one line.
+    """
     markers = model.markers
     on_segment = [i for i, s in enumerate(markers.segments) if s == segment]
     theirs, ours = [], []
@@ -153,19 +128,15 @@ def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> 
         if segment_of(carrier) == segment and carrier not in _SLIDING and peer.is_below(carrier, body):
             theirs.append(peer.body_pose(carrier, body).act(position))
             ours.append(markers.local[i])
-    pose, rms = None, 0.0
-    if len(theirs) >= 3:
-        shared = np.array(theirs), np.array(ours)[:, :, None], np.ones((len(theirs), 1))  # one "frame"
-        fit = rigid_fit(*shared)
-        pose = pin.SE3(fit.rotation[0], fit.origin[0]) if fit.determined[0] else None
+    rows = [_row(f"{segment} markers, and how many the peer shares", "1", len(on_segment), len(theirs))]
+    if len(theirs) < FEWEST_MARKERS:
+        return rows
+    shared = np.array(theirs), np.array(ours)[:, :, None], np.ones((len(theirs), 1))  # one "frame"
+    fit = rigid_fit(*shared)
+    if fit.determined[0]:
+        poses[segment] = pin.SE3(fit.rotation[0], fit.origin[0])
         rms = float(np.sqrt(np.mean(rigid_distances(*shared) ** 2)))
-    return _Registration(segment=segment, markers=len(on_segment), common=len(theirs), pose=pose, rms=rms)
-
-
-def _registration_rows(r: _Registration) -> list[ComparisonRow]:
-    rows = [_row(f"{r.segment} markers, and how many the peer shares", "1", r.markers, r.common)]
-    if r.pose is not None:
-        rows.append(_row(f"{r.segment} shared markers, RMS distance after registration", "mm", 0.0, 1e3 * r.rms))
+        rows.append(_row(f"{segment} shared markers, RMS distance after registration", "mm", 0.0, 1e3 * rms))
     return rows
 
 

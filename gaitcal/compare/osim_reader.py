@@ -10,7 +10,15 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.compare.peer_model import PeerAxis, PeerCoordinate, PeerJoint, PeerModel, read_function, read_numbers
+from gaitcal.compare.peer_model import (
+    OtherModelError,
+    PeerAxis,
+    PeerCoordinate,
+    PeerJoint,
+    PeerModel,
+    read_function,
+    read_numbers,
+)
 from gaitcal.errors import InputError
 from gaitcal.export.osim import from_body_fixed_xyz, original_name
 
@@ -42,13 +50,11 @@ def read_osim(path: Path | str) -> PeerModel:
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE) from None
     except (ET.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"is not well-formed XML: {error}", source=path, code=Code.OTHER_MODEL) from None
+        raise OtherModelError(f"is not well-formed XML: {error}", source=path) from None
     model = root.find("Model") if root.tag == "OpenSimDocument" else None
     if model is None:
-        raise InputError(
-            f"found <{root.tag}>, expected <OpenSimDocument> with <Model>; a model file (.osim) is needed",
-            source=path,
-            code=Code.OTHER_MODEL,
+        raise OtherModelError(
+            f"found <{root.tag}>, expected <OpenSimDocument> with <Model>; a model file (.osim) is needed", source=path
         )
     masses: dict[str, float] = {}
     joints: dict[str, PeerJoint] = {}
@@ -62,7 +68,7 @@ def read_osim(path: Path | str) -> PeerModel:
         joints[joint.child] = joint
     masses.pop("ground", None)
     if not masses or not joints:
-        raise InputError("found no bodies or no joints", source=path, code=Code.OTHER_MODEL)
+        raise OtherModelError("found no bodies or no joints", source=path)
     return PeerModel(str(path), masses, joints, _markers(model, path))
 
 
@@ -133,9 +139,7 @@ def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Pa
         vector = read_numbers(entry, "axis", path, count=3) if (entry.findtext("axis") or "").strip() else _X
         length = float(np.linalg.norm(vector))
         if length == 0.0:
-            raise InputError(
-                "found an axis of length zero", source=path, field=element.get("name"), code=Code.OTHER_MODEL
-            )
+            raise OtherModelError("found an axis of length zero", source=path, field=element.get("name"))
         rotates = entry.get("name", "").startswith("rotation")
         axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
     return tuple(axes)

@@ -32,11 +32,9 @@ if TYPE_CHECKING:
 UNITS: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
 LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
 """Smallest range of a vertical axis, in these units."""
-SHOWN: Final = 40
-"""Rows of the table of figures; `differences.csv` has all."""
+SHOWN: Final = 40  # Rows of the table of figures; `differences.csv` has all
 COLUMNS: Final = 4
-PANEL: Final = (2.75, 1.75)
-"""inches."""
+PANEL: Final = (2.75, 1.75)  # inches
 STYLE: Final = """
 body{font:15px/1.45 system-ui,sans-serif;color:#1a1a1a;background:#fff;margin:0 auto;max-width:1160px;padding:20px}
 h1{font-size:24px;margin:0 0 4px}h2{font-size:18px;margin:26px 0 6px}
