@@ -83,7 +83,21 @@ Formats = Annotated[
     str,
     typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings; cycles for the strides."),
 ]
-ExportFolder = Annotated[Path | None, typer.Option("--out", help="Folder for the files; DIR/export unless given.")]
+ExportFolder = Annotated[
+    Path | None, typer.Option("--out", help="Folder for the files; DIR/export unless given. With --into: the file.")
+]
+Into = Annotated[
+    Path | None, typer.Option(help="An OpenSim model of your own: its hips, knees and ankles become this person's.")
+]
+Names = Annotated[Path | None, typer.Option(help="For --into: a TOML file that says which joints of it are meant.")]
+Transferred = Annotated[str, typer.Option("--parameters", help="For --into: joints, or joints,masses.")]
+Muscles = Annotated[
+    bool, typer.Option("--muscles", help="For --into: lengths and moment arms before and after, by OpenSim.")
+]
+ModelDraws = Annotated[
+    int, typer.Option("--draws", min=0, help="For --into: further models with joints drawn from their error bars.")
+]
+ModelSeed = Annotated[int, typer.Option("--seed", min=0, help="For --draws: seed of the draws.")]
 Inputs = Annotated[
     Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
 ]

@@ -1,18 +1,34 @@
-"""`gaitcal convert` and `export`: files from other programs, and for them."""
+"""`gaitcal convert` and `export`: files from other programs, and for them, and joints for a model of the user's own."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from gaitcal.cli.console import Console
+import numpy as np
+from rich.text import Text
+
+from gaitcal.calibration.joint_prior import prior_of_study
+from gaitcal.cli.console import Console, frameless_table
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import UsageError, nearest
+from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, Verdict, joints_csv
+from gaitcal.export.muscle_paths import (
+    MuscleChange,
+    MusclePath,
+    leg_ranges,
+    muscle_changes,
+    muscle_paths,
+    muscles_csv,
+    opensim_is_installed,
+)
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.findings import Finding, note_of
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
+from gaitcal.io.atomic import atomic_bytes, atomic_text
 from gaitcal.io.formats import convert
 from gaitcal.io.result_folder import amended
 from gaitcal.io.snapshot import Snapshot
@@ -24,7 +40,7 @@ from gaitcal.results.cycles_export import (
     write_export_manifest,
 )
 from gaitcal.results.recordings import WrittenRecording, write_recordings
-from gaitcal.results.saved import MODEL, load_result_model
+from gaitcal.results.saved import MODEL, load_result, load_result_model, recorded_coordinates
 from gaitcal.results.table_file import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
@@ -148,3 +164,151 @@ def _tell(console: Console, read: Snapshot, doubts: Sequence[Finding]) -> None:
     """What a user of the model should know: files that were edited, a calibration that is doubtful or refused."""
     for text in (*read.remarks, *map(note_of, doubts)):
         console.line(f"warning: {text}")
+
+
+# ------------------------------------------------------------------------------------------- a model of the user's own
+
+JOINTS, MASSES = "joints", "masses"
+"""What `--parameters` allows; the second never without the first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IntoOptions:
+    """The options of `export --into`, as they were written."""
+
+    model: Path
+    out: Path | None
+    names: Path | None = None
+    parameters: str = JOINTS
+    muscles: bool = False
+    draws: int = 0
+    seed: int = 0
+
+
+def require_into(**given: object) -> None:
+    """UsageError for an option that means something with `--into` only."""
+    for name, value in given.items():
+        if value:
+            raise UsageError("found without --into; allowed: with --into MODEL.osim", field=f"--{name}")
+
+
+def export_into(result: Path, options: IntoOptions, console: Console) -> None:
+    """Write the user's OpenSim model with this person's joints, tables of what was done, and draws of it."""
+    out = options.out
+    if out is None or out.suffix != ".osim":
+        message = f"found {'nothing' if out is None else repr(str(out))}; allowed: a file FILE.osim to be written"
+        raise UsageError(message, field="--out")
+    if out.resolve() == options.model.resolve():
+        raise UsageError("found the model that is read; allowed: another file", field="--out")
+    wanted = {word.strip() for word in options.parameters.split(",")}
+    if wanted not in ({JOINTS}, {JOINTS, MASSES}):
+        message = f"found '{options.parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
+        raise UsageError(message, field="--parameters")
+    if MASSES in wanted and options.draws:
+        raise UsageError(
+            f"found {MASSES} with --draws, whose masses are those of the model; allowed: {JOINTS}", field="--parameters"
+        )
+    if options.muscles and not opensim_is_installed():
+        raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
+    saved = load_result(result)
+    transfer = Transfer.prepared(
+        saved.model,
+        options.model,
+        errors=saved.uncertainty.joint,
+        prior=prior_of_study(saved.settings.joint_prior),
+        names=options.names,
+        recorded=recorded_coordinates(result),
+        marker_set=saved.marker_set,
+    )
+    done = transfer.result(masses=MASSES in wanted)
+    for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
+        console.line(f"warning: {text}")
+    saved.files.require_unchanged()
+    atomic_bytes(out, done.content)
+    atomic_text(out.with_suffix(".joints.csv"), joints_csv(done))
+    _tell_joints(console, done)
+    drawn = [out.with_name(f"{out.stem}_draws") / f"{k + 1:03d}.osim" for k in range(options.draws)]
+    with console.working() as step:
+        rng = np.random.default_rng(options.seed)
+        for k, path in enumerate(drawn):
+            step(f"draw {k + 1} of {len(drawn)}")
+            atomic_bytes(path, transfer.drawn(rng))
+        if options.muscles:
+            ranges = leg_ranges(done.legs)
+            step("muscles before")
+            before = muscle_paths(options.model, ranges)
+            step("muscles after")
+            changes = muscle_changes(before, muscle_paths(out, ranges))
+            spread: list[Mapping[tuple[str, str], MusclePath]] = []
+            for k, path in enumerate(drawn):
+                step(f"muscles of draw {k + 1} of {len(drawn)}")
+                spread.append(muscle_paths(path, ranges))
+            atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread))
+    console.line()
+    if options.muscles:
+        _tell_muscles(console, changes)
+    else:
+        console.line("muscles: not computed; --muscles has OpenSim compute lengths and moment arms before and after")
+    for path in (out, out.with_suffix(".joints.csv"), *([out.with_suffix(".muscles.csv")] if options.muscles else [])):
+        console.line(f"wrote {path}")
+    if drawn:
+        console.line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
+
+
+def _tell_joints(console: Console, done: CalibratedOsim) -> None:
+    """What was found, and a row for either end of every joint."""
+    legs = {leg.ours: leg for leg in done.legs}
+    laid = frameless_table(("segment", "body"), ("markers", "shared", "apart mm"))
+    for r in done.registrations:
+        laid.add_row(r.segment, Text(r.body), str(r.markers), str(r.common), f"{1e3 * r.rms:.1f}")
+    console.out.print(laid)
+    console.line()
+    table = frameless_table(("joint", "theirs", "in body"), ("moved mm", "+-", "turned deg", "+-"))
+    for move in done.joints:
+        found_by = legs[move.joint].found_by if move.joint in legs else ""
+        theirs = move.theirs if found_by in ("", "name") else f"{move.theirs} (by {found_by})"
+        ends = [end for end in (move.parent, move.child) if end is not None]
+        if not ends:
+            table.add_row(move.joint, Text(theirs), "", "left" if theirs else "none", "", "", "")
+        for k, end in enumerate(ends):
+            numbers = (1e3 * end.moved, 1e3 * end.errors[0], np.degrees(end.turn), np.degrees(end.errors[1]))
+            words = [f"{x:.1f}" if np.isfinite(x) else "" for x in numbers]
+            table.add_row("" if k else move.joint, Text("" if k else theirs), Text(end.body), *words)
+    console.out.print(table)
+    if done.masses:
+        weights = frameless_table(("segment", "bodies"), ("kg", "now"))
+        for m in done.masses:
+            weights.add_row(m.segment, Text(", ".join(m.bodies)), f"{m.theirs:.2f}", f"{m.ours:.2f}")
+        console.line()
+        console.out.print(weights)
+    for verdict in (Verdict.UNDETERMINED, Verdict.ABSENT):
+        if which := [move.joint for move in done.joints if move.verdict is verdict]:
+            console.line(f"{', '.join(which)}: {verdict.value}")
+    for move in done.joints:
+        if max(1e3 * move.rolls[0], np.degrees(move.rolls[1])) > TOLD:
+            console.line(
+                f"{move.theirs} rolls, or cannot turn as the bones are turned: "
+                f"as the person stands, it and our hinge differ by {1e3 * move.rolls[0]:.1f} mm, "
+                f"{np.degrees(move.rolls[1]):.1f} deg"
+            )
+    for note in done.notes:
+        console.line(f"note: {note}")
+
+
+TOLD = 0.1
+"""mm, deg: standing bones that are off by more are told."""
+SHOWN = 12
+"""Muscles on the screen; the file has all."""
+
+
+def _tell_muscles(console: Console, changes: Sequence[MuscleChange]) -> None:
+    table = frameless_table(("muscle", "coordinate"), ("moment arm mm", "after", "at deg", "new jumps"))
+    for change in changes[:SHOWN]:
+        k = change.worst
+        before, after = 1e3 * change.before.arm[k], 1e3 * change.after.arm[k]
+        at = np.degrees(change.before.values[k])
+        names = Text(change.before.muscle), Text(change.before.coordinate)
+        table.add_row(*names, f"{before:.1f}", f"{after:.1f}", f"{at:.0f}", str(len(change.new_jumps)))
+    console.out.print(table)
+    if len(changes) > SHOWN:
+        console.line(f"and {len(changes) - SHOWN} more in the file")

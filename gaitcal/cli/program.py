@@ -218,12 +218,25 @@ def export(
     moments: told.Moments = None,
     external: told.External = False,
     units: told.Units = None,
+    into: told.Into = None,
+    names: told.Names = None,
+    parameters: told.Transferred = "joints",
+    muscles: told.Muscles = False,
+    draws: told.ModelDraws = 0,
+    seed: told.ModelSeed = 0,
 ) -> None:
-    """The fitted model for OpenSim, ROS, MuJoCo; recordings as C3D; strides in a convention of your choice."""
-    from gaitcal.cli.other_programs import convention_of, export_model
+    """The fitted model for OpenSim, ROS, MuJoCo; its joints in your own OpenSim model; recordings as C3D; strides."""
+    from gaitcal.cli.other_programs import IntoOptions, convention_of, export_into, export_model, require_into
 
-    chosen = convention_of(convention, moments, units, external=external)
-    export_model(result, formats, out, inputs, console, chosen, replace=replace)
+    if into is not None:
+        chosen = IntoOptions(
+            model=into, out=out, names=names, parameters=parameters, muscles=muscles, draws=draws, seed=seed
+        )
+        export_into(result, chosen, console)
+        return
+    require_into(names=names, parameters=parameters != "joints", muscles=muscles, draws=draws)
+    told_as = convention_of(convention, moments, units, external=external)
+    export_model(result, formats, out, inputs, console, told_as, replace=replace)
 
 
 @command

@@ -21,13 +21,11 @@ from gaitcal.arrays import Array
 from gaitcal.cohort.one_person import COLUMNS, EVERY, STEPS, VARIABLES, CommonSettings, no_curves
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.gait.conventions import read_normal_bands
+from gaitcal.gait.conventions import Convention, Signs, read_normal_bands
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
 from gaitcal.io.toml import package_version
-from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.page_data import coordinate_rows
 from gaitcal.page.plain_data import floats
 from gaitcal.page.trial_data import joint_of
 from gaitcal.page.view import write_cohort_page
@@ -277,25 +275,23 @@ def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[
     """What the packed curves are of, with normal bands where there are some, per kg for a body of mean size."""
     bands = {} if common.normal is None else read_normal_bands(common.normal)
     body = Subject(name="", mass=mass, height=height, sex="male")
-    words = {row["base"]: row for joint in coordinate_rows() for row in joint["rows"]}
-    out = []
+    clinical, out = Convention(signs=Signs.CLINICAL), []
     for name in VARIABLES:
-        base, kind = coordinate_of(name), kind_of(name)
-        senses = ["generated", "absorbed"] if kind is Kind.POWER else words[base][kind.words]
-        title = f"{base.capitalize()} power" if kind is Kind.POWER else coordinate_words(base).title
+        kind, sign = kind_of(name), float(clinical.values(name, np.ones(1), "r", body)[0])
+        whose = "internal, " if kind is Kind.MOMENT else ""
         variable: dict[str, Any] = {
             "name": name,
-            "joint": joint_of(base),
+            "joint": joint_of(coordinate_of(name)),
             "kind": kind.words,
-            "title": f"{title} moment" if kind is Kind.MOMENT else title,
+            "title": clinical.title(name),
             "unit": unit_of(name) if kind is Kind.ANGLE else f"{unit_of(name)}/kg",
-            "step": STEPS[kind],
-            "senses": senses,
+            "step": sign * STEPS[kind],
+            "positive": f"{whose}{clinical.senses(name, 'r')[0]}",
         }
         if name in bands:
             scale = 1.0 if kind is Kind.ANGLE else 1.0 / mass
             mean, sd = (scale * values[::EVERY] for values in bands[name].for_person(body))
-            variable["normal"] = {"mean": _rounded(mean), "sd": _rounded(sd), "source": bands[name].source}
+            variable["normal"] = {"mean": _rounded(sign * mean), "sd": _rounded(sd), "source": bands[name].source}
         out.append(variable)
     return out
 

@@ -15,14 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
-from gaitcal.compare.osim_reader import read_osim
-from gaitcal.compare.peer_model import Axis, LegGeometry, OtherModelError, PeerModel, leg_bodies, our_leg, peer_leg
-from gaitcal.model.linkage import SEGMENTS, SIDES
+from gaitcal.codes import Code
+from gaitcal.errors import InputError
+from gaitcal.export.osim_correspondence import ARMS, segment_of
+from gaitcal.export.osim_reader import read_osim
+from gaitcal.export.osim_registration import Registration, registered, shared_markers
+from gaitcal.export.peer_model import Axis, LegGeometry, PeerModel, leg_bodies, our_leg, peer_leg
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_distances, rigid_fit
 
 DIRECTIONS = ("ant", "sup", "lat")
 
@@ -32,10 +34,24 @@ class ComparisonRow:
     """One quantity in both models."""
 
     quantity: str
-    unit: str  # mm, deg, kg, or 1 for a count
+    unit: str
+    """mm, deg, kg, or 1 for a count."""
     ours: float
     theirs: float
-    difference: float  # theirs - ours
+    difference: float
+    """theirs - ours."""
+
+
+@dataclass(frozen=True)
+class _Registered:
+    """How well a peer's body could be laid on our segment."""
+
+    segment: str
+    markers: int
+    """Our markers on the segment."""
+    common: int
+    found: Registration | None
+    """None with fewer than three common markers, or all on one line."""
 
 
 def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
@@ -52,21 +68,20 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     peer = read_osim(osim)
     rows: list[ComparisonRow] = []
     for side in SIDES:
-        poses: dict[str, pin.SE3] = {}
-        laid: list[ComparisonRow] = []
-        for segment, body in leg_bodies(peer, side).items():
-            of_segment = _laid(model, peer, segment, body, poses)
-            laid += of_segment if side == SIDES[0] or segment != "pelvis" else []
-        theirs = _leg_quantities(side, peer_leg(peer, side, poses))
-        ours = _leg_quantities(side, our_leg(model.parameters, side))
-        rows += [_row(*name, value, theirs[name]) for name, value in ours.items() if name in theirs]
-        rows += laid
+        bodies = leg_bodies(peer, side)
+        laid = [_register(model, peer, segment, body) for segment, body in bodies.items()]
+        poses = {r.segment: r.found.pose for r in laid if r.found is not None}
+        rows += _leg_rows(side, our_leg(model.parameters, side), peer_leg(peer, side, poses))
+        for r in laid:
+            if side == SIDES[0] or r.segment != "pelvis":
+                rows += _registration_rows(r)
     rows += _mass_rows(model, peer)
     if not rows:
-        raise OtherModelError(
+        raise InputError(
             "has neither hip_flexion_r, knee_angle_r, ankle_angle_r (or _l) nor a body with a known name such as "
             f"pelvis, femur_r, tibia_r; found the bodies {', '.join(peer.masses)}",
             source=osim,
+            code=Code.OTHER_MODEL,
         )
     return rows
 
@@ -76,6 +91,12 @@ def _row(quantity: str, unit: str, ours: float, theirs: float) -> ComparisonRow:
     return ComparisonRow(
         quantity=quantity, unit=unit, ours=float(ours) + 0.0, theirs=float(theirs) + 0.0, difference=difference
     )
+
+
+def _leg_rows(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[ComparisonRow]:
+    """What both legs have, in the order of ours."""
+    known = _leg_quantities(side, theirs)
+    return [_row(*name, value, known[name]) for name, value in _leg_quantities(side, ours).items() if name in known]
 
 
 def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]:
@@ -112,31 +133,17 @@ def _turns(name: str, axis: Axis, along: int, planes: tuple[str, str]) -> dict[t
     return {(f"{name}, {plane}", "deg"): float(np.degrees(a)) for plane, a in zip(planes, angles, strict=True)}
 
 
-def _laid(
-    model: SubjectModel, peer: PeerModel, segment: str, body: str, poses: dict[str, pin.SE3]
-) -> list[ComparisonRow]:
-    """Lay the peer's `body` on our `segment` by the markers that both have on it, and tell how well that went.
+def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registered:
+    """Lay the peer's `body` on our `segment` by the markers that both have on it."""
+    theirs, ours = shared_markers(model, peer, segment, body)
+    markers = model.markers.segments.count(segment)
+    return _Registered(segment, markers, len(theirs), registered(segment, body, markers, theirs, ours))
 
-    `poses` gets the pose of the body in our segment, unless fewer than three markers are shared, or all on one line.
-    """
-    markers = model.markers
-    on_segment = [i for i, s in enumerate(markers.segments) if s == segment]
-    theirs, ours = [], []
-    for i in on_segment:
-        label = same_label(markers.labels[i], tuple(peer.markers))
-        carrier, position = peer.markers[label] if label is not None else ("", np.zeros(3))
-        if segment_of(carrier) == segment and carrier not in _SLIDING and peer.is_below(carrier, body):
-            theirs.append(peer.body_pose(carrier, body).act(position))
-            ours.append(markers.local[i])
-    rows = [_row(f"{segment} markers, and how many the peer shares", "1", len(on_segment), len(theirs))]
-    if len(theirs) < FEWEST_MARKERS:
-        return rows
-    shared = np.array(theirs), np.array(ours)[:, :, None], np.ones((len(theirs), 1))  # one "frame"
-    fit = rigid_fit(*shared)
-    if fit.determined[0]:
-        poses[segment] = pin.SE3(fit.rotation[0], fit.origin[0])
-        rms = float(np.sqrt(np.mean(rigid_distances(*shared) ** 2)))
-        rows.append(_row(f"{segment} shared markers, RMS distance after registration", "mm", 0.0, 1e3 * rms))
+
+def _registration_rows(r: _Registered) -> list[ComparisonRow]:
+    rows = [_row(f"{r.segment} markers, and how many the peer shares", "1", r.markers, r.common)]
+    if r.found is not None:
+        rows.append(_row(f"{r.segment} shared markers, RMS distance after registration", "mm", 0.0, 1e3 * r.found.rms))
     return rows
 
 
@@ -154,49 +161,3 @@ def _mass_rows(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
         ours["head_trunk"] += sum(ours[arm] for arm in ARMS)
     rows = [_row(titles[s], "kg", ours[s], theirs[s]) for s in MASSIVE_SEGMENTS if s in theirs]
     return [*rows, _row("total mass", "kg", model.parameters.mass, sum(peer.masses.values()))]
-
-
-ARMS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand"))
-
-_MIDDLE = {"pelvis": "pelvis", "torso": "head_trunk", "trunk": "head_trunk", "head": "head_trunk"}
-_SIDED = {
-    "femur": "thigh",
-    "patella": "thigh",
-    "tibia": "shank",
-    "fibula": "shank",
-    "pretalus": "foot",
-    "talus": "foot",
-    "calcn": "foot",
-    "toes": "foot",
-    "humerus": "upper_arm",
-    "ulna": "forearm_hand",
-    "radius": "forearm_hand",
-    "hand": "forearm_hand",
-}
-_SLIDING = ("patella_r", "patella_l")
-"""Bodies that slide on the segment they are counted with, so that their markers are no part of it."""
-
-
-def segment_of(body: str) -> str | None:
-    """Our segment for a peer's body (the talus counts with the foot), or None."""
-    if body in MASSIVE_SEGMENTS:
-        return body
-    if body in _MIDDLE:
-        return _MIDDLE[body]
-    stem, _, side = body.rpartition("_")
-    if side in SIDES and stem in _SIDED:
-        return f"{_SIDED[stem]}_{side}"
-    return body if body in SEGMENTS else None
-
-
-def same_label(label: str, candidates: tuple[str, ...]) -> str | None:
-    """The candidate with this name; else the only one that is the same but for case and punctuation; else None."""
-    if label in candidates:
-        return label
-    plain = _plain(label)
-    alike = [c for c in candidates if _plain(c) == plain]
-    return alike[0] if len(alike) == 1 and plain else None
-
-
-def _plain(label: str) -> str:
-    return "".join(c for c in label.casefold() if c.isalnum())

@@ -17,9 +17,9 @@ import pandas as pd
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.codes import Code
-from gaitcal.compare.peer_model import our_leg
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.errors import InputError
+from gaitcal.export.peer_model import our_leg
 from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of
 from gaitcal.gait.strides import TURNING
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-RIGHT, LEFT, WHOLE = "#0072B2", "#D55E00", "#009E73"
+RIGHT, LEFT, WHOLE = "#0072B2", "#C62828", "#009E73"
 STEP = "#E69F00"
 NOMINAL, INK, FAINT, GRID = "#7f7f7f", "#222222", "#666666", "#e6e6e6"
 STANCE, STANCE_KEY = "#000000", "#e4e4e4"

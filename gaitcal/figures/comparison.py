@@ -166,9 +166,7 @@ def _panel(axes: Axes, comparison: SessionComparison, convention: Convention, cu
 
     before, after = told("a", 0), told("b", 1)
     band = 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
-    positive, title = convention.senses(variable, side)[0], variable_title(variable)
-    if kind is Kind.MOMENT:
-        title = f"{title.split()[0]} {positive} moment"
+    positive, title = convention.senses(variable, side)[0], variable_title(variable, convention)
     dress(axes, ylabel=f"{UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)

@@ -31,8 +31,8 @@ from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR, nor
 from gaitcal.figures.report import HealthyBands
 from gaitcal.gait.conventions import Convention, MomentUnit
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
-from gaitcal.gait.moments import SIDE_WORDS, capitalised, counted
-from gaitcal.model.coordinates import coordinate_words, senses_of
+from gaitcal.gait.moments import SIDE_WORDS, counted
+from gaitcal.model.coordinates import senses_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 
@@ -97,7 +97,7 @@ class _Line:
 
 def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> Chart:
     lines = [line for side in SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
-    kind, title = kind_of(variable), variable_title(variable)
+    kind, title = kind_of(variable), variable_title(variable, convention)
     # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one sense for both sides,
     # OpenSim's have not.
     bands = _different([line for line in lines if line.healthy is not None])
@@ -194,6 +194,11 @@ def _off_keys(offs: Mapping[str, float]) -> Iterator[Key]:
         yield Key(label="thin upright lines: toe-off", colour=FAINT, width=TOE_OFF)
 
 
+def variable_title(variable: str, convention: Convention) -> str:
+    """`Hip extension moment`: named by what is positive."""
+    return "Vertical ground reaction force" if variable == GROUND_REACTION else convention.title(variable)
+
+
 def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
     """By what newtons are multiplied, and the unit, beside moments of that convention."""
     return {
@@ -201,14 +206,6 @@ def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
         MomentUnit.NM_PER_KG: (1.0 / subject.mass, "N/kg"),
         MomentUnit.PERCENT_BWH: (100.0 / subject.weight, "% body weight"),
     }[convention.unit]
-
-
-def variable_title(variable: str) -> str:
-    """`Hip flexion moment`."""
-    if variable == GROUND_REACTION:
-        return "Vertical ground reaction force"
-    kind, title = kind_of(variable), capitalised(coordinate_words(coordinate_of(variable)).title)
-    return title if kind is Kind.ANGLE else f"{title} {kind.words}"
 
 
 def _label(variable: str, convention: Convention, subject: Subject) -> str:

@@ -5,16 +5,18 @@ coordinate (flexion, adduction, internal rotation, dorsiflexion, inversion), N·
 
     signs       opensim     positive: hip and knee flexion, adduction, internal rotation, dorsiflexion, inversion; trunk
                             extension; pelvis posterior tilt, right side down, left turn
-                clinical    moments positive: extension, abduction, external rotation, plantarflexion, eversion; angles
-                            as before, but for the pelvis: anterior tilt, this side up, this side forward
+                clinical    angles positive: as before; pelvis anterior tilt, this side up, this side forward; trunk
+                            flexion, to this side, this side forward. Internal moments positive in the opposite sense
+                            (extension, abduction, external rotation, plantarflexion, eversion), external ones in the
+                            sense of the angle (flexion, adduction): the same numbers
     whose       internal    what muscles, ligaments and bones do; external: what they work against, the opposite
     frame       coordinates, proximal, distal, jcs      `dynamics/joint_kinetics.py`
     unit        N·m; N·m/kg; %BW*H, percent of body weight times height
 
-Signs and whose are told apart: the literature's external moments (flexion, adduction, dorsiflexion positive; the knee
-adduction moment above zero in stance) are opensim signs and external, its internal ones (extensor, abductor,
-plantarflexor positive) clinical signs and internal: the same numbers. Powers have one sign in all conventions: positive
-is generated. They are in W beside N·m, else in W/kg: percent of body weight times height has no power.
+Clinical signs are Plug-in Gait's: every graph of the right side has the shape of that of the left. The knee adduction
+moment is above zero in stance, internal (abduction positive) or external (adduction positive). Powers have one sign in
+all conventions: positive is generated. They are in W beside N·m, else in W/kg: percent of body weight times height has
+no power.
 
 Normal bands come from a CSV file: mean and standard deviation of healthy people over the gait cycle.
 
@@ -32,10 +34,11 @@ end of a line and lines of empty cells, as spreadsheet programs write them, are 
 |---|---|---|
 | `gaitcal`, `opensim` | as in `cycles.csv` | internal, in the coordinate's direction: flexor, adductor, dorsiflexor |
 | `external` | as in `cycles.csv` | external: all of the other sign |
-| `clinical` | pelvis: forward tilt, this side up, this side forward | internal: extensor, abductor, plantarflexor |
+| `clinical` | pelvis: forward tilt, this side up, this side forward; trunk: forward, to this side, this side forward \
+| internal: extensor, abductor, plantarflexor |
 
 The clinical signs are Plug-in Gait's (`export/plug_in_gait.py`), external rotator and evertor moments positive, too;
-angles of joints mean the same in all three. Powers and ground reactions have one sign.
+angles of legs mean the same in all three. Powers and ground reactions have one sign.
 
 Variables are those of `cycles.csv` and have no side; percents are of the stride of that foot, from its strike,
 increasing, at any steps: between them a straight line. Other percents are empty, not extended.
@@ -57,10 +60,10 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError, nearest
-from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of, known_variables
+from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, coordinate_of, kind_of, known_variables
 from gaitcal.io.text_file import read_lines
 from gaitcal.io.toml import models_path
-from gaitcal.model.coordinates import coordinate_words, is_of_leg, senses_of, split_side
+from gaitcal.model.coordinates import ClinicalSense, coordinate_words, senses_of, split_side
 from gaitcal.model.subject_model import Subject
 
 
@@ -70,7 +73,7 @@ class Signs(Enum):
     OPENSIM = "opensim"
     """Flexion, adduction, internal rotation, dorsiflexion, inversion."""
     CLINICAL = "clinical"
-    """Of moments: extension, abduction, external rotation, plantarflexion, eversion."""
+    """Plug-in Gait's: of internal moments extension, abduction, external rotation, plantarflexion, eversion."""
 
 
 class Acting(Enum):
@@ -112,14 +115,15 @@ class Convention:
     unit: MomentUnit = MomentUnit.NM
     """Of moments; powers go with it."""
 
-    def moment(self, name: str, values: Array, subject: Subject) -> Array:
+    def moment(self, name: str, values: Array, subject: Subject, side: str = "r") -> Array:
         """Moments or their standard errors in the unit and with the sign of this convention.
 
         `values`: N·m, internal and with OpenSim's sign, of a coordinate or component `name` (`hip_flexion_r`), in the
-        frame of this convention already. Standard errors keep their sign: take `abs`.
+        frame of this convention already; `side`: of the stride, which matters to pelvis and trunk. Standard errors keep
+        their sign: take `abs`.
         """
         factor = {MomentUnit.NM: 1.0, MomentUnit.NM_PER_KG: 1.0 / subject.mass}.get(self.unit, 100.0 / subject.bwh)
-        return factor * self._sign(name) * values
+        return factor * self._sign(name, Kind.MOMENT, side) * values
 
     def power(self, values: Array, subject: Subject) -> Array:
         """Powers (W) or their standard errors in the unit of this convention."""
@@ -127,46 +131,52 @@ class Convention:
 
     def angle(self, name: str, values: Array, side: str) -> Array:
         """Angles of a stride of one side (`r`, `l`) with the sign of this convention; their unit stays."""
-        return self._of_pelvis(name, side)[0] * values
+        return self._sign(name, Kind.ANGLE, side) * values
 
     def values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
-        """Values of a variable of `cycles.csv`, in its unit there, of strides of one side; of errors take `abs`."""
-        name = coordinate_of(variable)
-        match kind_of(variable):
+        """Values of a variable of `cycles.csv`, in its unit there, of strides of one side; of errors take `abs`.
+
+        `side`: empty where no stride says it: what the sides count otherwise then has OpenSim's sign.
+        """
+        name, kind = coordinate_of(variable), kind_of(variable)
+        match kind:
             case Kind.MOMENT:
-                return self.moment(name, values, subject)
+                return self.moment(name, values, subject, side)
             case Kind.POWER:
                 return self.power(values, subject)
-            case Kind.ANGLE:
-                return self.angle(name, values, side)
             case _:
-                return values
+                return self._sign(name, kind, side) * values
 
     def senses(self, variable: str, side: str) -> tuple[str, str]:
-        """What positive and negative values of a variable mean; the second is empty where it needs no words."""
-        name = coordinate_of(variable)
-        match kind_of(variable):
-            case Kind.POWER:
-                return "generated", "absorbed"
-            case Kind.FORCE:
-                return "upward", "downward"
-            case Kind.MOMENT:
-                positive = self.positive_moment(name).split(", ", 1)[1]
-            case _:
-                positive = self.positive_angle(name, side)
-        both = _senses(name)
-        return positive, both[1 - both.index(positive)] if positive in both else ""
+        """What positive and negative values of a variable mean in strides of one side; empty: where none says it."""
+        name, kind = coordinate_of(variable), kind_of(variable)
+        if kind is Kind.POWER:
+            return "generated", "absorbed"
+        clinical = self._clinical(name, side)
+        one, other = (clinical.words, clinical.opposite) if clinical else _senses(name)
+        opposed = kind is Kind.MOMENT and self.signs is Signs.CLINICAL and self.acting is Acting.INTERNAL
+        return (other, one) if opposed else (one, other)
+
+    def title(self, variable: str) -> str:
+        """`Hip flexion`, `Hip extension moment`, `Hip power`: named by what a positive value means."""
+        name, kind = coordinate_of(variable), kind_of(variable)
+        if kind is Kind.FORCE:
+            return GROUND_FORCES[name].title
+        if kind is Kind.POWER:
+            return f"{coordinate_words(name).title.capitalize()} power"
+        title, positive, usual = coordinate_words(name).title, self.senses(variable, "r")[0], _senses(name)[0]
+        turns = kind is Kind.MOMENT and usual.endswith(" rotation")
+        if title.endswith(f" {usual}") or turns:
+            title = f"{title.split()[0]} {positive}"
+        return title if kind is Kind.ANGLE else f"{title} moment"
 
     def positive_moment(self, name: str) -> str:
-        """What a positive moment means: `internal, abduction`."""
-        senses = _senses(name)
-        sign = self._sign(name) * (-1.0 if self.acting is Acting.EXTERNAL else 1.0)
-        return f"{self.acting.key}, {senses[0] if sign > 0 else senses[1]}"
+        """What a positive moment means: `internal, abduction`; of the trunk in a stride of the right side."""
+        return f"{self.acting.key}, {self.senses(f'{name}{Kind.MOMENT.ending}', 'r')[0]}"
 
     def positive_angle(self, name: str, side: str) -> str:
-        """What a positive angle means: `dorsiflexion`; of the pelvis in a stride of one side (`r`, `l`)."""
-        sense = self._of_pelvis(name, side)[1]
-        return sense or _senses(name)[0]
+        """What a positive angle means: `dorsiflexion`; of pelvis and trunk in a stride of one side (`r`, `l`)."""
+        return self.senses(name, side)[0]
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -174,9 +184,9 @@ class Convention:
         signs = {
             Signs.OPENSIM: "signs: of the coordinates (OpenSim): flexion, adduction, internal rotation, dorsiflexion "
             "positive; pelvis: posterior tilt, right side down, rotation to the left",
-            Signs.CLINICAL: "signs: clinical: moments of extension, abduction, external rotation, plantarflexion, "
-            "eversion positive; angles of flexion, adduction, dorsiflexion; pelvis: anterior tilt, this side up and "
-            "forward; trunk as its coordinates",
+            Signs.CLINICAL: "signs: clinical (Plug-in Gait): angles of flexion, adduction, internal rotation, "
+            "dorsiflexion positive; pelvis: anterior tilt, this side up and forward; trunk: flexion, to this side, "
+            "this side forward; internal moments positive in the opposite sense, external ones in the same",
         }[self.signs]
         return (
             f"moments are {self.acting.words}",
@@ -196,17 +206,41 @@ class Convention:
             "power_unit": self.unit.power,
         }
 
-    def _sign(self, name: str) -> float:
-        clinical = self.signs is Signs.CLINICAL and is_of_leg(name)
-        return (-1.0 if clinical else 1.0) * (-1.0 if self.acting is Acting.EXTERNAL else 1.0)
+    def _sign(self, name: str, kind: Kind, side: str) -> float:
+        external = -1.0 if kind is Kind.MOMENT and self.acting is Acting.EXTERNAL else 1.0
+        if self.signs is Signs.OPENSIM:
+            return external
+        clinical = self._clinical(name, side)
+        angle = clinical.sign(side) if clinical else 1.0
+        return -angle if kind is Kind.MOMENT else angle
 
-    def _of_pelvis(self, name: str, side: str) -> tuple[float, str]:
-        clinical = coordinate_words(name).clinical if self.signs is Signs.CLINICAL else None
-        return (1.0, "") if clinical is None else (clinical.sign(side), clinical.words)
+    def _clinical(self, name: str, side: str) -> ClinicalSense | None:
+        row = GROUND_FORCES.get(name) or coordinate_words(name)
+        found = row.clinical if self.signs is Signs.CLINICAL else None
+        return None if found and not side and found.right != found.left else found
+
+
+class GroundForce(NamedTuple):
+    """A component of the force of the ground on a foot, with OpenSim's senses."""
+
+    title: str
+    senses: tuple[str, str]
+    clinical: ClinicalSense | None = None
+
+
+GROUND_FORCES: Final[Mapping[str, GroundForce]] = {
+    GROUND_REACTION: GroundForce("Ground reaction, vertical", ("upward", "downward")),
+    "ground_reaction_forward": GroundForce("Ground reaction, forward", ("forward", "backward")),
+    "ground_reaction_sideways": GroundForce(
+        "Ground reaction, sideways",
+        ("to the right", "to the left"),
+        ClinicalSense(right=-1.0, left=1.0, words="medial", opposite="lateral"),
+    ),
+}
 
 
 def _senses(name: str) -> tuple[str, str]:
-    senses = senses_of(name)
+    senses = GROUND_FORCES[name].senses if name in GROUND_FORCES else senses_of(name)
     if senses is None:
         raise KeyError(name)
     return senses
@@ -412,10 +446,6 @@ def _band(variable: str, rows: Sequence[_Row], signs: Convention, origin: str, s
             raise _BandsError(fault, source=source, field=f"line {row.line}")
     if len(rows) < LEAST_POINTS:
         raise _BandsError(f"found one percent of {variable}; allowed: two or more", source=source)
-    if signs.signs is Signs.CLINICAL and coordinate_words(coordinate_of(variable)).group == "trunk":
-        raise _BandsError(
-            f"found {variable} with clinical signs, which differ there; allowed: signs gaitcal, external", source=source
-        )
     return NormalBand(
         variable=variable,
         unit=rows[0].unit,

@@ -203,7 +203,7 @@ GROUND_REACTION = "ground_reaction_vertical"
 
 def kind_of(variable: str) -> Kind:
     """Of a variable of `cycles.csv`: `knee_angle` is an angle, `knee_angle_moment` a moment."""
-    if variable == GROUND_REACTION:
+    if variable.startswith("ground_reaction_"):
         return Kind.FORCE
     return next((kind for kind in Kind if kind.ending and variable.endswith(kind.ending)), Kind.ANGLE)
 

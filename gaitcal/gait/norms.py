@@ -85,13 +85,13 @@ def norm_for(subject: Subject, speed: float | None) -> Norm:
     remark = ""
     if subject.age is None:
         if not looks_like_child(subject):
-            return Norm(remark="No norm: no age is told, and the body is no child's. age_years chooses one.")
+            return Norm(remark="No norm: no age is told (age_years), and the body may be an adult's.")
         size = f"{subject.height:.2f} m and {subject.mass:.0f} kg"
         remark = f"No age is told (age_years): {size} are taken for a child's. "
     elif not low <= subject.age < high:
         return Norm(
             remark=f"No norm fits an age of {subject.age:.0f} years: those that gaitcal brings are of children of "
-            f"{low:.0f} to {high - 1:.0f}. --normal FILE takes your laboratory's own."
+            f"{low:.0f} to {high - 1:.0f}. Your laboratory's own: --normal FILE."
         )
     length, how = leg_length(subject)
     steps = free_steps(length)

@@ -143,6 +143,12 @@ def atomic_file(target: Path | str) -> Iterator[Path]:
             (Path(stage) / target.name).replace(target)
 
 
+def atomic_bytes(target: Path | str, content: bytes) -> None:
+    """Write `content` to the file `target`, whole or not at all."""
+    with atomic_file(target) as path:
+        path.write_bytes(content)
+
+
 def atomic_text(target: Path | str, text: str) -> None:
     """Write `text` to the file `target` as UTF-8, line ends as they are, whole or not at all."""
     with atomic_file(target) as path, path.open("w", encoding="utf-8", newline="") as stream:

@@ -4,14 +4,15 @@ have another axis up are turned by quarters, as their other files are.
     NAME.csv         markers   time,RASI_x,RASI_y,RASI_z,...                               an empty cell is a gap
     NAME_forces.csv  plates    time,1_fx,1_fy,1_fz,1_px,1_py,1_pz,1_tx,1_ty,1_tz,2_fx,...  force, point, moment about it
     NAME_plates.csv  corners   plate,corner,x,y,z
+    NAME_facts.csv   the rest  fact,value              what a C3D file said of the person and of events
 
 The corners have no place in the table of forces, and without them nobody can tell whether a foot was wholly on its
 plate. Numbers are written in the shortest form that reads back to the same bits. Lines before the header that begin
-with `#` are comments; those that begin with `#:` say what a C3D file said of the person and of events:
+with `#` are comments. Facts are those of `labels.Facts`, without name and doubts, in kg, m, rad, s, values as JSON:
 
-    #: mass = 66.5                                 kg, m, rad, as in `labels.Facts`; without name and doubts
-    #: knee_width = {"r": 0.105, "l": 0.107}       values as JSON writes them
-    #: event = [1.23, "r", "foot strike"]          s
+    mass,66.5
+    knee_width,"{""r"": 0.105, ""l"": 0.107}"
+    event,"[1.23, ""r"", ""foot strike""]"
 
 Computed points are columns of the table itself: `computed:RKNE_x`.
 """
@@ -22,7 +23,7 @@ import csv
 import json
 import math
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Final
@@ -55,10 +56,10 @@ CORNERS = 4
 @naming_file
 def read_markers_csv(path: Path) -> Recording:
     """Markers of a wide table, every number as written."""
-    names, table, comments = _table(path)
+    names, table = _table(path)
     if is_force_header(names):
         raise FileFault("this is a table of forces; give it as the forces of a trial")
-    facts, events = facts_in_comments(comments)
+    facts, events = read_facts_csv(facts_file(path))
     places: dict[tuple[str, int], dict[int, int]] = {}
     for column, name in enumerate(names):
         match = MARKER_COLUMN.fullmatch(name)
@@ -102,7 +103,7 @@ def _points(table: NumberTable, columns: Collection[dict[int, int]]) -> Array:
 @naming_file
 def read_forces_csv(path: Path) -> Forces:
     """Plates of a wide table, every number as written."""
-    names, table, _ = _table(path)
+    names, table = _table(path)
     columns_of: dict[str, PlateColumns] = {}
     for column, name in enumerate(names):
         match = FORCE_COLUMN.fullmatch(name)
@@ -134,7 +135,7 @@ def read_header(path: Path) -> list[str]:
 
 @naming_file
 def write_markers_csv(path: Path, recording: Recording) -> None:
-    """Markers as a wide table that reads back bit for bit."""
+    """Markers as a wide table that reads back bit for bit, and NAME_facts.csv beside it where there is more to say."""
     require_plain_labels(recording)
     labels, values = list(recording.labels), recording.markers
     if (computed := recording.computed) is not None:
@@ -143,7 +144,8 @@ def write_markers_csv(path: Path, recording: Recording) -> None:
         labels += [COMPUTED + computed.labels[i] for i in at]
         values = np.concatenate([values, computed.points[:, at]], axis=1)
     names = [f"{label}_{axis}" for label in labels for axis in "xyz"]
-    _write(path, names, recording.time, values.reshape(len(recording.time), -1), comments_with_facts(recording))
+    _write(path, names, recording.time, values.reshape(len(recording.time), -1))
+    write_facts_csv(facts_file(path), recording)
 
 
 @naming_file
@@ -154,20 +156,19 @@ def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     _write(path, names, time, values)
 
 
-def _write(path: Path, names: list[str], time: Array, values: Array, comments: Sequence[str] = ()) -> None:
+def _write(path: Path, names: list[str], time: Array, values: Array) -> None:
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        file.writelines(f"{line}\n" for line in comments)
         csv.writer(file, lineterminator="\n").writerow(["time", *names])
         file.write(number_lines(np.column_stack([time, values]), ","))
 
 
-def _table(path: Path) -> tuple[list[str], NumberTable, list[str]]:
-    """Column names after time, the numbers with increasing times, and the lines before them."""
+def _table(path: Path) -> tuple[list[str], NumberTable]:
+    """Column names after time, and the numbers with increasing times."""
     lines = read_lines(path)
     names, start = _header(lines)
     table = parse_rows(lines, start, 1 + len(names), ",")
     require_increasing(table.values[:, 0], table.lines)
-    return names, table, lines[:start]
+    return names, table
 
 
 def _header(lines: list[str]) -> tuple[list[str], int]:
@@ -249,38 +250,49 @@ def _read_corners(path: Path, forces: str, allowed: Sequence[str]) -> dict[str, 
 
 # ------------------------------------------------------------------------------ what a C3D file says beside its samples
 
-MARK: Final = "#: "
+FACT_HEADER: Final = ["fact", "value"]
 COMPUTED: Final = "computed:"
 EVENT: Final = "event"
 _NAMES: Final = tuple(f.name for f in fields(Facts) if f.name not in ("name", "doubtful"))
 
 
-def comments_with_facts(recording: Recording) -> list[str]:
-    """Comment lines that `facts_in_comments` reads back to the same numbers."""
+def facts_file(markers: Path) -> Path:
+    """NAME_facts.csv beside NAME.csv."""
+    return markers.with_name(f"{markers.stem}_facts.csv")
+
+
+def write_facts_csv(path: Path, recording: Recording) -> None:
+    """What `read_facts_csv` reads back to the same numbers; nothing where there is nothing to say.
+
+    A table that lies there already is another's: it is emptied then.
+    """
     facts = {name: getattr(recording.facts, name) for name in _NAMES}
-    lines = [f"{MARK}{name} = {json.dumps(value)}" for name, value in facts.items() if value not in (None, {})]
-    events = ([e.time, e.side, e.moment.value] for e in recording.events)
-    return lines + [f"{MARK}{EVENT} = {json.dumps(event)}" for event in events]
+    rows: list[tuple[str, Any]] = [(name, value) for name, value in facts.items() if value not in (None, {})]
+    rows += [(EVENT, [e.time, e.side, e.moment.value]) for e in recording.events]
+    if rows or path.exists():
+        with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([FACT_HEADER, *((n, json.dumps(v)) for n, v in rows)])
 
 
-def facts_in_comments(lines: Iterable[str]) -> tuple[Facts, tuple[FootEvent, ...]]:
-    """Facts and events of the comment lines before a table; FileFault for one that says neither."""
+@naming_file
+def read_facts_csv(path: Path) -> tuple[Facts, tuple[FootEvent, ...]]:
+    """Facts and events of the table at `path`, none where there is none; FileFault for a row that says neither."""
     facts: dict[str, Any] = {}
     events: list[FootEvent] = []
-    for line in lines:
-        if not line.startswith(MARK):
-            continue
+    rows = list(csv.reader(read_lines(path))) if path.is_file() else [FACT_HEADER]
+    if not rows or rows[0] != FACT_HEADER:
+        raise FileFault(f"a header '{','.join(FACT_HEADER)}' is needed")
+    for number, row in enumerate(rows[1:], start=1):
         try:
-            name, _, text = line.removeprefix(MARK).partition(" = ")
-            value = json.loads(text)
+            name, value = row[0], json.loads(row[1])
             if name == EVENT:
                 time, side, moment = value
                 events.append(FootEvent(FootMoment(moment), {"r": "r", "l": "l"}[side], _number(time)))
             else:
                 facts[name] = _fact(name, value)
-        except (ValueError, TypeError, KeyError, RecursionError):
+        except (ValueError, TypeError, KeyError, IndexError, RecursionError):
             allowed = ", ".join((*_NAMES, EVENT))
-            raise FileFault(f"found '{line[:60]}'; allowed after '#:': {allowed}") from None
+            raise FileFault(f"found '{','.join(row)[:60]}'; allowed facts: {allowed}", f"row {number}") from None
     return Facts(**facts), tuple(sorted(events, key=lambda e: e.time))
 
 

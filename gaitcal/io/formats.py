@@ -5,6 +5,7 @@ What `convert` makes of a file:
 | from        | to                                                                                     |
 |-------------|----------------------------------------------------------------------------------------|
 | C3D         | CSV (with plates: NAME_forces.csv, too), TRC (NAME_forces.mot); corners: NAME_plates.csv |
+|             | and, for CSV, the person, events and widths: NAME_facts.csv                            |
 | TRC         | CSV, C3D                                                                               |
 | CSV markers | TRC, C3D (with the plates of NAME_forces.csv, where that lies beside it)                |
 | MOT, STO    | CSV of forces                                                                          |
@@ -27,6 +28,7 @@ from gaitcal.errors import InputError, nearest
 from gaitcal.io.c3d.reader import read_c3d
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.csv import (
+    facts_file,
     is_force_header,
     plates_file,
     read_forces_csv,
@@ -122,6 +124,8 @@ def _convert(new: Path, old: Path) -> tuple[Path, ...]:
         forces_ending = ".csv" if ending == ".csv" else ".mot"
         written = _write_forces(new.with_name(f"{new.stem}_forces{forces_ending}"), recording.plates)
     MARKER_WRITERS[ending](new, recording)
+    if ending == ".csv" and facts_file(new).is_file():
+        written = (*written, facts_file(new))
     return (new, *written)
 
 

@@ -4,8 +4,7 @@ How they move, and in which order, is told by the linkage (`linkage.py`); here s
 people's angles. Signs are OpenSim's (Rajagopal et al. 2016); both sides mean the same, so that a row has no side:
 
     angle       what a positive angle means, moment: what a positive internal moment does; senses: both ways, in words
-    clinical    clinical signs: moments of legs are of the other sense; angles differ for the pelvis alone, by the side
-                whose stride it is
+    clinical    clinical signs: angles that differ, of pelvis and trunk, by the side whose stride it is
 
 Numbers are degrees (pelvis translations: m), each told with its source where the field is defined.
 """
@@ -19,12 +18,13 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClinicalAngle:
-    """An angle that gait laboratories count otherwise, by the side of the stride."""
+class ClinicalSense:
+    """What gait laboratories count otherwise, by the side of the stride."""
 
-    right: float  # 1 or -1: factor of the angle in strides of the right foot
+    right: float  # 1 or -1: factor of the value in strides of the right foot
     left: float
     words: str  # what a positive one means: `this side up`
+    opposite: str  # and a negative one
 
     def sign(self, side: str) -> float:
         """In strides of one side (`r`, `l`)."""
@@ -56,7 +56,7 @@ class Coordinate:
     angle: str  # what a positive angle means: `flexion`
     moment: str  # what a positive internal moment does: `flexor`
     senses: tuple[str, str] | None = None  # what positive and negative values mean, of angles and of moments
-    clinical: ClinicalAngle | None = None  # the angle with clinical signs, where it is another
+    clinical: ClinicalSense | None = None  # with clinical signs, where they are others
     point: str = ""  # first word of the Plug-in Gait point that holds it: `Hip` of `RHipAngles`; empty: none does
     usual: tuple[float, float]  # deg: living people stay within, for sliders of other programs; contains Rajagopal's
     wall: tuple[float, float] | None = None
@@ -91,18 +91,21 @@ GROUPS: Final = {
 """In the order of pages."""
 LEG_GROUPS: Final = ("hip", "knee", "ankle")
 
+_FORWARD = ClinicalSense(right=1.0, left=-1.0, words="this side forward", opposite="this side backward")
+
 # fmt: off
 _ROWS: Final = (
     Coordinate(name="pelvis_tilt", group="pelvis", title="Pelvic tilt", angle="posterior", moment="posterior",
         senses=("posterior tilt", "anterior tilt"),
-        clinical=ClinicalAngle(right=-1.0, left=-1.0, words="anterior tilt"), point="Pelvis", usual=(-90.0, 90.0)),
+        clinical=ClinicalSense(right=-1.0, left=-1.0, words="anterior tilt", opposite="posterior tilt"),
+        point="Pelvis", usual=(-90.0, 90.0)),
     Coordinate(name="pelvis_list", group="pelvis", title="Pelvic obliquity", angle="right side down",
         moment="right side down", senses=("right side down", "left side down"),
-        clinical=ClinicalAngle(right=-1.0, left=1.0, words="this side up"), point="Pelvis", usual=(-90.0, 90.0)),
+        clinical=ClinicalSense(right=-1.0, left=1.0, words="this side up", opposite="this side down"), point="Pelvis",
+        usual=(-90.0, 90.0)),
     Coordinate(name="pelvis_rotation", group="pelvis", title="Pelvic rotation", angle="turned left",
         moment="to the left", senses=("rotation to the left", "rotation to the right"),
-        clinical=ClinicalAngle(right=1.0, left=-1.0, words="this side forward"), point="Pelvis",
-        usual=(-180.0, 180.0)),
+        clinical=_FORWARD, point="Pelvis", usual=(-180.0, 180.0)),
     Coordinate(name="hip_flexion", group="hip", title="Hip flexion", angle="flexion", moment="flexor",
         senses=("flexion", "extension"), point="Hip", usual=(-40.0, 130.0),
         limits=Limits(angle=(-50.0, 145.0), speed=1500.0, torque=50.0)),
@@ -124,19 +127,21 @@ _ROWS: Final = (
         senses=("inversion", "eversion"), point="Subtalar", usual=(-40.0, 40.0), wall=(-50.0, 50.0), spread=10.0,
         limits=Limits(angle=(-60.0, 60.0), speed=2000.0, torque=20.0)),
     Coordinate(name="lumbar_extension", group="trunk", title="Lumbar extension", angle="extension", moment="extensor",
-        senses=("extension", "flexion"), usual=(-90.0, 90.0), spread=5.0),
+        senses=("extension", "flexion"), usual=(-90.0, 90.0), spread=5.0,
+        clinical=ClinicalSense(right=-1.0, left=-1.0, words="flexion", opposite="extension")),
     Coordinate(name="lumbar_bending", group="trunk", title="Lumbar bending", angle="to the right",
         moment="to the right", senses=("bending to the right", "bending to the left"), usual=(-90.0, 90.0),
-        spread=5.0),
+        spread=5.0,
+        clinical=ClinicalSense(right=1.0, left=-1.0, words="to this side", opposite="to the other side")),
     Coordinate(name="lumbar_rotation", group="trunk", title="Lumbar rotation", angle="to the left",
         moment="to the left", senses=("rotation to the left", "rotation to the right"), usual=(-90.0, 90.0),
-        spread=5.0),
+        spread=5.0, clinical=_FORWARD),
     Coordinate(name="arm_flex", group="arm", title="Shoulder flexion", angle="flexion", moment="flexor",
-        usual=(-90.0, 180.0), spread=20.0),
+        senses=("flexion", "extension"), usual=(-90.0, 180.0), spread=20.0),
     Coordinate(name="arm_add", group="arm", title="Shoulder adduction", angle="adduction", moment="adductor",
-        usual=(-150.0, 90.0), spread=10.0),
+        senses=("adduction", "abduction"), usual=(-150.0, 90.0), spread=10.0),
     Coordinate(name="elbow_flex", group="arm", title="Elbow flexion", angle="flexion", moment="flexor",
-        usual=(-15.0, 160.0), spread=20.0),
+        senses=("flexion", "extension"), usual=(-15.0, 160.0), spread=20.0),
 )
 # fmt: on
 COORDINATE_TABLE: Final[dict[str, Coordinate]] = {row.name: row for row in _ROWS}

@@ -172,8 +172,9 @@ def _groups(
         always = there if seen.isdisjoint(tracking.get(segment, ())) else tuple(m for m in there if m in lasting)
         tracking[segment] = (*tracking.get(segment, ()), *always)
         static_only[segment] = (*static_only.get(segment, ()), *(m for m in there if m not in always))
-    for segment in set(static_only) - {s for s, labels in tracking.items() if labels}:  # landmarks without a cluster
-        tracking[segment] = static_only.pop(segment)
+    followed = {s for s, labels in tracking.items() if any(marker_set.weight(m) > 0 for m in labels)}
+    for segment in set(static_only) - followed:  # landmarks without a cluster
+        tracking[segment] = (*tracking.get(segment, ()), *static_only.pop(segment))
     return ({s: labels for s, labels in table.items() if labels} for table in (tracking, static_only))
 
 

@@ -48,6 +48,10 @@ _FOLDER = "robots/human_description/meshes"
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 BALLS = ("abdomen", "elbow", "knee", "neck", "shoulder")
 _RINGS, _AROUND = 13, 20
+_MOST_TRIANGLES = 1_500
+"""Of a mesh on the page: a processor without a graphics card draws them, too."""
+_COARSER = 1.2
+"""Factor of the grid's cells from one attempt at fewer triangles to the next."""
 _SLACK = 0.05
 """Of the longest side: how far a mesh may leave the box that places it."""
 _MOST_VERTICES = 65_536
@@ -230,7 +234,8 @@ def body_meshes() -> BodyMeshes:
             meshes[name] = round_body(*MESHES[name])
             continue
         try:
-            meshes[name] = _as_expected(name, read_stl(files[name].read_bytes()))
+            whole = _as_expected(name, read_stl(files[name].read_bytes()))
+            meshes[name] = with_fewer_triangles(whole, _MOST_TRIANGLES)
         except (KeyError, OSError, ValueError):
             meshes[name] = round_body(*MESHES[name], blunt=2.0)
             replaced.append(name)
@@ -304,3 +309,30 @@ def round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
         triangles.append(np.column_stack([below + following, above + corner, above + following]))
     triangles.append(np.column_stack([np.full(_AROUND, pole), top + following, top + corner]))
     return Mesh((low + high) / 2 + points * (high - low) / 2, np.vstack(triangles))
+
+
+def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
+    """The shape with at most so many triangles: corners that share a cell of a grid become their mean.
+
+    A mesh that has no more is returned as it is.
+    """
+    if len(mesh.triangles) <= most:
+        return mesh
+    corners = mesh.vertices[mesh.triangles]
+    cell = 0.5 * float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+    while True:
+        x, y, z = np.floor((mesh.vertices - mesh.vertices.min(axis=0)) / cell).astype(np.int64).T
+        group = np.unique((x * (y.max() + 1) + y) * (z.max() + 1) + z, return_inverse=True)[1].reshape(-1)
+        triangles = group[mesh.triangles]
+        low, middle, high = np.sort(triangles, axis=1).T
+        size = group.max() + 1
+        kept = (low != middle) & (middle != high)
+        # The same three cells twice are one triangle, or two that lie on each other.
+        _, first = np.unique(((low * size + middle) * size + high)[kept], return_index=True)
+        if len(first) <= most:
+            break
+        cell *= _COARSER
+    count = np.bincount(group)
+    means = np.column_stack([np.bincount(group, mesh.vertices[:, k]) / count for k in range(3)])
+    used, place = np.unique(triangles[kept][np.sort(first)], return_inverse=True)
+    return Mesh(means[used], place.reshape(-1, 3))

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from gaitcal.arrays import Array, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.page.body_meshes import Mesh, read_stl
+from gaitcal.page.body_meshes import Mesh, read_stl, with_fewer_triangles
 
 PACKAGE = "myo-sim"
 EXTRA = "bones"
@@ -35,8 +35,6 @@ _TYPES = {
     "Float32": "f4", "Float64": "f8", "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4",
     "UInt32": "u4", "Int64": "i8", "UInt64": "u8",
 }  # fmt: skip
-_COARSER = 1.2
-"""Factor of the grid's cells from one attempt at fewer triangles to the next."""
 
 _FILES: dict[str, tuple[tuple[str, ...], int]] = {
     "femur": (("r_femur", "femur_r", "femur_rv", "femur"), 1200),
@@ -223,30 +221,3 @@ def _inflated(text: str, counts: np.dtype[np.generic]) -> bytes:
     except zlib.error as error:
         raise ValueError("damaged data") from error
     return out
-
-
-def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
-    """The shape with at most so many triangles: corners that share a cell of a grid become their mean.
-
-    A mesh that has no more is returned as it is.
-    """
-    if len(mesh.triangles) <= most:
-        return mesh
-    corners = mesh.vertices[mesh.triangles]
-    cell = 0.5 * float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
-    while True:
-        x, y, z = np.floor((mesh.vertices - mesh.vertices.min(axis=0)) / cell).astype(np.int64).T
-        group = np.unique((x * (y.max() + 1) + y) * (z.max() + 1) + z, return_inverse=True)[1].reshape(-1)
-        triangles = group[mesh.triangles]
-        low, middle, high = np.sort(triangles, axis=1).T
-        size = group.max() + 1
-        kept = (low != middle) & (middle != high)
-        # The same three cells twice are one triangle, or two that lie on each other.
-        _, first = np.unique(((low * size + middle) * size + high)[kept], return_index=True)
-        if len(first) <= most:
-            break
-        cell *= _COARSER
-    count = np.bincount(group)
-    means = np.column_stack([np.bincount(group, mesh.vertices[:, k]) / count for k in range(3)])
-    used, place = np.unique(triangles[kept][np.sort(first)], return_inverse=True)
-    return Mesh(means[used], place.reshape(-1, 3))

@@ -2,7 +2,7 @@
 
 person, program     who, made when and with what
 verdict, lines      how far it can be believed; the three lines at the top of the page
-rows, measures      what curves and steps are called, and what their signs mean
+measures            what steps are called
 bands               healthy people, where they are given
 trials              curves, events, strides of each (`trial_data`), with sections of their own
 sections            preset of the page -> blocks: headings, sentences, tables, pictures of intervals
@@ -25,7 +25,8 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.explanations.explanation import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.faults.verdict import Judgement, Verdict, WalkVerdict
-from gaitcal.gait.cycles import coordinate_of, kind_of
+from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
+from gaitcal.gait.cycles import Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import explained
 from gaitcal.gait.norms import FREE_WORDS, Norm
 from gaitcal.gait.peaks import Figure, peak_means
@@ -33,7 +34,7 @@ from gaitcal.gait.profile_score import Score, score_title
 from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES
 from gaitcal.io.toml import package_version
 from gaitcal.model.anthropometry import looks_like_child
-from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, SEGMENT_ANGLES, Coordinate, is_of_leg
+from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, SEGMENT_ANGLES
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.page.fit import fit_blocks
@@ -74,6 +75,12 @@ SHOWN_MEASURES: Final = {
     "single_support_percent": ("Single support", 1),
 }
 """Measure -> its words and decimals in the table of steps and phases; `spatiotemporal.csv` has all of them."""
+UNITS: Final = {
+    "Nm": (("°", 1, 1.0, ""), ("N·m", 1, 1.0, ""), ("W", 0, 1.0, ""), ("N", 0, 1.0, "")),
+    "Nm/kg": (("°", 1, 1.0, ""), ("N·m/kg", 2, 1.0, "mass"), ("W/kg", 2, 1.0, "mass"), ("N/kg", 2, 1.0, "mass")),
+    "%BWH": (("°", 1, 1.0, ""), ("%BW·H", 2, 100.0, "bwh"), ("W/kg", 2, 1.0, "mass"), ("%BW", 1, 100.0, "weight")),
+}
+"""Unit of moments on the page -> of each `Kind` words, digits, a factor, and by what of the person it is divided."""
 _NO_BACKTICKS: Final = str.maketrans("", "", "`")
 
 
@@ -174,7 +181,6 @@ def person_page_data(
         },
         "verdict": verdict_page_data(verdict),
         "lines": [],
-        "rows": coordinate_rows(),
         "measures": [
             {
                 "name": name,
@@ -269,34 +275,63 @@ def explained_code(code: Code) -> dict[str, Any]:
 
 
 def coordinate_rows() -> list[dict[str, Any]]:
-    """Small multiples: joints with their coordinates, titles, and what positive and negative values mean.
-
-    `angle`, `moment`: words for a positive and a negative value with OpenSim's signs, moments internal. `flips`: the
-    clinical signs have the opposite moment. `pelvis`: side of the stride -> sign and word of the clinical angle.
-    """
-
-    def row_of(row: Coordinate) -> dict[str, Any]:
-        clinical = row.clinical
-        return {
-            "base": row.name,
-            "title": row.title,
-            "angle": list(row.senses or (row.angle, f"not {row.angle}")),
-            "moment": list(row.senses or (row.moment, f"not {row.moment}")),
-            "actor": row.moment,
-            "flips": is_of_leg(row.name),
-            "pelvis": {s: {"sign": clinical.sign(s), "words": clinical.words} for s in SIDES} if clinical else {},
-        }
-
+    """Small multiples: joints with their coordinates, and the power over all axes."""
     rows = (*COORDINATE_TABLE.values(), *SEGMENT_ANGLES.values())
     return [
         {
             "joint": key,
             "title": group.title,
             "power": group.power or None,
-            "rows": [row_of(row) for row in rows if row.group == key],
+            "rows": [row.name for row in rows if row.group == key],
         }
         for key, group in GROUPS.items()
     ]
+
+
+def conventions_data() -> dict[str, Any]:
+    """The joints of curves, and every convention that a reader may choose, as `gait/conventions.py` has it.
+
+    `signs`: signs -> whose moment -> `hip_flexion/moment` -> its title, and of each side of a stride (empty: over time)
+    the factor of a value in the files, and what a positive one means. `units`: unit of moments -> kind -> its words and
+    digits, and by what of the person values are divided.
+    """
+    body, one = Subject(name="", mass=1.0, height=1.0, sex="male"), np.ones(1)
+    powers = {group.power: " over all axes" for group in GROUPS.values() if group.power}
+    moved = [(name, kind) for name in COORDINATE_TABLE for kind in (Kind.ANGLE, Kind.MOMENT, Kind.POWER)]
+    moved += [(name, Kind.ANGLE) for name in SEGMENT_ANGLES]
+    every = (*moved, *((name, Kind.POWER) for name in powers), *((name, Kind.FORCE) for name in GROUND_FORCES))
+
+    def told(convention: Convention, name: str, kind: Kind) -> dict[str, Any]:
+        variable = name if kind is Kind.FORCE else f"{name}{kind.ending}"
+        sides = {
+            side: [
+                float(convention.values(variable, one, side, body)[0]),
+                convention.senses(variable, side)[0] + (powers.get(name, "") if kind is Kind.POWER else ""),
+            ]
+            for side in (*SIDES, "")
+        }
+        return {"title": convention.title(variable), **sides}
+
+    return {
+        "joints": coordinate_rows(),
+        "signs": {
+            signs.value: {
+                acting.key: {
+                    f"{name}/{kind.words}": told(Convention(signs=signs, acting=acting), name, kind)
+                    for name, kind in every
+                }
+                for acting in Acting
+            }
+            for signs in Signs
+        },
+        "units": {
+            unit: {
+                kind.words: dict(zip(("words", "digits", "times", "per"), of, strict=True))
+                for kind, of in zip(Kind, kinds, strict=True)
+            }
+            for unit, kinds in UNITS.items()
+        },
+    }
 
 
 def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -25,7 +25,7 @@ from gaitcal.io.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bone_files import BoneMeshes, installed_bones
 from gaitcal.page.bone_placement import landmarked
-from gaitcal.page.page_data import MOST_LETTERS, curves_left_out, peak_page_rows, thinned
+from gaitcal.page.page_data import MOST_LETTERS, conventions_data, curves_left_out, peak_page_rows, thinned
 from gaitcal.page.plain_data import script_json
 from gaitcal.page.scene import MotionScene, Scene, scene_of
 from gaitcal.page.scene_file import MOST_BYTES, left_out, scene_json
@@ -148,6 +148,7 @@ def joined_page(results: Sequence[tuple[str, BodyText, str]]) -> str:
     viewer, licences = _meshcat()
     content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
     bones = dict.fromkeys(body.bones_licence for _, body, _ in results if body.bones_licence)
+    content["CONVENTIONS"] = script_json(conventions_data())
     content["RESULTS"] = f"[{','.join(result(*one) for one in results)}]"
     content["LICENCES"] = "\n\n".join([*licences, content["LICENCES"], *bones]).replace("<", "‹")
     # One pass over the template: what a name holds is never looked at again.

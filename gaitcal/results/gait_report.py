@@ -18,7 +18,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, CurvePanel, ReportContent, Sheet
 from gaitcal.gait.conventions import BAND_SIGNS, Bands, Convention, MomentUnit, NormalBand, Signs
-from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, coordinate_of, kind_of, known_variables, typed
+from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, kind_of, known_variables, typed
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.norms import FREE_WORDS, Norm, norm_for, own_norm
@@ -26,7 +26,7 @@ from gaitcal.gait.profile_score import profile_scores
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.toml import read_toml
-from gaitcal.model.coordinates import FOOT_PROGRESSION, coordinate_words
+from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, person_facts, read_page_data
@@ -268,7 +268,7 @@ def _panels(
             average, sd = (CLINICAL.values(variable, part, "r", subject) for part in band.for_person(subject))
             norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
-            title=_title(variable),
+            title=CLINICAL.title(variable),
             unit={Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}[kind],
             senses=CLINICAL.senses(variable, "r"),
             strides=curves,
@@ -277,20 +277,6 @@ def _panels(
             norm=norm,
             least=LEAST[kind],
         )
-
-
-def _title(variable: str) -> str:
-    """`Hip adduction`, `Hip abduction moment`, `Hip power`: a moment by what it does where it is positive."""
-    if variable == GROUND_REACTION:
-        return "Vertical ground reaction"
-    title = coordinate_words(coordinate_of(variable)).title
-    match kind_of(variable):
-        case Kind.MOMENT:
-            return f"{title.split()[0]} {CLINICAL.senses(variable, 'r')[0]} moment"
-        case Kind.POWER:
-            return f"{title.capitalize()} power"
-        case _:
-            return title
 
 
 def _norm(

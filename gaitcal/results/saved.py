@@ -188,6 +188,25 @@ def moving_trials(folder: Path) -> list[str]:
         ) from None
 
 
+def recorded_coordinates(folder: Path) -> dict[str, Array]:
+    """Coordinate -> its values (m, rad) in the frames of the moving trials in which it moves: over half of its largest
+    range in any of them.
+    """
+    found = []
+    for k, _ in enumerate(moving_trials(folder)):
+        with np.load(folder / SPLINES, allow_pickle=False) as stored:
+            time, nodes = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
+        found.append(spline_basis(time, len(nodes)).evaluate(nodes))
+    if not found:
+        return {}
+    ranges = np.array([np.ptp(q, axis=0) for q in found])
+    moves = ranges >= 0.5 * ranges.max(axis=0)
+    return {
+        name: np.concatenate([q[:, k] for q, moved in zip(found, moves[:, k], strict=True) if moved])
+        for k, name in enumerate(COORDINATES)
+    }
+
+
 def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
     """The trial `name`, the `k`-th of `moving_trials`; the caller sees to it that files are whole (`read_whole`)."""
     model = load_model(folder / MODEL)

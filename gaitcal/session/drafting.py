@@ -347,6 +347,8 @@ class _Drafting:
             return row_of(file, used="marker set" * chosen, reason="" if chosen else "another set knows more labels")
         if file.kind is FileKind.CORNERS:
             return row_of(file, used="corners of the plates in the table of forces beside it")
+        if file.kind is FileKind.FACTS:
+            return row_of(file, used="what the file of the recording beside it said of person and events")
         if file.kind is FileKind.EVENTS:
             return row_of(file, used="foot events of the recordings that it names")
         return row_of(file, reason="a study file; it is not looked into" if file.kind is FileKind.STUDY else "")

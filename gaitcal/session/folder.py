@@ -21,7 +21,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.csv import CORNER_HEADER, is_force_header, read_header
+from gaitcal.io.csv import CORNER_HEADER, FACT_HEADER, is_force_header, read_header
 from gaitcal.io.event_table import EVENTS, read_events
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.force_tables import Forces
@@ -47,6 +47,7 @@ class FileKind(Enum):
     EXTERNAL_LOADS = "external forces"
     """OpenSim's XML that says which columns of a table are which force."""
     CORNERS = "corners of plates"
+    FACTS = "person and events"
     EVENTS = "foot events"
     MARKER_SET = "marker set"
     STUDY = "study"
@@ -172,9 +173,10 @@ def _csv(file: FolderFile) -> FolderFile:
     try:
         header = read_header(file.path)
     except InputError:
-        text = file.path.read_bytes()[:4000].decode("utf-8", "replace")
-        if any(line.strip().lower() == ",".join(CORNER_HEADER) for line in text.splitlines()):
-            return replace(file, kind=FileKind.CORNERS)
+        lines = file.path.read_bytes()[:4000].decode("utf-8", "replace").lower().splitlines()
+        for columns, kind in ((CORNER_HEADER, FileKind.CORNERS), (FACT_HEADER, FileKind.FACTS)):
+            if ",".join(columns) in map(str.strip, lines):
+                return replace(file, kind=kind)
         raise
     if is_force_header(header):
         return replace(file, kind=FileKind.FORCES, forces=read_forces(file.path))

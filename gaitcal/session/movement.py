@@ -72,8 +72,6 @@ class Standing:
 
 def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | None, str]:
     """The standing posture, or None and why there is none."""
-    if len(recording.time) < 2:
-        return None, "a single frame"
     recording = complete_static(recording, marker_set)
     marker_set = worn(marker_set, recording)
     try:
@@ -238,6 +236,7 @@ def movement(
     time = recording.time
     if posture is not None and posture.throughout:
         words = f"still to {1e3 * posture.speed:.0f} mm/s, upright, {time[-1] - time[0]:.1f} s"
+        words = words if len(time) > 1 else "upright in its one frame"
         return Movement(shows=Shows.STANDS, evidence=words)
     if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
         return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")

@@ -226,7 +226,8 @@ def sitting_of(recordings: Mapping[int, Recording], stems: Mapping[int, str], ma
         missing = sum(name not in postures[i].landmarks for name in REQUIRED)
         told = bool(recordings[i].facts.is_static)
         word = STATIC_WORD.search(stems[i]) is not None
-        return (missing, not told, -len(worn[i]), not word, round(1e3 * postures[i].speed), stems[i].lower(), i)
+        moment = len(recordings[i].time) == 1  # nobody can tell whether they stand still in it
+        return (missing, moment, not told, -len(worn[i]), not word, round(1e3 * postures[i].speed), stems[i].lower(), i)
 
     ranked = sorted(only, key=rank)
     distances = {i: pair_distances(r, marker_set) for i, r in recordings.items()}

@@ -34,7 +34,7 @@ COHORT = "page-cohort"
 PEOPLE = 60
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Picture:
     """One picture."""
 
@@ -44,36 +44,21 @@ class Picture:
     size: tuple[int, int] = (1280, 800)
     element: str = ""
     """JavaScript of the element that is cut out; the whole window unless given."""
-    wide: int = 0
-    """px that are kept of the element, where it is wider."""
     tall: int = 0
     """px below its upper edge, where more than the element is meant."""
 
 
+BODY = "document.querySelector('#body-pane')"
+AT = "&trial=gait&t=0.45"
 PICTURES = (
-    Picture(name="page-clinician", place="preset=clinician&trial=gait&t=0.45"),
-    Picture(name="page-joints", place="preset=joints&trial=gait&t=0.45"),
-    Picture(name="page-trust", place="preset=trust&trial=gait&t=0.45"),
-    Picture(
-        name="model",
-        place="preset=joints&trial=gait&t=0.45",
-        element="document.querySelector('#body-pane')",
-        size=(1280, 900),
-    ),
-    Picture(
-        name="joint",
-        place="preset=joints&trial=gait&t=0.3&joint=knee_r",
-        element="document.querySelector('#body-pane')",
-    ),
-    Picture(
-        name="error-sources",
-        place="preset=trust&trial=gait&t=0.45",
-        size=(1280, 2600),
-        element=f"{HEADED}('What makes the error bar'))",
-        tall=475,
-    ),
-    Picture(name="page-phone", place="preset=clinician&trial=gait&t=0.45", size=(390, 844)),
-    Picture(name=COHORT, place="", size=(1280, 1000)),
+    Picture("page-clinician", f"preset=clinician{AT}"),
+    Picture("page-joints", f"preset=joints{AT}"),
+    Picture("page-trust", f"preset=trust{AT}"),
+    Picture("model", f"preset=joints{AT}", (1280, 900), BODY),
+    Picture("joint", "preset=joints&trial=gait&t=0.3&joint=knee_r", element=BODY),
+    Picture("error-sources", f"preset=trust{AT}", (1280, 2600), f"{HEADED}('What makes the error bar'))", tall=475),
+    Picture("page-phone", f"preset=clinician{AT}", (390, 844)),
+    Picture(COHORT, "", (1280, 1000)),
 )
 
 
@@ -85,8 +70,7 @@ def take(page: Page, url: str, picture: Picture) -> bytes:
     clip: dict[str, Any] = {}
     if picture.element:
         x, y, width, height = page.run(BOX.format(element=picture.element))
-        width, height = picture.wide or width, picture.tall or height
-        clip = {"clip": {"x": x, "y": y, "width": width, "height": height, "scale": 1}}
+        clip = {"clip": {"x": x, "y": y, "width": width, "height": picture.tall or height, "scale": 1}}
     return base64.b64decode(page.send("Page.captureScreenshot", format="png", **clip)["data"])
 
 

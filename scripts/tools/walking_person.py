@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,6 +30,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from numpy.typing import ArrayLike
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import HEEL_M, SHAPE, FootPoints
@@ -113,11 +114,8 @@ class Walk:
 def true_walk(seed: int | None = None) -> Walk:
     """The walk of the built-in person, or of the perturbed one of a seed, with all that it asks of the ground."""
     model = published_model()
-    if seed is None:
-        motion = two_strides(model.parameters)
-    else:
-        parameters, motion = true_gait(seed)
-        model = replace(model, parameters=parameters)
+    parameters, motion = (model.parameters, two_strides(model.parameters)) if seed is None else true_gait(seed)
+    model = replace(model, parameters=parameters)
     wrench = residual_free_wrench(model.parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     forces = Dynamics(model.parameters).forces(q, v, a, wrench)
@@ -206,6 +204,8 @@ def passes(walk: Walk) -> bool:
     return inside and pushes and all(abs(p.off) <= WITHIN for p in peaks(walk, normal_bands()))
 
 
+SINGLE_SUPPORT = (12, 50)
+"""% of the stride."""
 SOURCES = "Bands: Schwartz et al. 2008, children 4 to 17 years, free speed; models/norms/ tells more."
 
 
@@ -213,64 +213,53 @@ def draw(walk: Walk) -> Figure:
     """All of it in one figure."""
     bands = normal_bands()
     figure = new_figure(9.0, 8.8, dpi=150)
-    cells = figure.add_gridspec(
-        4, 3, height_ratios=(1, 1, 1, 0.62), left=0.07, right=0.985, top=0.935, bottom=0.085, hspace=0.4, wspace=0.24
-    )
-    for k, stem in enumerate(MOMENTS):
+    ratios, edges = (1, 1, 1, 0.62), {"left": 0.07, "right": 0.985, "top": 0.935, "bottom": 0.085}
+    cells = figure.add_gridspec(4, 3, height_ratios=ratios, **edges, hspace=0.4, wspace=0.24)
+
+    def curves(axes: Axes, values: Callable[[int, str], Array], width: float = 1.6) -> None:
+        """Both legs' over the stride, one line for each stride: they begin where the percent falls."""
+        for foot, side in enumerate(SIDES):
+            percent, curve, style = walk.percent(foot), values(foot, side), line_style(SIDE_DASHES[side])
+            for s in np.split(np.arange(len(percent)), np.flatnonzero(np.diff(percent) < 0) + 1):
+                axes.plot(percent[s], curve[s], color=SIDE_COLOURS[side], ls=style, lw=width)
+        axes.set_xlim(0, 100)
+
+    for k, (stem, (title, low, high)) in enumerate(MOMENTS.items()):
         axes = figure.add_subplot(cells[divmod(k, 3)])
-        title, low, high = MOMENTS[stem]
         dress(axes, title=title, ylabel=f"{low}  ·  {high}" if k % 3 else f"N·m/kg   {low}  ·  {high}")
         if stem in bands:
-            _band(axes, bands[stem])
-        for name in (low, high):
-            if (stem, name) in ADULT_PEAKS:
-                _peak_band(axes, *ADULT_PEAKS[stem, name])
-        for foot, side in enumerate(SIDES):
-            _curve(axes, walk.percent(foot), walk.moments[f"{stem}_{side}"], side)
-        axes.set_xlim(0, 100)
-    for k, directions in enumerate(((1,), (0, 2))):
+            _band(axes, *(bands[stem][column] for column in ("percent", "mean", "sd")))
+        for mean, sd in (ADULT_PEAKS[stem, name] for name in (low, high) if (stem, name) in ADULT_PEAKS):
+            _band(axes, SINGLE_SUPPORT, mean, sd)  # a peak whose time is not published is in single support
+            write(axes, 52, mean, "peak of adults", va="center")
+        curves(axes, lambda _, side, stem=stem: walk.moments[f"{stem}_{side}"])
+    for k, (title, directions) in enumerate({"Vertical": (1,), "Horizontal": (0, 2)}.items()):
         axes = figure.add_subplot(cells[2, 1 + k])
-        dress(axes, title=("Vertical ground reaction", "Horizontal ground reaction")[k], ylabel="body weights")
-        for direction in directions:
-            for foot, side in enumerate(SIDES):
-                inward = -1.0 if direction == 2 and side == "r" else 1.0  # both sides alike: towards the other foot
-                values = inward * walk.force[:, foot, direction]
-                _curve(axes, walk.percent(foot), values, side, width=0.8 if direction == 2 else 1.6)
-        axes.set_xlim(0, 100)
+        dress(axes, title=f"{title} ground reaction", ylabel="body weights")
+        for axis in directions:  # both sides alike: sideways is towards the other foot
+            inward = {"r": -1.0 if axis == 2 else 1.0, "l": 1.0}
+            curves(
+                axes, lambda foot, side, a=axis, i=inward: i[side] * walk.force[:, foot, a], 0.8 if axis == 2 else 1.6
+            )
         if len(directions) > 1:
             write(axes, 99, axes.get_ylim()[1] * 0.95, "thick: forward\nthin: inward", ha="right", va="top")
     _soles(figure.add_subplot(cells[3, :]), walk)
     handles: list[Line2D | Patch] = [
         Line2D([], [], color=SIDE_COLOURS[s], ls=line_style(SIDE_DASHES[s]), label=SIDE_WORDS[s]) for s in SIDES
     ]
-    handles += [
-        Patch(color=FAINT, alpha=alpha, label=f"normal, mean ± {n} SD", lw=0) for n, alpha in ((1, 0.34), (2, 0.16))
-    ]
+    shades = ((1, 0.34), (2, 0.16))
+    handles += [Patch(color=FAINT, alpha=alpha, label=f"normal, mean ± {n} SD", lw=0) for n, alpha in shades]
     figure.legend(handles=handles, loc="upper right", ncols=4, frameon=False, prop={"family": FONT, "size": NORMAL})
     figure.text(0.012, 0.978, "The built-in person's walk", family=FONT, fontsize=TITLE + 2, fontweight="bold")
-    figure.text(
-        0.012, 0.012, f"Over each leg's stride (%). Moments are internal. {SOURCES}", family=FONT, fontsize=NORMAL - 1
-    )
+    said = f"Over each leg's stride (%). Moments are internal. {SOURCES}"
+    figure.text(0.012, 0.012, said, family=FONT, fontsize=NORMAL - 1)
     return figure
 
 
-def _band(axes: Axes, band: pd.DataFrame) -> None:
+def _band(axes: Axes, percent: ArrayLike, mean: ArrayLike, sd: ArrayLike) -> None:
+    mean, sd = np.asarray(mean), np.asarray(sd)
     for width, alpha in ((2.0, 0.16), (1.0, 0.2)):
-        low, high = (band["mean"] + sign * width * band["sd"] for sign in (-1.0, 1.0))
-        axes.fill_between(band["percent"], low, high, color=FAINT, alpha=alpha, linewidth=0)
-
-
-def _peak_band(axes: Axes, mean: float, sd: float) -> None:
-    """A peak whose time is not published: over single support, in which it is."""
-    for width, alpha in ((2.0, 0.16), (1.0, 0.2)):
-        axes.fill_between((12, 50), mean - width * sd, mean + width * sd, color=FAINT, alpha=alpha, linewidth=0)
-    write(axes, 52, mean, "peak of adults", va="center")
-
-
-def _curve(axes: Axes, percent: Array, values: Array, side: str, width: float = 1.6) -> None:
-    """A curve over the stride, one line for each: they begin where the percent falls."""
-    for stride in np.split(np.arange(len(percent)), np.flatnonzero(np.diff(percent) < 0) + 1):
-        axes.plot(percent[stride], values[stride], color=SIDE_COLOURS[side], ls=line_style(SIDE_DASHES[side]), lw=width)
+        axes.fill_between(percent, mean - width * sd, mean + width * sd, color=FAINT, alpha=alpha, linewidth=0)
 
 
 def _soles(axes: Axes, walk: Walk) -> None:

@@ -29,12 +29,7 @@ from scripts.validation.harness import judged, say
 from scripts.validation.many_people import copy_people, look_at, write_people
 
 TABLES = (
-    "people.csv",
-    "people.parquet",
-    "cycles.parquet",
-    "failures.csv",
-    "columns.csv",
-    "cohort.html",
+    *("people.csv", "people.parquet", "cycles.parquet", "failures.csv", "columns.csv", "cohort.html"),
     "manifest.json",
 )
 """What must be the same; times.csv tells what is not."""
@@ -47,12 +42,11 @@ SHARED = ("--seed",)
 PEOPLE_EACH = {"kills": [8], "cluster": [6], "memory": [20, 60], "page": [100, 1000]}
 
 
-def command(*words: object) -> list[str]:
-    return [sys.executable, "-c", "from gaitcal.cli import main; main()", *map(str, words)]
-
-
 def start(source: Path, out: Path, *words: object) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(command("cohort", source, "--out", out, "-q", *words))
+    """`gaitcal cohort` in a process of its own."""
+    code = "from gaitcal.cli import main; main()"
+    told = map(str, ("cohort", source, "--out", out, "-q", *words))
+    return subprocess.Popen([sys.executable, "-c", code, *told])
 
 
 def whole(source: Path, out: Path, *words: object) -> float:
@@ -69,30 +63,29 @@ def people_with_a_fault(source: Path, people: int) -> None:
     (source / f"P{people - 1:04d}" / "static.c3d").write_bytes(b"no recording")
 
 
-def tables(out: Path) -> dict[str, bytes]:
-    return {name: (out / name).read_bytes() for name in TABLES}
-
-
 def same(what: str, one: Path, other: Path) -> bool:
     """Whether the tables of two cohorts are the same, told table by table."""
-    first, second = tables(one), tables(other)
-    differ = [name for name in TABLES if first[name] != second[name]]
-    say(
-        f"{'NOT MET' if differ else 'met'}: {what}: {', '.join(differ) or 'all tables'} "
-        f"{'differ' if differ else 'are the same, bit for bit'}"
-    )
+    differ = [name for name in TABLES if (one / name).read_bytes() != (other / name).read_bytes()]
+    said = f"NOT MET: {what}: {', '.join(differ)} differ" if differ else ""
+    say(said or f"met: {what}: all tables are the same, bit for bit")
     return not differ
 
 
-def children(parent: int) -> list[int]:
+def _told(process: int | str, name: str) -> str:
+    """What the system says of a process; empty where it has ended."""
+    try:
+        return Path(f"/proc/{process}/{name}").read_text()
+    except OSError:
+        return ""
+
+
+def workers_of(parent: int) -> list[int]:
     """Processes that work for another one."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            if int(stat.read_text().rpartition(")")[2].split()[1]) == parent:
-                found.append(int(stat.parent.name))
-        except OSError:
-            continue
+        parents = _told(stat.parent.name, "stat").rpartition(")")[2].split()[1:2]
+        if parents == [str(parent)] and "spawn_main" in _told(stat.parent.name, "cmdline"):
+            found.append(int(stat.parent.name))
     return found
 
 
@@ -112,7 +105,7 @@ def kills(folder: Path, people: int, times: int, seed: int) -> bool:
     while of_parent + of_worker < times:
         running = start(source, victim, "--jobs", 2)
         time.sleep(LEAST_S + chance.random() * took / 2)
-        below = [p for p in children(running.pid) if "spawn_main" in _said(p)]
+        below = workers_of(running.pid)
         if running.poll() is not None:
             forget_some(victim, chance)
         elif below and chance.random() < 0.5:
@@ -121,23 +114,13 @@ def kills(folder: Path, people: int, times: int, seed: int) -> bool:
             if chance.random() < 0.5:
                 running.wait()
                 forget_some(victim, chance)
-            else:
-                running.kill()
-                of_parent += 1
-        else:
+        if running.returncode is None:
             running.kill()
             of_parent += 1
         running.wait()
     whole(source, victim, "--jobs", 2)
     print(f"{of_parent} times the parent, {of_worker} times a worker was killed")
     return same("killed", folder / "alone", victim)
-
-
-def _said(process: int) -> str:
-    try:
-        return Path(f"/proc/{process}/cmdline").read_text().replace("\0", " ")
-    except OSError:
-        return ""
 
 
 def cluster(folder: Path, people: int) -> bool:
@@ -177,11 +160,8 @@ def memory(folder: Path, sizes: Sequence[int]) -> bool:
 
 
 def _peak(process: int) -> float:
-    try:
-        text = Path(f"/proc/{process}/status").read_text()
-    except OSError:
-        return 0.0
-    return next((float(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith("VmHWM")), 0.0)
+    lines = _told(process, "status").splitlines()
+    return next((float(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), 0.0)
 
 
 def page(folder: Path, sizes: Sequence[int]) -> bool:

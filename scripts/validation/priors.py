@@ -31,7 +31,6 @@ import numpy as np
 
 from gaitcal import Study
 from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_root
 from gaitcal.cohort.learn_priors import Rules, learn_cohort, parts_of, priors_words
@@ -42,8 +41,6 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.session.joint_parameters import fit_joints
-from gaitcal.session.session import session_of
 from gaitcal.study.joint_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, joint_prior, mirror
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
@@ -59,6 +56,7 @@ from gaitcal.synthetic.motion import (
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.error_bars import rms, shares
 from scripts.validation.harness import commas
+from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.study_folder import write_folder
 
 SHARED = ("--seed",)
@@ -135,21 +133,6 @@ class MadePerson:
     person: Person
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fit:
-    """Joint parameters of a person."""
-
-    fitted: Array
-    """(98,) m, rad."""
-    influence: ErrorSources
-
-    @property
-    def errors(self) -> Array:
-        """(98,) m, rad: standard errors."""
-        known = self.influence.standard_errors
-        return np.array([known[name] for name in JP_NAMES])
-
-
 def person_of(draw: Draw, seed: tuple[int, ...], *, isolated: bool) -> MadePerson:
     """Draw and record a person."""
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2)]
@@ -198,15 +181,12 @@ def walk_alone(made: MadePerson) -> MadePerson:
 
 def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
     """Calibrate the joint parameters."""
-    stage = fit_joints(session_of(replace(made.study, joint_prior=prior), made.nominal))
-    if stage.joint is None:
-        raise RuntimeError("no joint parameters were fitted")
-    return Fit(fitted=stage.parameters.joint, influence=stage.joint.errors)
+    return fitted("made up", replace(made.study, joint_prior=prior))
 
 
 def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
     """What a person's recordings say."""
-    parts = parts_of(found.influence, found.fitted - made.nominal.parameters.joint, JP_NAMES, None)
+    parts = parts_of(found.influence, found.parameters.joint - made.nominal.parameters.joint, JP_NAMES, None)
     if parts is None:
         raise RuntimeError("errors of joint parameters without rank")
     return PersonEvidence(name=name, person=made.person, recordings=frozenset(), parts=parts)
@@ -269,7 +249,7 @@ def _chosen(kind: Kind, joint: str) -> Array:
 
 def _errors(outcomes: Sequence[Outcome], prior: str) -> Array:
     """(N, 54) m, rad; of the nominal joints for an empty `prior`."""
-    return np.array([((o.fits[prior].fitted if prior else o.nominal) - o.truth)[LEGS] for o in outcomes])
+    return np.array([((o.fits[prior].parameters.joint if prior else o.nominal) - o.truth)[LEGS] for o in outcomes])
 
 
 def _line(outcomes: Sequence[Outcome], name: str, chosen: Array) -> str:

@@ -42,9 +42,6 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.sessions import load_session
-from gaitcal.session.joint_parameters import fit_joints
-from gaitcal.session.session import session_of
-from gaitcal.study.study import nominal_of
 from gaitcal.synthetic.motion import (
     TrueMotion,
     marker_noise,
@@ -57,6 +54,7 @@ from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.error_bars import coverage, rms
 from scripts.validation.harness import say, side_by_side
+from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import only, study_of_person
 from scripts.validation.study_folder import write_folder
 
@@ -72,7 +70,7 @@ PERSON = "multi"
 Key = TypeVar("Key")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class MadeSession:
     """One session's fit, and what it should have found."""
 
@@ -131,14 +129,8 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
     with tempfile.TemporaryDirectory() as name:
         worn = record_session(person, rng, Path(name))
         study = Study.load(Path(name) / "study.toml")
-    nominal = nominal_of(study)
-    stage = fit_joints(session_of(study, nominal))
-    if stage.joint is None:
-        raise RuntimeError("no joint parameters were fitted")
-    truth = in_static_frames(worn, HipCentre(study.settings.hip_rule)).joint
-    return MadeSession(
-        truth=truth, nominal=nominal.parameters.joint, fitted=stage.parameters.joint, influence=stage.joint.errors
-    )
+    truth, found = in_static_frames(worn, HipCentre(study.settings.hip_rule)).joint, fitted("made up", study)
+    return MadeSession(truth, found.nominal.parameters.joint, found.parameters.joint, found.influence)
 
 
 def outcome(seed: int) -> Outcome:

@@ -129,8 +129,8 @@ def test_a_broken_link_is_told(tmp_path: Path) -> None:
     (tmp_path / "a.html").write_text(text, encoding="utf-8")
     (tmp_path / "b.html").write_text('<p id="here">', encoding="utf-8")
     found = check(tmp_path)
-    assert found.broken == ("a.html: b.html#there: no such place in it", "a.html: c.html")
-    assert found.fetched == ("https://example.org/x.png",)
+    assert found.broken == ["a.html: b.html#there: no such place in it", "a.html: c.html"]
+    assert found.fetched == ["https://example.org/x.png"]
 
 
 def test_versions_lie_beside_each_other(tmp_path: Path) -> None:

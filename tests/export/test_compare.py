@@ -12,9 +12,9 @@ import pinocchio as pin
 import pytest
 
 from gaitcal.compare.comparison import ComparisonRow, compare
-from gaitcal.compare.osim_reader import read_osim
 from gaitcal.errors import InputError
 from gaitcal.export.osim import body_fixed_xyz, from_body_fixed_xyz, numbers, write_osim
+from gaitcal.export.osim_reader import read_osim
 from gaitcal.model.linkage import LEGS
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.mechanics import SEEDS, perturbed

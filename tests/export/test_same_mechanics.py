@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.compare.osim_reader import read_osim
 from gaitcal.errors import InputError
 from gaitcal.export.osim import write_osim
+from gaitcal.export.osim_reader import read_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, table

@@ -102,7 +102,7 @@ def test_a_line_is_the_mean_of_cycles_csv(folder: Path, whole: Calibration) -> N
         (Convention(unit=MomentUnit.NM_PER_KG), 1.0),
         (Convention(unit=MomentUnit.NM_PER_KG, signs=Signs.CLINICAL), -1.0),
         (Convention(unit=MomentUnit.NM_PER_KG, acting=Acting.EXTERNAL), -1.0),
-        (Convention(unit=MomentUnit.NM_PER_KG, acting=Acting.EXTERNAL, signs=Signs.CLINICAL), 1.0),
+        (Convention(unit=MomentUnit.NM_PER_KG, acting=Acting.EXTERNAL, signs=Signs.CLINICAL), -1.0),
     ],
 )
 def test_moments_are_told_in_the_convention(

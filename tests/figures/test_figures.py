@@ -162,7 +162,7 @@ def test_legends_lie_inside_their_figures(whole: Calibration) -> None:
 def test_right_and_left_keep_their_colours(whole: Calibration) -> None:
     for kind in ("angles", "moments", "ground_reactions", "moment_change"):
         colours = {key.label: key.colour for key in charts(whole)[kind].keys}
-        assert (colours["right"], colours["left"]) == ("#0072B2", "#D55E00")
+        assert (colours["right"], colours["left"]) == ("#0072B2", "#C62828")
 
 
 def test_global_settings_of_matplotlib_stay(whole: Calibration) -> None:

@@ -111,10 +111,6 @@ def test_what_is_wrong_is_one_line_with_the_line_of_the_file(tmp_path: Path, row
         ("variable,unit,percent,mean,sd\n", "signs: missing; allowed: a line '# signs: gaitcal"),
         ("# signs: mine\nvariable,unit,percent,mean,sd\n", "found 'mine'"),
         ("# signs: gaitcal\nname,mean\n", "columns: found 'name,mean'; allowed: 'variable,unit,percent,mean,sd'"),
-        (
-            "# signs: clinical\nvariable,unit,percent,mean,sd\nlumbar_bending,deg,0,1,1\nlumbar_bending,deg,9,1,1\n",
-            "lumb",
-        ),
     ],
 )
 def test_signs_and_columns_must_be_told(tmp_path: Path, header: str, message: str) -> None:

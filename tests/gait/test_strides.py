@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
+import ezc3d
 import numpy as np
 import pytest
 from hypothesis import given
@@ -30,10 +34,14 @@ from gaitcal.gait.strides import (
     turn_between,
     turns,
 )
+from gaitcal.io.labels import FootMoment
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.motion import Motion
+from gaitcal.motion.motion import Motion, tracked_motion
+from gaitcal.session.session import prepare_trial
+from gaitcal.study.study import nominal_of
+from scripts.validation.recordings import study_of_person
 from tests.page.people import subject_model
 
 TIME = np.arange(0.0, 3.001, 0.01)
@@ -193,3 +201,35 @@ def test_toes_in_is_positive_on_both_sides_whatever_the_direction() -> None:
         for along in (line, line + np.pi):
             for side in "rl":
                 np.testing.assert_allclose(np.degrees(feet.progression(side, along)), 10.0, atol=1e-9)
+
+
+FROM_VENDOR_DEG = 5.0
+"""RMS in stance of four children is 1.7 to 4.4; the vendor goes by the room's axis, and by the ankle's centre."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("person", ["HC002D", "HC031A"])
+def test_foot_progression_is_the_vendors(person: str, data_dir: Path) -> None:
+    study = study_of_person(person)
+    model = nominal_of(study)
+    trial = next(t for t in study.trials if t.name == "straight")
+    prepared = prepare_trial(trial, model, study.settings)
+    motion = tracked_motion(prepared.body, model.parameters)
+    feet = FootHeadings(foot_headings(motion, model.parameters)[0])
+    points = dict(vendor_points(data_dir / "children" / person / "straight.c3d"))
+    for side in "rl":
+        ours, theirs = np.degrees(feet.progression(side, 0.0)), points[f"{side.upper()}FootProgressAngles"][:, 2]
+        own = [e for e in prepared.recording.events if e.side == side]
+        stances = [(a.time, b.time) for a, b in pairwise(own) if a.moment is FootMoment.STRIKE]
+        down = np.any([(motion.time >= a) & (motion.time <= b) for a, b in stances], axis=0)
+        assert np.sqrt(np.mean((ours - theirs)[down] ** 2)) < FROM_VENDOR_DEG
+        assert ours[down].mean() < 2.0, "these children's toes point outwards or ahead"
+
+
+def vendor_points(path: Path) -> Iterator[tuple[str, Array]]:
+    """Label -> (nf, 3) of what the file has computed."""
+    file = ezc3d.c3d(str(path))
+    group = file["parameters"]["POINT"]
+    labels = [label for name in ("LABELS", "LABELS2", "LABELS3") if name in group for label in group[name]["value"]]
+    for k, label in enumerate(labels):
+        yield label.split(":")[-1].strip(), file["data"]["points"][:3, k].T

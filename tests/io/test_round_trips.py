@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -202,14 +203,18 @@ def test_a_table_says_what_its_c3d_file_said(file: str, data_dir: Path, tmp_path
     kept = [original.computed.labels.index(label) for label in found.computed.labels]
     np.testing.assert_array_equal(found.computed.points, original.computed.points[:, kept])
     assert "PELO" in original.computed.labels and "PELO" not in found.computed.labels
-    assert original.facts.name not in (tmp_path / "x.csv").read_text(encoding="utf-8")
+    for table in ("x.csv", "x_facts.csv"):
+        assert original.facts.name not in (tmp_path / table).read_text(encoding="utf-8")
+    plain = pd.read_csv(tmp_path / "x.csv")
+    assert list(plain.columns[:2]) == ["time", f"{original.labels[0]}_x"] and len(plain) == len(original.time)
+    assert pd.read_csv(tmp_path / "x_facts.csv").columns.tolist() == ["fact", "value"]
 
 
 @pytest.mark.parametrize(
-    "line",
-    ['#: mass = "x"', "#: mass = NaN", '#: event = [1, "x", "foot strike"]', "#: nobody = 1", "#: knee_width = {"],
+    "row", ['mass,"""x"""', "mass,NaN", 'event,"[1, ""x"", ""foot strike""]"', "nobody,1", "knee_width,{", "mass"]
 )
-def test_a_damaged_line_of_what_was_said_is_named(line: str, tmp_path: Path) -> None:
-    (tmp_path / "x.csv").write_text(f"{line}\n# plain words\ntime,A_x,A_y,A_z\n0,1,2,3\n", encoding="utf-8")
-    with pytest.raises(InputError, match="allowed after '#:': mass, height"):
+def test_a_damaged_row_of_what_was_said_is_named(row: str, tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text("# plain words\ntime,A_x,A_y,A_z\n0,1,2,3\n", encoding="utf-8")
+    (tmp_path / "x_facts.csv").write_text(f"fact,value\n{row}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="x_facts.csv: row 1: .*allowed facts: mass, height"):
         read_recording(tmp_path / "x.csv")

@@ -306,15 +306,14 @@ def test_rows_say_what_pages_and_files_need() -> None:
     for row in COORDINATE_TABLE.values():
         assert row.group in GROUPS and row.title and row.angle and row.moment
         assert (row.usual[0] < row.usual[1]) != (row.name in LOCKED), row.name
-        assert row.clinical is None or row.group == "pelvis", "only pelvis angles differ with clinical signs"
+        assert row.clinical is None or row.group in ("pelvis", "trunk"), "angles of legs have one sign"
         for side in "rl":
             assert group_of(with_side(row.name, side)) == row.group
     assert [name for name in COORDINATE_TABLE if is_of_leg(name)] == list(LEG_COORDINATES)
 
 
-def test_clinical_signs_turn_moments_of_legs_and_nothing_else() -> None:
+def test_a_clinical_internal_moment_acts_against_the_positive_angle() -> None:
     clinical = Convention(signs=Signs.CLINICAL)
     for row in COORDINATE_TABLE.values():
-        if row.senses:
-            told = clinical.positive_moment(row.name)
-            assert told == f"internal, {row.senses[1 if row.name in LEG_COORDINATES else 0]}"
+        angle = clinical.senses(row.name, "r")
+        assert clinical.positive_moment(row.name) == f"internal, {angle[1]}"

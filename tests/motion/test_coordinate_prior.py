@@ -246,6 +246,9 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     for k, name in enumerate(motion.coordinates):
         expected = DEVIATION.get(name, 0.0) if name in problem.guessed else 0.0
         np.testing.assert_allclose(np.rad2deg(np.sqrt(variance[:, k])), expected, atol=1e-3, err_msg=name)
+    twice = 2.0 * np.eye(len(motion.coordinates))[None, :2].repeat(len(motion.q), axis=0)
+    more = coordinate_variances(problem, moves, twice)[ErrorSource.POSTURE]
+    np.testing.assert_allclose(more[:, -2:], 4.0 * variance[:, :2], rtol=1e-9, err_msg="what depends on coordinates")
     whole = problem_of(walk)
     seen = marker_moves(whole, tracked_motion(whole, MODEL.parameters).nodes, MODEL.parameters, None)
     assert ErrorSource.POSTURE not in seen.own

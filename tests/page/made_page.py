@@ -14,7 +14,7 @@ from gaitcal.gait.cycles import GaitCycle, normalise, usable
 from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, Stride
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.bone_files import BoneMeshes
-from gaitcal.page.page_data import FORMAT, SHOWN_MEASURES, coordinate_rows, explained_code
+from gaitcal.page.page_data import FORMAT, SHOWN_MEASURES, explained_code
 from gaitcal.page.plain_data import base64_of, floats
 from gaitcal.page.scene import MotionScene, Scene
 from gaitcal.page.trial_data import Curve, masks_of, packed_curves, peaks_in
@@ -33,7 +33,7 @@ def page_data(scene: Scene, trials: list[dict[str, Any]], **more: Any) -> dict[s
         "format": FORMAT, "program": "gaitcal", "made": "22 November 2026",
         "person": {"name": scene.subject, "mass": scene.mass, "height": scene.height, **person},
         "verdict": {"judgement": "trustworthy", "sentence": "Nothing speaks against it.", "reasons": []}, "lines": [],
-        "rows": coordinate_rows(), "measures": [], "bands": [], "sections": {}, "trials": trials,
+        "measures": [], "bands": [], "sections": {}, "trials": trials,
     } | more  # fmt: skip
 
 

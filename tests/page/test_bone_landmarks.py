@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.page.body_meshes import Mesh
-from gaitcal.page.bone_files import installed_bones, with_fewer_triangles
+from gaitcal.page.body_meshes import Mesh, with_fewer_triangles
+from gaitcal.page.bone_files import installed_bones
 from gaitcal.page.bone_landmarks import (
     NoLandmark,
     condyles,

@@ -13,7 +13,7 @@ import pytest
 
 from gaitcal import ensemble
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
-from gaitcal.model.coordinates import senses_of
+from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.page.page_data import coordinate_rows, peak_page_rows
 from gaitcal.page.plain_data import lengths
 from gaitcal.page.scene import Scene
@@ -39,6 +39,7 @@ STRIDES = {
 }
 """Trial 0 has a right stride that turns, trial 2 no right stride."""
 CONVENTIONS = "gaitcal.curves.conventions"
+LEAD = "gaitcal.curves.lead"
 Visit = Callable[..., Page]
 
 
@@ -95,7 +96,7 @@ def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
     """Mean, SD, standard error and count over strides and trials, for each leg on its own; a turn is left out."""
     _, sheet, table = walked
     found = ensemble(table).set_index(["variable", "side", "percent"]).sort_index()
-    page.run("gaitcal.state.set({ spread: 'mean', unit: 'Nm' })")
+    page.run("gaitcal.state.set({ spread: 'mean', unit: 'Nm', signs: 'opensim' })")
     agree = []
     for base, kind in {(c["base"], c["kind"]) for c in sheet["trials"][0]["curves"]}:
         told = page.run(f"""(() => {{ const c = gaitcal.curves;
@@ -120,7 +121,7 @@ def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
 
 def test_conventions_are_those_of_the_package(page: Page) -> None:
     units = {"Nm": MomentUnit.NM, "Nm/kg": MomentUnit.NM_PER_KG, "%BWH": MomentUnit.PERCENT_BWH}
-    bases = [row["base"] for joint in coordinate_rows() for row in joint["rows"]]
+    bases = [base for joint in coordinate_rows() for base in joint["rows"] if base in COORDINATE_TABLE]
     for signs, acting, (unit, moment_unit) in itertools.product(Signs, Acting, units.items()):
         convention = Convention(signs=signs, acting=acting, unit=moment_unit)
         chosen = json.dumps({"signs": signs.value, "acting": acting.key, "unit": unit})
@@ -130,12 +131,11 @@ def test_conventions_are_those_of_the_package(page: Page) -> None:
                 c.positive('{base}', 'angle', '{side}')]
                 )(new Gaitcal.Convention(gaitcal.curves.strides.sheet, {chosen}))""")
             one = np.ones(1)
-            assert told[0] == pytest.approx(float(convention.moment(base, one, SUBJECT)[0]), rel=1e-12)
+            assert told[0] == pytest.approx(float(convention.moment(base, one, SUBJECT, side)[0]), rel=1e-12)
             assert told[1] == float(convention.angle(base, one, side)[0])
             assert told[2] == pytest.approx(float(convention.power(one, SUBJECT)[0]), rel=1e-12)
-            if senses_of(base):
-                assert f"{acting.key}, {told[3]}" == convention.positive_moment(base)
-                assert told[4] == convention.positive_angle(base, side)
+            assert f"{acting.key}, {told[3]}" == convention.positive_moment(base)
+            assert told[4] == convention.positive_angle(base, side)
 
 
 @pytest.mark.slow
@@ -149,7 +149,7 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
         page.run(STEADY)
         seconds = page.run("gaitcal.state.seconds")
         assert np.abs(time - seconds).min() < ON_FRAME
-        lead = page.run(f"{at}.lead")
+        lead = page.run(LEAD)
         stride = next(
             s for s in page.run("gaitcal.sheet.strides") if s["side"] == lead and s["start"] <= seconds <= s["stop"]
         )
@@ -166,9 +166,10 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
 
 def standing(page: Page, at: str, side: str) -> float:
     """Where a cursor stands on its axis."""
-    return float(page.run(f"""(p => {{
-        const px = Number(/translateX\\(([-\\d.]+)px/.exec(p.cursors['{side}'].style.transform)[1]);
-        return p.span.min + px / p.span.wide * (p.span.max - p.span.min); }})({at})"""))  # fmt: skip
+    return float(
+        page.run(f"""(p => p.span.min + p.cursor('{side}', gaitcal.curves.now) / p.span.wide *
+        (p.span.max - p.span.min))({at})""")
+    )
 
 
 @pytest.mark.slow
@@ -189,8 +190,19 @@ def test_the_clock_moves_every_cursor(axis: str, page: Page) -> None:
                 percent = 100 * (seconds - start) / (stop - start)
                 assert standing(page, at, side) == pytest.approx(percent, abs=100 * ON_LINE / wide)
     page.run("gaitcal.clock.seek(0.05)")  # before any stride: no cursor over the cycle, one over time
-    hidden = page.run(f"{panel('hip_flexion', 'angle')}.cursors.r.style.transform") == "translateX(-99px)"
-    assert hidden
+    assert page.run(f"{panel('hip_flexion', 'angle')}.cursor('r', gaitcal.curves.now)") is None
+
+
+def test_cursors_are_drawn_where_the_clock_stands(page: Page) -> None:
+    """Over each panel in view there is ink at its cursor, and none beside it."""
+    at = panel("hip_flexion", "angle")
+    place(page, at, 0.5)
+    inks = page.run(f"""(p => {{ const {{ overlay, now }} = gaitcal.curves, pen = overlay.getContext('2d');
+        const plot = p.plot.over.getBoundingClientRect(), over = overlay.getBoundingClientRect();
+        const ink = (side, away) => pen.getImageData(Math.round(plot.left - over.left + p.cursor(side, now)) + away - 1,
+          Math.round(plot.top - over.top + 0.5 * plot.height), 3, 9).data.some((part) => part > 0);
+        return ['r', 'l'].flatMap((side) => [ink(side, 0), ink(side, 9)]); }})({at})""")
+    assert inks == [True, False, True, False]
 
 
 def test_the_pointed_panel_tells_its_values(page: Page, walked: Any) -> None:
@@ -200,12 +212,12 @@ def test_the_pointed_panel_tells_its_values(page: Page, walked: Any) -> None:
     page.move(*place(page, at, 0.2))
     page.run(STEADY)
     sentence = page.run("document.querySelector('.curve-sentence').textContent")
-    percent = round(page.run("gaitcal.curves.now.percent"))
+    exact = page.run("gaitcal.curves.now.r")
+    percent = round(exact)
     rows = table[(table.trial == "walk0") & (table.variable == "knee_adduction_moment") & (table.stride == 1)]
     right = rows[(rows.side == "r")].set_index("percent")
-    assert sentence.startswith("Knee adduction moment: right ") and f"N·m at {percent} % / " in sentence
+    assert sentence.startswith("Knee abduction moment: right ") and f" ({percent} %), left " in sentence
     if right.loc[percent, "valid"]:
-        exact = page.run("gaitcal.curves.now.percent")
         value = -np.interp(exact, right.index, right["value"])
         assert float(sentence.split("right ")[1].split(" ")[0].replace("\u2212", "-")) == pytest.approx(value, abs=1.0)
 
@@ -220,10 +232,13 @@ def test_dragging_loops_whole_frames_and_a_press_ends_it(page: Page) -> None:
     window = page.run("gaitcal.state.window")
     times = np.array(page.run("Array.from(gaitcal.trial.time)"))
     assert window[0] < window[1] and all(np.abs(times - t).min() < ON_FRAME for t in window)
-    lead = page.run(f"{at}.lead")
+    lead = page.run(LEAD)
     start, stop = next((a, b) for a, b in itertools.pairwise(STRIDES[0][lead]) if a <= window[0] <= b)
     assert (np.array(window) - start) / (stop - start) == pytest.approx([0.2, 0.6], abs=0.03)
-    assert page.run(f"{at}.plot.select.width") > 0
+    shaded = "gaitcal.curves.panels.filter((p) => p.visible && p.plot).map((p) => p.plot.select.width / p.span.wide)"
+    page.run(f"{panel('knee_angle', 'angle')}.nearest({{ clientX: 0, clientY: 1e4 }})")  # another leg may lead now
+    widths = page.run(f"(gaitcal.curves.redraw(), {STEADY}).then(() => {shaded})")
+    assert len(widths) > 3 and np.ptp(widths) < 0.01 and min(widths) > 0.3, "all panels shade the same part"
     mouse(page, "mousePressed", *begin)
     mouse(page, "mouseReleased", *begin)
     assert page.run("gaitcal.state.window") is None and page.run(f"{at}.plot.select.width") == 0

@@ -41,7 +41,7 @@ def test_switches_are_a_row_and_say_what_is_set_behind_the_button(visit: Visit, 
     assert words(page, "#switches-more") == ["More"]
     page.run("gaitcal.state.set({ acting: 'external', second: false, off: new Set(['0/0/r/1']) })")
     assert words(page, "#switches-more") == ["More: external, no second result, strides left out"]
-    assert words(page, "#switches .told") == ["external, OpenSim\u2019s signs"]
+    assert words(page, "#switches .told") == ["external, clinical signs"]
     page.run("document.getElementById('switches-more').click()")
     assert not page.run("document.getElementById('switches-others').hidden")
     assert page.run("document.getElementById('switches-more').getAttribute('aria-expanded')") == "true"

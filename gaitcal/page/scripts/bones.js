@@ -64,12 +64,13 @@ Gaitcal.Bones = class {
 
   // `near`: the joint that is looked at from near by, whose leg alone is shown, and of that brightly only what is beside
   // the joint (`beside`: its segments); null: the whole person.
-  show(on, trial, { near, beside }) {
+  // `joints`: whether marks are drawn that bones hide.
+  show(on, trial, { near, beside, joints }) {
     for (const { mesh, segment, part, near: only } of this.meshes) {
       const dim = beside !== null && !beside.has(segment);
       if (part === "bone") mesh.material = dim ? this.dim : this.bone;
       const shown = on && trial.tracked[segment] && Gaitcal.beside(this.segments[segment], near);
-      mesh.visible = shown && (!only || near !== null) && !(part === "depth" && dim);
+      mesh.visible = shown && (!only || near !== null) && !(part === "depth" && (dim || !joints));
     }
   }
 

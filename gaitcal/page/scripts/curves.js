@@ -4,28 +4,38 @@
 Gaitcal.DRAWN_FOR = [
   "result", "trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off", "second",
 ];
-// ms between the numbers above panels that nobody points at.
-Gaitcal.READ_EVERY = 120;
-Gaitcal.POINT_AT = "Point at a curve for its values; drag over it to loop a stretch; click its title to come near.";
+// ms between the numbers above panels that nobody points at, at rest and while the clock runs: nobody reads them then, and
+// to set them anew costs more than the body.
+Gaitcal.READ_EVERY = { rest: 120, playing: 1000 };
+Gaitcal.POINT_AT = "Point at a curve for its values; drag to replay this part; click a title to enlarge.";
 
 Gaitcal.Curves = class {
   constructor(host, page) {
     const { state } = page;
     Object.assign(this, { host, page, state, strides: new Gaitcal.Strides(page) });
-    Object.assign(this, { density: 1, lead: "r", pointed: null, readAt: 0, panels: [], groups: [] });
+    Object.assign(this, { density: 1, lead: "r", looped: "r", pointed: null, readAt: 0, panels: [], groups: [] });
     const part = (name) => host.querySelector(`.curve-${name}`);
     Object.assign(this, { legend: part("legend"), notes: part("notes"), grid: part("groups"), sentence: part("sentence") });
     this.peaks = new Gaitcal.Peaks(part("peaks"), this);
+    this.overlay = part("now");
     this.watch = new IntersectionObserver((entries) => this.came(entries), { rootMargin: "120px" });
     this.build();
     state.on(["seconds"], () => this.tick());
     state.on(Gaitcal.DRAWN_FOR, (changed) => (changed.has("result") ? this.build() : this.refresh()));
     state.on(["window"], () => {
+      this.looped = this.lead;
       for (const panel of this.panels) panel.window();
+      this.tell();
     });
     state.on(["joint"], () => this.enlarge(true));
+    state.on(["playing"], () => {
+      if (!this.strides.sheet) return;
+      this.follow();
+      this.readings();
+    });
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.refresh());
     new ResizeObserver(() => this.resized()).observe(host);
+    window.addEventListener("scroll", () => !host.hidden && this.cursors(), { passive: true });
   }
 
   // The frame of the grid: what of the result has curves.
@@ -40,7 +50,7 @@ Gaitcal.Curves = class {
     const trials = strides.sheets.filter(Boolean).flatMap((sheet) => sheet.trials);
     const known = new Set(trials.flatMap(({ packed }) => packed.curves.map(({ base, kind }) => `${base}/${kind}`)));
     const has = ({ base, kind }) => known.has(`${base}/${kind}`);
-    const joints = strides.sheet.joints.map((joint) => Gaitcal.jointGroup(joint, has));
+    const joints = Gaitcal.conventions().joints.map((joint) => Gaitcal.jointGroup(joint, has));
     this.groups = [...joints, Gaitcal.groundGroup(has)]
       .filter(({ subjects }) => subjects.length)
       .map((group) => Gaitcal.curveGroup(group, this));
@@ -79,6 +89,7 @@ Gaitcal.Curves = class {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = null;
       this.draw(this.panels.filter(({ dirty, visible, held }) => dirty && visible && held === undefined));
+      requestAnimationFrame(() => this.cursors()); // panels draw after this frame's scripts
       this.readings();
     });
   }
@@ -89,13 +100,29 @@ Gaitcal.Curves = class {
     for (const [i, panel] of panels.entries()) if (!sizes[i].includes(0)) panel.draw(sizes[i]);
   }
 
+  // The cursors of all panels in one picture above them: one element each, put together anew in every frame, costs a
+  // processor without a graphics card ten times as much.
+  cursors() {
+    const { overlay, host, colours, now } = this;
+    if (!this.strides.sheet) return;
+    const { left, top } = overlay.parentElement.getBoundingClientRect();
+    const ratio = Math.min(2, window.devicePixelRatio);
+    const size = { width: Math.round(ratio * host.clientWidth), height: Math.round(ratio * window.innerHeight) };
+    if (overlay.width !== size.width || overlay.height !== size.height) Object.assign(overlay, size);
+    overlay.style.width = `${size.width / ratio}px`;
+    const pen = overlay.getContext("2d");
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    pen.clearRect(0, 0, size.width, size.height);
+    pen.setTransform(ratio, 0, 0, ratio, -ratio * left, -ratio * top);
+    Object.assign(pen, { font: "700 9px system-ui, sans-serif", textAlign: "center", textBaseline: "middle" });
+    for (const panel of this.panels) if (panel.visible && panel.span) panel.follow(pen, now, colours);
+  }
+
   came(entries) {
-    if (this.strides.sheet) this.now = this.moment();
     for (const { target, isIntersecting } of entries) {
       const panel = this.panels.find(({ root }) => root === target);
       if (!panel) continue;
       panel.visible = isIntersecting;
-      if (isIntersecting && !panel.dirty) panel.follow(this.now);
     }
     this.schedule();
   }
@@ -117,30 +144,36 @@ Gaitcal.Curves = class {
     return strides.percent ? ["r", "l"].map((side) => strides.near(side, state.seconds)) : [];
   }
 
+  // Where the clock stands on the axis, of each leg in its own stride: {r, l: percents, "": seconds}, null where nowhere.
   moment() {
     const { strides, state } = this;
-    if (!strides.percent) return { r: null, l: null, "": state.seconds, percent: null };
+    if (!strides.percent) return { r: null, l: null, "": state.seconds };
     const [r, l] = ["r", "l"].map((side) => strides.percentAt(side, state.seconds));
-    const percent = this.lead === "l" ? (l ?? r) : (r ?? l);
-    return { r, l, "": null, percent };
+    return { r, l, "": null };
   }
 
   // Each frame while the clock runs.
   tick() {
     if (!this.strides.sheet || this.host.hidden) return;
-    const held = this.current();
-    const others = held.some((stride, i) => stride !== this.held[i]);
-    this.held = held;
-    if (others && this.state.spread !== "mean") this.redraw();
+    this.follow();
     this.now = this.moment();
-    for (const panel of this.panels) if (panel.visible) panel.follow(this.now);
+    this.cursors();
     if (this.pointed) {
       this.pointed.read(this.now);
       this.sentence.textContent = this.pointed.sentence(this.now);
     }
     const since = performance.now() - this.readAt;
-    if (since >= Gaitcal.READ_EVERY) this.readings();
-    else this.reading ??= setTimeout(() => this.readings(), Gaitcal.READ_EVERY - since);
+    const every = Gaitcal.READ_EVERY[this.state.playing ? "playing" : "rest"];
+    if (since >= every) this.readings();
+    else this.reading ??= setTimeout(() => this.readings(), every - since);
+  }
+
+  // The stride in which the clock stands is thick; while it runs all panels would be drawn anew again and again.
+  follow() {
+    if (this.state.playing || this.state.spread === "mean") return;
+    const held = this.current();
+    if (held.some((stride, i) => stride !== this.held[i])) this.redraw();
+    this.held = held;
   }
 
   readings() {
@@ -164,10 +197,10 @@ Gaitcal.Curves = class {
     return this.page.results[i].name || this.strides.sheets[i].person.name;
   }
 
-  // The looped window as percents of the stride of a leg that it lies in; null where it lies in none.
-  windowPercents(side) {
+  // The looped window as percents of the stride that it lies in, of the leg that led; null where it lies in none.
+  windowPercents() {
     const { window } = this.state;
-    const stride = this.strides.nearAny(side, 0.5 * (window[0] + window[1]));
+    const stride = this.strides.nearAny(this.looped, 0.5 * (window[0] + window[1]));
     const percents = window.map((t) => Math.min(100, Math.max(0, Gaitcal.percentOf(stride, t))));
     return percents[1] > percents[0] ? percents : null;
   }
@@ -183,7 +216,6 @@ Gaitcal.Curves = class {
       group.root.classList.toggle("dim", here && !chosen);
       if (chosen && "open" in group.root) group.root.open = true;
       for (const panel of group.panels) {
-        if (side) panel.lead = side;
         if (panel.subject.joint) panel.title.setAttribute("aria-pressed", String(chosen));
       }
     }
@@ -228,13 +260,16 @@ Gaitcal.Curves = class {
       nominal: state.nominal && has("nominal"),
       truth: state.truth && has("truth"),
       norm: state.norm && percent && sheet.bands.length > 0,
+      now: percent,
       off: percent,
       stance: !percent,
+      window: state.window !== null,
       second: Boolean(second),
     };
     const words = {
       se: means ? "± standard error of the mean" : "± standard error",
       second: second ? this.named(1 - state.result) : "",
+      window: `replayed part${percent ? `, of the ${Gaitcal.LEGS[this.looped]} stride` : ""}`,
     };
     for (const item of this.legend.children) {
       const { key } = item.dataset;
@@ -271,7 +306,7 @@ Gaitcal.Curves = class {
 // The curves of one joint, and how they stand: powers in the last column, whatever else there is. Three angles stand above
 // their moments; fewer beside them; what has angles or forces alone is a row.
 Gaitcal.jointGroup = ({ joint, title, power, rows }, has) => {
-  const subjects = rows.flatMap(({ base }, i) => {
+  const subjects = rows.flatMap((base, i) => {
     const own = ["angle", "moment"].map((kind) => ({ base, kind, joint })).filter(has);
     const alone = own.length === 1 && own[0].kind === "moment";
     const total = { base: power, kind: "power", joint };
@@ -288,7 +323,8 @@ Gaitcal.jointGroup = ({ joint, title, power, rows }, has) => {
 };
 
 Gaitcal.groundGroup = (has) => {
-  const subjects = Object.keys(Gaitcal.GROUND).map((base) => ({ base, kind: "force", joint: null })).filter(has);
+  const bases = ["vertical", "forward", "sideways"].map((way) => `ground_reaction_${way}`);
+  const subjects = bases.map((base) => ({ base, kind: "force", joint: null })).filter(has);
   return { joint: "ground", title: "Ground reactions", subjects, layout: "flow" };
 };
 

@@ -26,17 +26,18 @@ Gaitcal.Figure = class {
     this.forces.pose(this.trial, at);
   }
 
-  // `on(layer)`: whether a layer is shown.
-  show(on, near) {
+  // `on(layer)`: whether a layer is shown; `layered`: whether the body is drawn twice, so that one layer of it is seen.
+  show(on, near, layered) {
     const { trial } = this;
     const beside = this.joints.segments(near);
-    this.body.show(on("body"), trial, { bones: on("bones"), near, beside });
-    this.bones.show(on("bones"), trial, { near, beside });
+    this.body.show(on("body"), trial, { bones: on("bones"), near, beside, layered });
+    const kinds = ["nominal", "fitted", "uncertainty"];
+    this.bones.show(on("bones"), trial, { near, beside, joints: kinds.some(on) });
     this.markers.measured.visible = on("measured");
     this.markers.model.visible = on("model");
     this.markers.bars.visible = on("errors");
     this.forces.group.visible = on("forces") && near === null;
-    for (const kind of ["nominal", "fitted", "uncertainty"]) this.joints.show(kind, on(kind), trial, near);
+    for (const kind of kinds) this.joints.show(kind, on(kind), trial, near);
   }
 
   // Where the person is: the pelvis.

@@ -13,7 +13,7 @@ Gaitcal.keys = (page) => {
   // Hip, knee, ankle of the right leg, then of the left, then the whole body again.
   const nextJoint = () => {
     const all = ["r", "l"].flatMap((side) => ["hip", "knee", "ankle"].map((name) => `${name}_${side}`));
-    const here = all.filter((joint) => page.stage.figure.joints.of(joint).length);
+    const here = all.filter((joint) => page.stage?.figure.joints.of(joint).length);
     state.set({ joint: here[here.indexOf(state.joint) + 1] ?? null });
   };
   const turn = (field) => () => state.set({ [field]: !state[field] });

@@ -12,7 +12,7 @@ Gaitcal.Page = class {
     for (const part of document.querySelectorAll(".gait")) part.hidden = this.bare;
     this.state = new Gaitcal.State(this.results);
     this.clock = Gaitcal.clock(this);
-    this.stage = new Gaitcal.Stage(this);
+    this.stage = this.staged();
     this.timeline = Gaitcal.timeline(this);
     this.controls = Gaitcal.controls(this);
     Gaitcal.keys(this);
@@ -24,6 +24,17 @@ Gaitcal.Page = class {
     this.titled();
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.clock.play(!still && !this.state.still);
+  }
+
+  // The body in motion; null, told in its place, where the browser draws nothing in space: all else is there without it.
+  staged() {
+    try {
+      return new Gaitcal.Stage(this);
+    } catch (error) {
+      Gaitcal.get("main").classList.add("flat");
+      Gaitcal.failed(`The body in motion is not drawn: this browser has no WebGL (${error.message}).`);
+      return null;
+    }
   }
 
   // What a page of results has beside the body, each in its place in the page.
@@ -58,13 +69,17 @@ Gaitcal.Page = class {
   }
 };
 
-(() => {
+Gaitcal.failed = (words) => {
   const failure = Gaitcal.get("failure");
+  failure.hidden = false;
+  failure.textContent = words;
+};
+
+(() => {
   try {
     window.gaitcal = new Gaitcal.Page(JSON.parse(Gaitcal.get("results").textContent));
   } catch (error) {
-    failure.hidden = false;
-    failure.textContent = `This page could not be drawn (${error.message}). It needs a browser with WebGL.`;
+    Gaitcal.failed(`This page could not be drawn (${error.message}).`);
     throw error;
   }
 })();

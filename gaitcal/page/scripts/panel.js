@@ -4,7 +4,7 @@ Gaitcal.Panel = class {
   // `subject`: {base, kind, joint}; `curves`: the grid that it stands in.
   constructor(subject, curves) {
     const { strides, state } = curves;
-    Object.assign(this, { subject, curves, strides, state, plot: null, dirty: true, visible: false, lead: "r" });
+    Object.assign(this, { subject, curves, strides, state, plot: null, dirty: true, visible: false });
     const { base, kind, joint } = subject;
     const sided = (part) =>
       Object.fromEntries(["r", "l", ""].map((side) => [side, html(part, { class: `side-${side || "none"}` })]));
@@ -13,7 +13,6 @@ Gaitcal.Panel = class {
       : html("span.curve-title");
     this.unit = html("span.curve-unit");
     this.told = sided("span");
-    this.cursors = sided("div.curve-cursor");
     this.place = html("div.curve-plot");
     this.root = html("div.curve-panel",
       {
@@ -33,7 +32,7 @@ Gaitcal.Panel = class {
   // Its words in the chosen convention.
   name() {
     const { base, kind } = this.subject;
-    const side = this.strides.percent ? "r" : "";
+    const side = this.strides.percent || kind === "force" ? "r" : "";
     this.title.textContent = this.convention.title(base, kind);
     this.words = this.convention.words(base, kind, side);
     // On the screen the row of switches says whose moments they are.
@@ -50,7 +49,6 @@ Gaitcal.Panel = class {
     this.place.classList.toggle("empty", !this.traces.lines.length);
     this.plot?.destroy();
     this.plot = Gaitcal.plot(this.place, size, this.drawing());
-    this.plot.over.append(...Object.values(this.cursors));
     Gaitcal.dress(this.plot.over, {
       pointermove: (event) => this.moved(event),
       pointerdown: (event) => this.grasped(event),
@@ -110,7 +108,6 @@ Gaitcal.Panel = class {
   drawn({ bbox, scales }) {
     const { min, max } = scales.x;
     this.span = { min, max, wide: bbox.width / uPlot.pxRatio };
-    this.follow(this.curves.now);
     this.window();
   }
 
@@ -126,13 +123,27 @@ Gaitcal.Panel = class {
     return Math.min(max, Math.max(min, min + (px / wide) * (max - min)));
   }
 
-  // The cursors at a moment {r, l: percents, "": seconds}, each null where it is not; no layout, no drawing.
-  follow(now) {
-    if (!this.span) return;
-    for (const [side, cursor] of Object.entries(this.cursors)) {
-      const x = this.traces.percent === (side === "") ? null : now[side];
-      const shift = x === null ? "translateX(-99px)" : `translateX(${this.px(x).toFixed(1)}px)`;
-      if (cursor.style.transform !== shift) cursor.style.transform = shift;
+  // px of a side's cursor at a moment {r, l: percents, "": seconds}; null where it has none.
+  cursor(side, now) {
+    return !this.span || now[side] === null || this.traces.percent === (side === "") ? null : this.px(now[side]);
+  }
+
+  // The cursors in the picture of all panels, those of legs with their letters: a line without one is a toe-off.
+  follow(pen, now, { right, left, ink, paper }) {
+    const { left: begin, top, height } = this.plot.over.getBoundingClientRect();
+    for (const [k, [side, colour]] of [["r", right], ["l", left], ["", ink]].entries()) {
+      const px = this.cursor(side, now);
+      if (px === null) continue;
+      Object.assign(pen, { strokeStyle: colour, fillStyle: colour, lineWidth: 1.5 });
+      pen.setLineDash(side === "l" ? [4, 2.5] : []);
+      pen.beginPath();
+      pen.moveTo(begin + px, top);
+      pen.lineTo(begin + px, top + height);
+      pen.stroke();
+      if (!side) continue;
+      pen.fillRect(begin + px - 5.5, top + 11 * k, 11, 11);
+      pen.fillStyle = paper;
+      pen.fillText(side.toUpperCase(), begin + px, top + 11 * k + 6);
     }
   }
 
@@ -146,37 +157,36 @@ Gaitcal.Panel = class {
     }
   }
 
-  // "0.62 ± 0.04" of a side at a moment; nothing where there is no curve.
+  // "0.62 ± 0.04" of a side at a moment, each leg at its own; nothing where there is no curve.
   value(side, now, second = false) {
-    const x = this.traces.percent ? now.percent : now[""];
-    const read = x === null ? null : this.traces.at(side, x, second);
+    const x = this.traces.percent ? now[side] : now[""];
+    const read = this.traces.at(side, x, this.state.seconds, second);
     if (!read || Number.isNaN(read.value)) return "";
     return read.valid ? Gaitcal.plusMinus(read.value, read.error, this.convention.digits(this.subject.kind)) : "not valid";
   }
 
-  // The same in full: "Knee adduction moment: right 0.62 ± 0.04, left 0.58 ± 0.05 N·m/kg at 43 % / 1.23 s".
+  // The same in full: "Knee abduction moment: right 0.62 ± 0.04 (43 %), left 0.58 ± 0.05 (93 %) N·m/kg at 1.23 s".
   sentence(now) {
     if (!this.traces) return "";
+    const place = (side) => (this.traces.percent && now[side] !== null ? `(${Gaitcal.numeral(now[side], 0)} %)` : "");
     const sides = (second) =>
       ["r", "l", ""]
-        .map((side) => [Gaitcal.LEGS[side] ?? "", this.value(side, now, second)])
+        .map((side) => [Gaitcal.LEGS[side] ?? "", this.value(side, now, second), place(side)])
         .filter(([, text]) => text)
         .map((words) => words.join(" ").trim())
         .join(", ");
     const counts = ["r", "l"].map((side) => this.traces.main(side)).filter((line) => line?.weight === "mean").map(({ n }) => n);
     const spread = counts.length ? ` (mean ± SD of ${[...new Set(counts)].join(" and ")} strides)` : "";
-    const percent = this.traces.percent && now.percent !== null ? `${Gaitcal.numeral(now.percent, 0)} % / ` : "";
-    const at = `${percent}${Gaitcal.numeral(this.state.seconds, 2)} s`;
     const other = sides(true) && `; ${this.curves.named(1 - this.state.result)}: ${sides(true)}`;
     const unit = this.convention.unit(this.subject.kind);
-    return `${this.title.textContent}: ${sides(false) || "nothing"} ${unit}${spread} at ${at}${other}`;
+    return `${this.title.textContent}: ${sides(false) || "nothing"} ${unit}${spread} at ${Gaitcal.numeral(this.state.seconds, 2)} s${other}`;
   }
 
   // The stretch of time that is looped.
   window() {
     if (!this.span) return;
     const { window } = this.state;
-    const ends = window && (this.traces.percent ? this.curves.windowPercents(this.lead) : window);
+    const ends = window && (this.traces.percent ? this.curves.windowPercents() : window);
     const [from, to] = (ends ?? [this.span.min, this.span.min]).map((x) => this.px(x));
     this.stretch(from, to);
   }
@@ -222,20 +232,19 @@ Gaitcal.Panel = class {
   // The leg whose curve is nearest to the pointer leads the clock over the cycle.
   nearest({ clientX, clientY }) {
     const value = this.plot.posToVal(clientY - this.plot.over.getBoundingClientRect().top, "y");
-    const away = (side) => Math.abs((this.traces.at(side, this.x(clientX))?.value ?? NaN) - value);
+    const away = (side) => Math.abs((this.traces.on(this.traces.main(side), this.x(clientX))?.value ?? NaN) - value);
     const [right, left] = [away("r"), away("l")];
-    if (!Number.isNaN(right) || !Number.isNaN(left)) this.lead = left < right || Number.isNaN(right) ? "l" : "r";
-    this.curves.lead = this.lead;
+    if (!Number.isNaN(right) || !Number.isNaN(left)) this.curves.lead = left < right || Number.isNaN(right) ? "l" : "r";
   }
 
   // The frame at an x of the axis.
   frameAt(x) {
-    return this.traces.percent ? this.strides.timeAt(this.lead, x) : this.strides.trial.frame(x);
+    return this.traces.percent ? this.strides.timeAt(this.curves.lead, x) : this.strides.trial.frame(x);
   }
 
   enlarge() {
     const { joint } = this.subject;
-    const name = Gaitcal.UNPAIRED.includes(joint) ? joint : `${joint}_${this.lead}`;
+    const name = Gaitcal.UNPAIRED.includes(joint) ? joint : `${joint}_${this.curves.lead}`;
     this.state.set({ joint: this.state.joint === name ? null : name });
   }
 

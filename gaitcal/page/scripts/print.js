@@ -9,6 +9,7 @@ Gaitcal.print = (host, page) => {
 
   // A copy of what the stage shows, on white.
   const body = () => {
+    if (!stage) return null;
     const { renderer, scene, camera } = stage.viewer;
     const source = renderer.domElement;
     const { width, height } = source;
@@ -57,7 +58,7 @@ Gaitcal.print = (host, page) => {
   const clear = () => {
     if (!host.hasChildNodes()) return;
     root.classList.remove("on-paper");
-    stage.painted();
+    stage?.painted();
     curves.forPrint(false);
     curves.host.hidden = hidden;
     host.replaceChildren();

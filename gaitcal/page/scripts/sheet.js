@@ -7,9 +7,8 @@ Gaitcal.ON_FRAME = 1e-3;
 
 Gaitcal.Sheet = class {
   constructor({ sheet }) {
-    const { person, rows, bands, peaks } = sheet;
-    Object.assign(this, { person, bands, peaks, joints: rows });
-    this.rows = new Map(rows.flatMap((group) => group.rows.map((row) => [row.base, row])));
+    const { person, bands, peaks } = sheet;
+    Object.assign(this, { person, bands, peaks });
     this.trials = sheet.trials.map((trial) => new Gaitcal.SheetTrial(trial));
   }
 };
@@ -95,7 +94,7 @@ Gaitcal.Curve = class {
       if (own && stride.turns) valid.fill(0);
       const against = Object.entries(own ?? {}).map(([part, packed]) => [part, new Gaitcal.Lengths(packed).all()]);
       const lay = (values) => values && Float64Array.from(places, (place) => mixed(values, place));
-      this.laid.set(stride, { ...this.record(Gaitcal.PERCENTS, valid, lay), ...Object.fromEntries(against) });
+      this.laid.set(stride, { ...this.record(Gaitcal.PERCENTS, valid, lay), ...Object.fromEntries(against), lined: own !== null });
     }
     return this.laid.get(stride);
   }

@@ -4,11 +4,15 @@ Gaitcal.Stage = class {
     const { get } = Gaitcal;
     this.page = page;
     this.state = page.state;
-    this.viewer = new MeshCat.Viewer(get("pane"));
+    const software = Gaitcal.software();
+    const renderer = new THREE.WebGLRenderer({ antialias: !software, alpha: true });
+    Object.assign(renderer.shadowMap, { enabled: true, type: THREE.PCFSoftShadowMap });
+    get("pane").append(renderer.domElement);
+    this.viewer = new MeshCat.Viewer(get("pane"), true, renderer);
     this.viewer.gui.domElement.remove();
     for (const path of [["Grid"], ["Axes"], ["Lights"]]) this.viewer.set_property(path, "visible", false);
     this.viewer.scene.fog = new THREE.Fog(0xffffff, 7, 20);
-    this.viewer.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio));
+    renderer.setPixelRatio(Math.min(2, window.devicePixelRatio));
     // MeshCat's scene has z up; everything below has y up, as the recordings.
     const root = new THREE.Group();
     root.rotation.x = Math.PI / 2;
@@ -24,6 +28,7 @@ Gaitcal.Stage = class {
       chosen: (joint) => this.state.set({ joint }),
     });
     Object.assign(this, { slow: 0, eased: false, before: null });
+    if (software) this.ease();
     this.painted();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.painted());
     get("views").addEventListener("click", ({ target: { dataset } }) => {
@@ -43,7 +48,7 @@ Gaitcal.Stage = class {
     else if (any("layers", "joint", "preset")) this.refresh();
     else this.pose();
     if (changed.has("joint")) this.look(...this.front(), true);
-    if (this.state.playing) this.ease(performance.now());
+    if (this.state.playing) this.timed(performance.now());
     else this.before = null;
   }
 
@@ -95,7 +100,7 @@ Gaitcal.Stage = class {
 
   refresh() {
     const { near } = this;
-    this.figure.show((layer) => this.on(layer), near);
+    this.figure.show((layer) => this.on(layer), near, !this.eased);
     const words = this.on("bones") ? this.figure.bones.words(near) : null;
     Gaitcal.get("about").textContent = words ?? this.page.trial.about;
     Gaitcal.get("heading").classList.toggle("near", words !== null);
@@ -111,15 +116,29 @@ Gaitcal.Stage = class {
     this.viewer.set_dirty();
   }
 
-  // Where drawing is slow, as without a graphics card, shadows and fine pixels go.
-  ease(now) {
+  timed(now) {
     const took = now - (this.before ?? now);
     this.slow = Math.max(0, this.slow + (took > 250 ? 3 : took > 90 ? 1 : -1));
     this.before = now;
-    if (this.slow < 8 || this.eased) return;
+    if (this.slow > 7 && !this.eased) this.ease();
+  }
+
+  // Where drawing is slow, as without a graphics card, shadows and fine pixels go: of a frame in software rendering the
+  // shadows are more than half.
+  ease() {
     this.eased = true;
-    this.floor.sun.castShadow = false;
-    this.viewer.renderer.setPixelRatio(0.75);
+    this.floor.sun.castShadow = this.floor.shade.visible = false;
+    this.viewer.renderer.setPixelRatio(0.7);
     this.camera.resize();
   }
+};
+
+// Whether the processor draws, not a graphics card.
+Gaitcal.software = () => {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  if (!gl) throw new Error("no context");
+  const about = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = String(gl.getParameter(about?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER));
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
 };

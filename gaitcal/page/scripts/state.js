@@ -33,7 +33,7 @@ Gaitcal.State = class extends Gaitcal.Chosen {
       result: 0, trial: Gaitcal.firstTrial(results[0]), seconds: 0, playing: false, speed: 1, window: null,
       preset: "clinician", layers: new Set(sheet ? Gaitcal.PRESETS.clinician.layers : Gaitcal.LAYERS), joint: null,
       axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time", spread: "strides",
-      unit: "Nm/kg", signs: "opensim", acting: "internal",
+      unit: "Nm/kg", signs: "clinical", acting: "internal",
       nominal: false, norm: true, errors: true, truth: true, second: results.length > 1, off: new Set(),
     };
     super(usual, Gaitcal.addressed(results));

@@ -52,7 +52,7 @@ Gaitcal.Traces = class {
   // A line in the chosen convention. `isMain`: a cursor reads it, and its models and bands are drawn.
   add(result, laid, line) {
     const { state } = this.strides;
-    const factor = this.conventions[result].factor(this.base, this.kind, this.percent ? line.side : "");
+    const factor = this.conventions[result].factor(this.base, this.kind, line.side);
     const scaled = (values, by) => values?.map((value) => by * value) ?? null;
     const isMain = line.weight === "main" || line.weight === "mean";
     this.lines.push({
@@ -60,6 +60,7 @@ Gaitcal.Traces = class {
       isMain,
       x: laid.x,
       valid: laid.valid,
+      lined: laid.lined,
       value: scaled(laid.value, factor),
       se: scaled(laid.se, Math.abs(factor)),
       sd: scaled(laid.sd, Math.abs(factor)),
@@ -123,9 +124,21 @@ Gaitcal.Traces = class {
     return this.lines.find((line) => line.second === second && line.side === side && line.isMain) ?? null;
   }
 
-  // Value, its error and validity of a side's line at x; of the second result where that is asked for.
-  at(side, x, second = false) {
+  // Value, error and validity of a leg at a time, as the files have them; of means, of angles that are told against the
+  // line of a stride, and of the second result, at the leg's place `x` on the axis, null where it has none.
+  at(side, x, seconds, second = false) {
     const line = this.main(side, second);
+    if (!line || !this.percent || second || line.lined || line.weight === "mean") return x === null ? null : this.on(line, x);
+    const { strides, conventions, base, kind } = this;
+    const curve = strides.trial.ofLeg(base, side, kind);
+    if (!curve) return null;
+    const factor = conventions[strides.state.result].factor(base, kind, side);
+    const { value, error, valid } = this.on(curve.whole(), seconds);
+    return { value: factor * value, error: Math.abs(factor) * error, valid };
+  }
+
+  // The same of a line at x; null of none.
+  on(line, x) {
     if (!line) return null;
     const { low, high, share: raw } = Gaitcal.located(line.x, x);
     const share = Math.abs(raw) < Gaitcal.ON_FRAME ? 0 : Math.abs(raw - 1) < Gaitcal.ON_FRAME ? 1 : raw;

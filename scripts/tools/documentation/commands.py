@@ -30,7 +30,7 @@ class Parameter:
     text: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Command:
     """A command of the program."""
 
@@ -82,18 +82,11 @@ def commands() -> tuple[Command, ...]:
     """Every command in the order of `gaitcal --help`."""
     out = []
     for registered in app.registered_commands:
-        function = registered.callback
-        if function is None or registered.name is None:
-            continue
-        parameters = inspect.signature(function, eval_str=True).parameters.values()
-        out.append(
-            Command(
-                name=registered.name,
-                text=inspect.cleandoc(registered.help or ""),
-                example=(registered.epilog or "").strip(),
-                parameters=tuple(_parameter(p.name, p.annotation, p.default) for p in parameters),
-            )
-        )
+        if registered.callback is not None and registered.name is not None:
+            given = inspect.signature(registered.callback, eval_str=True).parameters.values()
+            parameters = tuple(_parameter(p.name, p.annotation, p.default) for p in given)
+            text, example = inspect.cleandoc(registered.help or ""), (registered.epilog or "").strip()
+            out.append(Command(registered.name, text, example, parameters))
     return tuple(out)
 
 

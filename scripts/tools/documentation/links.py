@@ -40,31 +40,26 @@ class _Page(HTMLParser):
                 self.loads.append(given[name])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Links:
     """What was found."""
 
     pages: int
     inside: int
-    broken: tuple[str, ...]
-    outside: tuple[str, ...]
+    broken: list[str]
+    outside: list[str]
     """Addresses that a reader may click."""
-    unexplained: tuple[str, ...]
+    unexplained: list[str]
     """Types of ours in signatures of `reference/python.html` that have no page."""
-    fetched: tuple[str, ...]
+    fetched: list[str]
     """Addresses that a page would load from elsewhere by itself: there must be none."""
-
-
-def read(path: Path) -> _Page:
-    """One page."""
-    page = _Page()
-    page.feed(path.read_text(encoding="utf-8"))
-    return page
 
 
 def check(site: Path) -> Links:
     """Every link of a built site."""
-    pages = {path.resolve(): read(path) for path in sorted(site.rglob("*.html"))}
+    pages = {path.resolve(): _Page() for path in sorted(site.rglob("*.html"))}
+    for path, page in pages.items():
+        page.feed(path.read_text(encoding="utf-8"))
     broken, outside, fetched, inside = [], set(), set(), 0
     for path, page in pages.items():
         if path.name == "404.html":
@@ -86,11 +81,5 @@ def check(site: Path) -> Links:
             elif anchor and target in pages and anchor not in pages[target].anchors and anchor != "__top":
                 broken.append(f"{path.relative_to(site.resolve())}: {link}: no such place in it")
     types = [page.unexplained for path, page in pages.items() if path.stem == "python"]
-    return Links(
-        pages=len(pages),
-        inside=inside,
-        broken=tuple(broken),
-        outside=tuple(sorted(outside)),
-        unexplained=tuple(sorted(set().union(*types))),
-        fetched=tuple(sorted(fetched)),
-    )
+    unexplained = sorted(set().union(*types))
+    return Links(len(pages), inside, broken, sorted(outside), unexplained, sorted(fetched))

@@ -33,7 +33,7 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -82,7 +82,7 @@ class Run:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Result:
     """How one attack ended."""
 
@@ -148,8 +148,7 @@ def run_clean(base: str) -> Run:
     """Check and calibrate a clean study."""
     start = perf_counter()
     found = calibrated(loaded(base))
-    seconds = perf_counter() - start
-    return Run(base=base, refused=found.refused, messages=found.messages, curves=found.curves, seconds=seconds)
+    return replace(found, base=base, seconds=perf_counter() - start)
 
 
 def attacked(attack: Attack, clean: Run) -> Result:
@@ -161,16 +160,7 @@ def attacked(attack: Attack, clean: Run) -> Result:
         told, seconds = any(names_cause(m, patterns) for m in messages), perf_counter() - start
         if told and ending is Ending.ALARMED:
             ending = Ending.NAMED
-        return Result(
-            attack=attack.title,
-            kind=attack.kind,
-            ending=ending,
-            messages=messages,
-            moved=moved,
-            where=where,
-            seconds=seconds,
-            cause_told=told,
-        )
+        return Result(attack.title, attack.kind, ending, messages, moved, where, seconds, told)
 
     try:
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():

@@ -41,7 +41,7 @@ class CorpusError(Exception):
     """An attack that cannot be made."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Attack:
     """One corruption of one clean study."""
 
@@ -95,15 +95,7 @@ def corpus() -> tuple[Attack, ...]:
         return re.sub(r"\{(cluster|landmark) (\w+)\}", lambda m: makers[m[1]](m[2]), words)
 
     every = tuple(
-        Attack(
-            name=name,
-            base=base.rstrip("*"),
-            kind=kind,
-            where=where,
-            how=how,
-            named=tuple(map(expanded, named)),
-            quick=base.endswith("*"),
-        )
+        Attack(name, base.rstrip("*"), kind, where, how, tuple(map(expanded, named)), base.endswith("*"))
         for kind in Kind
         for name, bases, where, how, *named in table["attacks"][kind.value]
         for base in bases.split()

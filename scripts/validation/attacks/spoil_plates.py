@@ -18,7 +18,8 @@ BODY_N = 50.0
 """Vertical force that only a body makes."""
 
 
-def _middle(p: ForcePlate) -> Array:
+def middle_of(p: ForcePlate) -> Array:
+    """(3,) m of the surface: of its corners, or of the centres of pressure while somebody stands on it."""
     if p.corners is not None:
         return np.asarray(p.corners.mean(axis=0))
     on = p.force[:, 1] > BODY_N
@@ -27,7 +28,7 @@ def _middle(p: ForcePlate) -> Array:
 
 def _channels(p: ForcePlate, change: Callable[[Array], Array]) -> ForcePlate:
     """The six channels (ns, 6) about the middle of the plate changed, so that the centre of pressure moves too."""
-    centre = _middle(p)
+    centre = middle_of(p)
     values = change(np.hstack([p.force, p.moment + np.cross(p.point - centre, p.force)]))
     wrench = np.hstack([values[:, :3], values[:, 3:] + np.cross(centre, values[:, :3])])
     loaded = np.abs(wrench[:, 1]) > LOADED_N
@@ -87,7 +88,7 @@ def moved(p: ForcePlate, mm: tuple[float, float, float]) -> ForcePlate:
 
 def turned(p: ForcePlate, degrees: float, axis: str = "y") -> ForcePlate:
     """A plate turned about its middle: `y` yaw, `x` and `z` tilt."""
-    return placed(p, Rotation.from_euler(axis, degrees, degrees=True).as_matrix(), _middle(p), np.zeros(3))
+    return placed(p, Rotation.from_euler(axis, degrees, degrees=True).as_matrix(), middle_of(p), np.zeros(3))
 
 
 def room_turned(p: ForcePlate, degrees: float, axis: str) -> ForcePlate:
@@ -125,7 +126,7 @@ def points_scaled(p: ForcePlate, factor: float) -> ForcePlate:
 
 def points_held(p: ForcePlate) -> ForcePlate:
     """Every centre of pressure in the middle of the plate."""
-    return replace(p, point=np.tile(_middle(p), (len(p.time), 1)))
+    return replace(p, point=np.tile(middle_of(p), (len(p.time), 1)))
 
 
 def cut(p: ForcePlate, part: tuple[float, float]) -> ForcePlate:

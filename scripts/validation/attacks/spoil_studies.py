@@ -13,7 +13,7 @@ from pathlib import Path
 from gaitcal import Recording, Study, load_marker_set, synthesize
 from scripts.validation.attacks.bases import loaded
 from scripts.validation.attacks.spoil_markers import labels_of
-from scripts.validation.attacks.spoil_plates import _middle, at_times, first_contact
+from scripts.validation.attacks.spoil_plates import at_times, first_contact, middle_of
 from scripts.validation.recordings import WALK
 
 OTHER_SEED = 2
@@ -107,7 +107,7 @@ def cables_exchanged(study: Study) -> Study:
     """The signals of the first plate come from where the second stands, and the other way round."""
     walk = recording_of(study, WALK)
     one, two, *rest = walk.plates
-    way = _middle(one) - _middle(two)
+    way = middle_of(one) - middle_of(two)
     first = replace(two, name=one.name, corners=one.corners, point=two.point + way)
     second = replace(one, name=two.name, corners=two.corners, point=one.point - way)
     return with_trial(study, WALK, recording=replace(walk, plates=(first, second, *rest)))

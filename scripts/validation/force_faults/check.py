@@ -138,7 +138,7 @@ class Outcome(Enum):
     """No frame of the trial can be judged; nothing is valid."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Case:
     """One fault and how it was met."""
 
@@ -185,16 +185,10 @@ def case(person: Person, number: int, rng: np.random.Generator, *, track: bool) 
     if outcome is Outcome.NONE and all(evidence[i] is None for i in struck):
         outcome = Outcome.NO_FRAMES
     named = [f"{n.fits[0].cause.kind.value} {','.join(n.fits[0].cause.plates)}" for n in found]
-    return Case(
-        person=person.name,
-        trials=tuple(person.trials[i].name for i in struck),
-        fault=fault,
-        scope="all" if fault.plate is None else "one",
-        outcome=outcome,
-        told="; ".join(named),
-        ratio=None if outcome is not Outcome.FIRST or best is None else ratio(fault, best, person, struck[0]),
-        causes=max((len(n.fits) for n in about), default=0),
-    )
+    size = None if outcome is not Outcome.FIRST or best is None else ratio(fault, best)
+    causes, scope = max((len(n.fits) for n in about), default=0), "all" if fault.plate is None else "one"
+    trials = tuple(person.trials[i].name for i in struck)
+    return Case(person.name, trials, fault, scope, outcome, "; ".join(named), size, causes)
 
 
 def _seen_along_the_walk(fault: Fault, trial: ForceEvidence) -> Fault:
@@ -231,7 +225,7 @@ def _outcome(
     return Outcome.WRONG, None
 
 
-def ratio(fault: Fault, fit: ForceFit, person: Person, trial: int) -> float | None:
+def ratio(fault: Fault, fit: ForceFit) -> float | None:
     """Size found over true size; of a factor, of its logarithm's distance from 1; vectors along the true one."""
     if not fault.size:
         return None
@@ -267,13 +261,9 @@ def print_clean(everybody: list[Person]) -> None:
 
 
 def first_share(found: list[Case]) -> float:
+    """Of the faults that are spoken of, those whose cause comes first."""
     spoken = [case for case in found if case.outcome in SPOKEN]
     return sum(case.outcome is Outcome.FIRST for case in spoken) / max(1, len(spoken))
-
-
-def line_of(case: Case) -> str:
-    ratio = "" if case.ratio is None else f"size x {case.ratio:.2f}"
-    return f"{case.outcome.value:12}{case.fault.row:28}{case.fault.words:26}{case.where:40}{ratio} [{case.told}]"
 
 
 def print_table(found: list[Case]) -> None:
@@ -354,7 +344,9 @@ def run(chosen: argparse.Namespace) -> tuple[list[Person], list[Case]]:
         for case in cases(everybody, chosen.cases, chosen.seed, track=chosen.track):
             found.append(case)
             if chosen.verbose:
-                say(line_of(case))
+                size = "" if case.ratio is None else f"size x {case.ratio:.2f}"
+                cells = f"{case.outcome.value:12}{case.fault.row:28}{case.fault.words:26}{case.where:40}"
+                say(f"{cells}{size} [{case.told}]")
     print_table(found)
     return everybody, found
 

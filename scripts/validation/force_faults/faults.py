@@ -11,15 +11,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gaitcal.arrays import Array
 from gaitcal.faults.force_causes import Kind
 from gaitcal.faults.force_evidence import FORCE_UNITS
 from gaitcal.io.force_plate import LOADED_N, UP, plate_from_moment, pushes_down, turned_round
 from gaitcal.io.recording import ForcePlate, Recording
 
-Array = NDArray[np.float64]
 Change = Callable[[ForcePlate], ForcePlate]
 
 
@@ -64,11 +63,10 @@ def placed(plate: ForcePlate, turn: Array, about: Array, shift: Array) -> ForceP
 
 def later(plate: ForcePlate, seconds: float) -> ForcePlate:
     """Everything so much later on the same time axis."""
-    wrench = np.nan_to_num(plate.wrench())
-    moved = np.stack([np.interp(plate.time - seconds, plate.time, column) for column in wrench.T], axis=1)
-    centre = middle(plate)
-    moment = moved[:, 3:] - np.cross(centre, moved[:, :3])
-    return plate_from_moment(plate.name, plate.time, moved[:, :3], moment, centre, UP, plate.corners)
+    time, wrench = plate.time, np.nan_to_num(plate.wrench())
+    force, about = np.hsplit(np.stack([np.interp(time - seconds, time, c) for c in wrench.T], axis=1), 2)
+    moment = about - np.cross(middle(plate), force)
+    return plate_from_moment(plate.name, time, force, moment, middle(plate), UP, plate.corners)
 
 
 def on_plates(change: Change, plate: int | None) -> Callable[[Recording], Recording]:

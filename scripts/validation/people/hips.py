@@ -18,7 +18,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.segment_frames import HipCentre, hip_centre
+from gaitcal.model.segment_frames import HipCentre, hip_centre, pelvis_frame
 from scripts.validation.people.fits import LEG, Fit, fitted, wide_hips
 from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
 
@@ -151,17 +151,14 @@ def imaged(file: Path) -> Imaged:
     for _, rows in table[table["bone"] == "pelvis"].groupby("person"):
         points = rows.set_index("landmark")[["x_mm", "y_mm", "z_mm"]]
         at = {str(name): 1e-3 * point.to_numpy(float) for name, point in points.iterrows()}
-        front, back = (0.5 * (at[f"{name}_R"] + at[f"{name}_L"]) for name in ("ASIS", "PSIS"))
-        across = at["ASIS_R"] - at["ASIS_L"]
-        width = float(np.linalg.norm(across))
-        z = across / width
-        x = front - back - ((front - back) @ z) * z
-        x /= np.linalg.norm(x)
-        axes = np.array([x, np.cross(z, x), z])
+        back = 0.5 * (at["PSIS_R"] + at["PSIS_L"])
+        width, frame = (
+            float(np.linalg.norm(at["ASIS_R"] - at["ASIS_L"])),
+            pelvis_frame(at["ASIS_R"], at["ASIS_L"], back),
+        )
         for side, mirror in zip(SIDES, (1.0, -1.0), strict=True):
-            told = hip_centre(HipCentre.HARRINGTON, width, float(np.linalg.norm(front - back)), side)
-            gap = axes @ (at[f"HJC_{side.upper()}"] - front) - told
-            errors.append(1e3 * gap * [1.0, 1.0, mirror])
+            told = hip_centre(HipCentre.HARRINGTON, width, float(np.linalg.norm(frame.origin - back)), side)
+            errors.append(1e3 * (frame.local(at[f"HJC_{side.upper()}"]) - told) * [1.0, 1.0, mirror])
         ratios.append(float(np.linalg.norm(at["HJC_R"] - at["HJC_L"])) / width)
     return Imaged(np.array(errors), np.array(ratios))
 

@@ -24,7 +24,7 @@ import numpy as np
 from gaitcal import Recording, Study, SubjectModel, read_recording
 from gaitcal.arrays import Array
 from gaitcal.io.opensim_files import read_table
-from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.model.segment_frames import Frame, rigid_motions
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from scripts.validation.truth.opensim_trials import ISOLATED, TRIALS, make_trials
 from scripts.validation.truth.rigid import Line
@@ -147,26 +147,12 @@ def with_settings(study: Study, changes: Mapping[str, object]) -> Study:
 DIRECTIONS = ("ant", "sup", "lat")
 
 
-@dataclass(frozen=True)
-class SegmentPose:
-    """A segment frame in the laboratory of the static trial."""
-
-    rotation: Array
-    """(3, 3)."""
-    origin: Array
-    """(3,) m."""
-
-    def point(self, point: Array) -> Array:
-        """A point of the laboratory in the frame (m)."""
-        out: Array = self.rotation.T @ (point - self.origin)
-        return out
-
-    def line(self, line: Line) -> Line:
-        """A line of the laboratory in the frame."""
-        return Line(self.point(line.point), self.rotation.T @ line.direction)
+def line_in(frame: Frame, line: Line) -> Line:
+    """A line of the laboratory in a segment's frame."""
+    return Line(frame.local(line.point), frame.rotation.T @ line.direction)
 
 
-def static_frames(nominal: SubjectModel, static: Recording) -> dict[str, SegmentPose]:
+def static_frames(nominal: SubjectModel, static: Recording) -> dict[str, Frame]:
     """Segment -> pose, of segments that carry three markers or more in the static trial."""
     seen = dict(zip(static.labels, np.nanmean(static.markers, axis=0), strict=True))
     frames = {}
@@ -177,37 +163,37 @@ def static_frames(nominal: SubjectModel, static: Recording) -> dict[str, Segment
         if len(carried) >= 3:
             local, measured = np.array([x for _, x in carried]), np.array([seen[label] for label, _ in carried])
             rotation, origin = rigid_motions(local, measured[None])
-            frames[segment] = SegmentPose(rotation[0], origin[0])
+            frames[segment] = Frame(rotation[0], origin[0])
     return frames
 
 
-def hip_parameters(frames: Mapping[str, SegmentPose], side: str, centre: Array) -> dict[str, float]:
+def hip_parameters(frames: Mapping[str, Frame], side: str, centre: Array) -> dict[str, float]:
     """The six of a hip (m) whose centre (3,) is known."""
     return {
-        **point_parameters(f"hip_{side}.pelvis", frames["pelvis"].point(centre)),
-        **point_parameters(f"hip_{side}.thigh", frames[f"thigh_{side}"].point(centre)),
+        **point_parameters(f"hip_{side}.pelvis", frames["pelvis"].local(centre)),
+        **point_parameters(f"hip_{side}.thigh", frames[f"thigh_{side}"].local(centre)),
     }
 
 
-def leg_parameters(person: IsolatedPerson, frames: Mapping[str, SegmentPose], side: str) -> dict[str, float]:
+def leg_parameters(person: IsolatedPerson, frames: Mapping[str, Frame], side: str) -> dict[str, float]:
     """The 27 joint parameters of a leg, m and rad."""
     thigh, shank, foot = (frames[f"{name}_{side}"] for name in ("thigh", "shank", "foot"))
     out = hip_parameters(frames, side, person.centres[f"hip_{side}"])
-    above, below = thigh.line(person.proximal[f"knee_{side}"]), shank.line(person.distal[f"knee_{side}"])
+    above, below = line_in(thigh, person.proximal[f"knee_{side}"]), line_in(shank, person.distal[f"knee_{side}"])
     above, below = rightwards(above), rightwards(below)
     slide = -above.point[2] / above.direction[2]
     out |= point_parameters(f"knee_{side}.thigh", above.point + slide * above.direction, "ant sup")
     out |= point_parameters(f"knee_{side}.shank", below.point + slide * below.direction)
     out |= z_parameters(f"knee_{side}.thigh", above.direction) | z_parameters(f"knee_{side}.shank", below.direction)
-    z = rightwards(shank.line(person.proximal[f"ankle_{side}"]))
+    z = rightwards(line_in(shank, person.proximal[f"ankle_{side}"]))
     # the subtalar axis as the talus carries it, which at rest is where the shank has it
-    x = forwards(shank.line(person.proximal[f"subtalar_{side}"]))
+    x = forwards(line_in(shank, person.proximal[f"subtalar_{side}"]))
     on_z, on_x = common_perpendicular(z, x)
     up = np.cross(z.direction, x.direction)
     out |= point_parameters(f"talocrural_{side}.shank", on_z) | z_parameters(f"talocrural_{side}.shank", z.direction)
     out[f"subtalar_{side}.talus.sup"] = float((on_x - on_z) @ up / np.linalg.norm(up))
     out[f"subtalar_{side}.talus.trans"] = float(-np.arcsin(z.direction @ x.direction))
-    line = forwards(foot.line(person.distal[f"subtalar_{side}"]))
+    line = forwards(line_in(foot, person.distal[f"subtalar_{side}"]))
     slide = (on_x - x.point) @ x.direction
     out |= point_parameters(f"subtalar_{side}.foot", line.point + slide * line.direction)
     return out | x_parameters(f"subtalar_{side}.foot", line.direction)

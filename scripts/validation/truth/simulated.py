@@ -13,23 +13,22 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
-import gaitcal
 from gaitcal import COORDINATES, Calibration, Motion, Study
 from gaitcal.arrays import Array
+from gaitcal.model.chain import Chain, forward
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.model.segment_frames import Frame, rigid_motions
 from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.truth.people import (
     DIRECTIONS,
     IsolatedPerson,
-    SegmentPose,
     WalkingPerson,
     at_times,
     hip_parameters,
     isolated_person,
     leg_parameters,
+    line_in,
     static_frames,
     walking_person,
     with_settings,
@@ -88,18 +87,11 @@ def whole_turn(before: Array, after: Array) -> tuple[Array, Array]:
 
 def joint_tracks(parameters: Parameters, motion: Motion) -> dict[str, tuple[Array, Array]]:
     """`hip_r`, ... -> centre (nf, 3) m and axis of flexion (nf, 3), laboratory, of a whole-body motion."""
-    model = gaitcal.build_model(parameters)
-    data = model.createData()
-    order = [model.joints[model.getJointId(name)].idx_q for name in motion.coordinates]
-    values = np.zeros((len(motion.time), model.nq))
-    values[:, order] = motion.q
-    joints = {f"{joint}_{s}": model.getJointId(f"{name}_{s}") for joint, name in JOINT_OF.items() for s in "rl"}
-    out = {name: (np.empty((len(values), 3)), np.empty((len(values), 3))) for name in joints}
-    for f, q in enumerate(values):
-        pin.forwardKinematics(model, data, q)
-        for name, index in joints.items():
-            out[name][0][f], out[name][1][f] = data.oMi[index].translation, data.oMi[index].rotation[:, 2]
-    return out
+    chain = Chain()
+    order = [motion.coordinates.index(name) for name in chain.coordinates]
+    poses = forward(chain, chain.constants(parameters.joint, parameters.zero_angles), motion.q[:, order])
+    at = {f"{joint}_{s}": chain.coordinates.index(f"{name}_{s}") for joint, name in JOINT_OF.items() for s in "rl"}
+    return {joint: (poses.origins[k].T, poses.axes[k, 2].T) for joint, k in at.items()}
 
 
 def torque_figures(calibration: Calibration, person: WalkingPerson, walk: str) -> dict[str, Figure]:
@@ -167,13 +159,13 @@ def _axis(
     figure: str,
     fitted: Fitted,
     person: IsolatedPerson,
-    frames: Mapping[str, SegmentPose],
+    frames: Mapping[str, Frame],
     study: Study,
     side: str,
 ) -> None:
     prefix, segment, end, joint = (word.format(s=side) for word in AXES[figure])
     lab: Line = {"proximal": person.proximal, "distal": person.distal}[end][joint]
-    true = frames[segment].line(lab)
+    true = line_in(frames[segment], lab)
     for when, values in fitted.times:
         found = line_of(prefix, values)
         gathered.put(f"{figure}, deg", **{when: true.angle(found.direction)})
@@ -187,7 +179,7 @@ def _axis(
         gathered.add_bars(f"{figure}, {unit}", fitted.bars([n for n in own if n.endswith(words)], unit))
 
 
-def peer_distance(true: Line, found: Line, frame: SegmentPose) -> float:
+def peer_distance(true: Line, found: Line, frame: Frame) -> float:
     """Distance (m) of two lines where the found one meets the segment's plane of lateral position zero, as ours is."""
     lateral = frame.rotation[:, 2]
     slide = (frame.origin - found.point) @ lateral / (found.direction @ lateral)

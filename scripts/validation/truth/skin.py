@@ -44,6 +44,7 @@ from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
 from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.synthetic.motion import marker_noise
 from scripts.validation.truth.rigid import relative
 
 TABLE_MM = 15.0
@@ -54,8 +55,6 @@ TURN = np.deg2rad(5.0)
 JOINTS = ("hip", "knee", "ankle")
 RANDOM_SD, RANDOM_HZ = 0.5, 1.0
 BURST_HZ, BURST_MEMORY, BURST_EVERY = (5.0, 10.0), 0.15, (0.8, 1.2)
-HIGHEST = 25.0
-"""rad/s, of sinusoids."""
 SHARE = 0.5
 """Of each kind in the mixture."""
 
@@ -142,7 +141,8 @@ def displacement(
         return np.asarray(np.sum(parts, axis=0))
     own = np.random.default_rng([*seed, list(Kind).index(kind)])
     if kind is Kind.SINUSOIDS:
-        return 1e-3 * size_mm * sinusoids(recording.time, recording.markers.shape[1:], np.random.default_rng(seed))
+        waves = np.random.default_rng(seed)
+        return marker_noise(recording.time, recording.markers.shape[1], waves, 1e-3 * size_mm)
     out = np.zeros_like(recording.markers)
     person = np.random.default_rng([seed[0], 99])
     clusters = clusters_of(recording, rest, tracking)
@@ -233,14 +233,6 @@ def functions(
     if f is None:
         f = burst_wave(time, bursts, rng)
     return f, np.repeat(f[:, None], markers, axis=1)
-
-
-def sinusoids(time: Array, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-    """(nf, *shape) waves of amplitude 0 to 1."""
-    amplitude, frequency = rng.uniform(0, 1, shape), rng.uniform(0, HIGHEST, shape)
-    phase = rng.uniform(0, 2 * np.pi, shape)
-    out: Array = amplitude * np.sin(frequency * time[:, None, None] + phase)
-    return out
 
 
 def smooth_noise(time: Array, count: int, rng: np.random.Generator) -> Array:

@@ -84,7 +84,7 @@ Gaitcal.meanCurves = (host, people, choices) => {
 // One variable over the stride: each group's mean with its standard deviation, people who are shown over it, normal
 // people behind it.
 Gaitcal.meanPanel = (people, choices, variable) => {
-  const { title, unit, senses, kind, normal } = people.curves[variable];
+  const { title, unit, positive, kind, normal } = people.curves[variable];
   const digits = kind === "angle" ? 1 : 2;
   const percents = Array.from({ length: people.points }, (_, k) => k * people.every);
   const place = html("div.mean-plot");
@@ -169,6 +169,6 @@ Gaitcal.meanPanel = (people, choices, variable) => {
   };
   const root = html("div.mean-panel",
     { "data-kind": kind, tabindex: "0", role: "group", keydown: pressed },
-    html("p.caption", html("strong", title), html("span.soft", ` ${unit}, + ${senses[0]}`)), place, reading);
+    html("p.caption", html("strong", title), html("span.soft", ` ${unit}, + ${positive}`)), place, reading);
   return { root, draw };
 };

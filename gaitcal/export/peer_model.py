@@ -40,18 +40,13 @@ from gaitcal.export.osim import joint_frames
 from gaitcal.model.parameters import Parameters
 
 
-class OtherModelError(InputError):
-    """A file that is no model as it is understood here."""
-
-    code = Code.OTHER_MODEL
-
-
 @dataclass(frozen=True, kw_only=True)
 class PeerCoordinate:
     """One coordinate."""
 
     name: str
-    default: float  # rad or m
+    default: float
+    """rad or m."""
     low: float
     high: float
     locked: bool
@@ -62,7 +57,8 @@ class PeerAxis:
     """One of up to six elementary motions of a joint."""
 
     rotates: bool
-    axis: Array  # (3,) unit vector
+    axis: Array
+    """(3,) unit vector."""
     coordinate: str | None
     function: Function
 
@@ -72,7 +68,8 @@ class PeerJoint:
     """A joint between two bodies."""
 
     name: str
-    kind: str  # Tag of the element: CustomJoint, PinJoint, ..
+    kind: str
+    """Tag of the element: CustomJoint, PinJoint, ..."""
     parent: str
     child: str
     in_parent: pin.SE3
@@ -87,9 +84,12 @@ class PeerModel:
     """What was read."""
 
     source: str
-    masses: dict[str, float]  # Body -> kg, in the order of the file
-    joints: dict[str, PeerJoint]  # By child body
-    markers: dict[str, tuple[str, Array]]  # Label -> body and position (3,) m in it
+    masses: dict[str, float]
+    """Body -> kg, in the order of the file."""
+    joints: dict[str, PeerJoint]
+    """By child body."""
+    markers: dict[str, tuple[str, Array]]
+    """Label -> body and position (3,) m in it."""
 
     def joint_of(self, coordinate: str) -> PeerJoint | None:
         """The joint that has a coordinate of this name."""
@@ -98,7 +98,12 @@ class PeerModel:
     def joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
         """Pose of the child in the parent; coordinates not in `values` are zero, or at their default if locked."""
         if joint.axes is None:
-            raise OtherModelError(f"a {joint.kind} is not understood", source=self.source, field=f"joint {joint.name}")
+            raise InputError(
+                f"a {joint.kind} is not understood",
+                source=self.source,
+                field=f"joint {joint.name}",
+                code=Code.OTHER_MODEL,
+            )
         used = {c.name: c.default if c.locked else 0.0 for c in joint.coordinates} | dict(values)
         motion = pin.SE3.Identity()
         for axis in sorted(joint.axes, key=lambda a: a.rotates):
@@ -109,18 +114,25 @@ class PeerModel:
                 motion = motion * pin.SE3(np.eye(3), amount * axis.axis)
         return joint.in_parent * motion * joint.in_child.inverse()
 
-    def body_pose(self, body: str, ancestor: str) -> pin.SE3:
-        """Pose of a body in the frame of one of its ancestors, all coordinates zero (locked ones at their default)."""
+    def body_pose(self, body: str, ancestor: str, values: Mapping[str, float] | None = None) -> pin.SE3:
+        """Pose of a body in the frame of one of its ancestors; coordinates as in `joint_pose`."""
         pose = pin.SE3.Identity()
-        for joint in self._way_up(body, ancestor):
-            if joint is None:
-                raise OtherModelError(f"body {body} does not hang on {ancestor}", source=self.source)
-            pose = self.joint_pose(joint, {}) * pose
+        for joint in reversed(self.joints_between(ancestor, body)):
+            pose = self.joint_pose(joint, values or {}) * pose
         return pose
 
     def is_below(self, body: str, ancestor: str) -> bool:
         """Whether `ancestor` is the body itself or on its way to the ground."""
         return None not in self._way_up(body, ancestor)
+
+    def joints_between(self, ancestor: str, body: str) -> list[PeerJoint]:
+        """The joints from a body down to one below it, in that order."""
+        joints: list[PeerJoint] = []
+        for joint in self._way_up(body, ancestor):
+            if joint is None:
+                raise InputError(f"body {body} does not hang on {ancestor}", source=self.source, code=Code.OTHER_MODEL)
+            joints.insert(0, joint)
+        return joints
 
     def _way_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
         """The joints from a body up to one of its ancestors; None at the end where it does not hang on that one."""
@@ -148,10 +160,14 @@ def read_numbers(element: ET.Element | None, tag: str, source: Path, *, count: i
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
-        raise OtherModelError(f"found '{text.strip()[:60]}', expected numbers", source=source, field=tag) from None
+        raise InputError(
+            f"found '{text.strip()[:60]}', expected numbers", source=source, field=tag, code=Code.OTHER_MODEL
+        ) from None
     if (count is not None and len(values) != count) or not np.isfinite(values).all():
         expected = "finite numbers" if count is None else f"{count} finite numbers"
-        raise OtherModelError(f"found '{text.strip()[:60]}', expected {expected}", source=source, field=tag)
+        raise InputError(
+            f"found '{text.strip()[:60]}', expected {expected}", source=source, field=tag, code=Code.OTHER_MODEL
+        )
     return values
 
 
@@ -181,11 +197,13 @@ def _function(element: ET.Element, source: Path) -> Function | None:
     if element.tag in ("LinearFunction", "PolynomialFunction"):
         coefficients = read_numbers(element, "coefficients", source)
         if not len(coefficients):
-            raise OtherModelError("found no coefficients", source=source, field=element.tag)
+            raise InputError("found no coefficients", source=source, field=element.tag, code=Code.OTHER_MODEL)
         return lambda x: float(np.polyval(coefficients, x))
     x, y = read_numbers(element, "x", source), read_numbers(element, "y", source)
     if len(x) != len(y) or len(x) < 2 or (np.diff(x) <= 0).any():
-        raise OtherModelError("x must increase and have as many numbers as y", source=source, field=element.tag)
+        raise InputError(
+            "x must increase and have as many numbers as y", source=source, field=element.tag, code=Code.OTHER_MODEL
+        )
     if element.tag == "PiecewiseLinearFunction" or len(x) < 4:
         return lambda value: float(np.interp(value, x, y))
     return _spline(x, y)
@@ -209,24 +227,33 @@ def _third_difference(x: Array, y: Array) -> float:
     return float(y[0])
 
 
-KNEE_SWEEP = math.radians(60.0)  # Flexion over which a peer's knee axis is taken: what walking uses
-ANKLE_SWEEP = math.radians(20.0)  # To either side
-SUBTALAR_SWEEP = math.radians(10.0)  # To either side
+KNEE_SWEEP = math.radians(60.0)
+"""Flexion over which a peer's knee axis is taken: what walking uses."""
+ANKLE_SWEEP = math.radians(20.0)
+"""To either side."""
+SUBTALAR_SWEEP = math.radians(10.0)
+"""To either side."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LegGeometry:
     """Where the joints of one leg lie, each in the frames of the segments it connects; None where unknown."""
 
-    hip_in_pelvis: Array | None  # (3,) m
-    hip_in_thigh: Array | None  # (3,) m
+    hip_in_pelvis: Array | None
+    """(3,) m."""
+    hip_in_thigh: Array | None
+    """(3,) m."""
     knee_in_thigh: Axis | None
     knee_in_shank: Axis | None
-    ankle_in_shank: Axis | None  # The talocrural axis
+    ankle_in_shank: Axis | None
+    """The talocrural axis."""
     subtalar_in_foot: Axis | None
-    thigh_length: float | None  # m
-    shank_length: float | None  # m
-    ankle_axes_distance: float | None  # m, between talocrural and subtalar axis
+    thigh_length: float | None
+    """m."""
+    shank_length: float | None
+    """m."""
+    ankle_axes_distance: float | None
+    """m, between talocrural and subtalar axis."""
 
 
 def our_leg(parameters: Parameters, side: str) -> LegGeometry:
@@ -353,8 +380,10 @@ def _axis(axis: Axis | None, pose: pin.SE3 | None, positive: int) -> Axis | None
 class Axis:
     """A directed line."""
 
-    point: Array  # (3,) m, on the line
-    direction: Array  # (3,) unit vector
+    point: Array
+    """(3,) m, on the line."""
+    direction: Array
+    """(3,) unit vector."""
 
     def moved(self, pose: pin.SE3) -> Axis:
         """The same line in the frame in which `pose` is given."""
@@ -379,7 +408,8 @@ class Axis:
         return Axis(self.point, self.direction if self.direction[axis] >= 0.0 else -self.direction)
 
 
-SMALLEST_TURN = 1e-6  # rad; a displacement that turns less has no axis worth the name
+SMALLEST_TURN = 1e-6
+"""rad; a displacement that turns less has no axis worth the name."""
 
 
 def displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:

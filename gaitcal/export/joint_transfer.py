@@ -1,0 +1,460 @@
+"""A person's calibrated hips, knees and ankles put into an OpenSim model of the user's own.
+
+Bodies stay where they are, with all that is fixed to them: meshes, muscle points, wraps, markers. What moves is where
+the joints sit in them. With G_b the pose of body b in the laboratory while the person stands, by our calibrated linkage
+and the registration of b to our segment (`osim_registration.py`), P and C the joint's frames in parent p and child c,
+M(q) its motion, and q0 its coordinates as the person stands,
+
+    ball     P' = D P,    C' = (G_p^-1 G_c)^-1 P' M(q0),
+
+D the shift that takes its centre to ours: the bones stand as they stood with the very coordinates q0 that they had. q0
+are those of the model as it was that turn its bones, one against the other, as ours are turned.
+
+A hinge of theirs is A Rz(theta) B^-1, or nearly so (`osim_correspondence.py`). With D and E the smallest rigid motions,
+across the axis and turning it, that take A's line to our axis in p and B's to our axis in c,
+
+    hinge    P' = D P,    C' = E B Tz(-d) Rz(-phi) B^-1 C,
+
+d and phi being what our standing bones are slid and turned in that hinge, D A and E B, beside theirs at q0. M is moved
+as a whole: a knee that rolls keeps its functions, and rolls about our axis; the standing bones then differ by what
+rolling is at q0, which is told.
+
+Between shank and foot lies the talus, which no marker shows: it goes with the joint above it. Of the joints that move
+between two registered bodies all but the last keep their place in their child, and the last closes the chain.
+
+A joint whose parameters the recordings say little of stays as it is: where their standard errors are more than `LITTLE`
+of what they were before any trial was looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from gaitcal.arrays import Array
+from gaitcal.calibration.error_sources import ErrorSources
+from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.export.osim_correspondence import (
+    LegJoint,
+    leg_joints,
+    put_ball,
+    put_hinge,
+    shift_between,
+    standing_coordinates,
+    turn_between,
+)
+from gaitcal.export.osim_reader import OsimDocument, Place, Weight, peer_of, read_document
+from gaitcal.export.osim_registration import (
+    JOINT_OF,
+    Registration,
+    SegmentMass,
+    axis_of_ours,
+    body_weights,
+    registrations,
+    standing_segments,
+    with_landmarks,
+)
+from gaitcal.export.peer_model import Axis, PeerModel
+from gaitcal.model.linkage import LEG_JOINTS, SIDES
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.runtime import with_one_blas_thread
+from gaitcal.study.joint_prior import JointPrior
+
+LITTLE = 0.9
+"""Of the standard error before; nine tenths are a fifth of the variance."""
+APART = 0.010
+"""m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to some millimetres."""
+FAR_M = 0.020
+"""m; twice what the best regressions miss a hip by, in three directions together (`calibration/joint_prior.py`)."""
+UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
+"""Below these a joint stays in the very bytes of its file: the solvers' rounding."""
+
+
+class Verdict(Enum):
+    """What became of a joint."""
+
+    MOVED = "moved"
+    UNDETERMINED = "left as it is: the recordings say little of it"
+    ABSENT = "the model has no such joint"
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointEnd:
+    """Where a joint sits in one of its bodies, and how far that is from where it was."""
+
+    body: str
+    place: pin.SE3
+    """Of the joint's frame in the body."""
+    shift: Array
+    """(3,) m, in the body's axes: of the centre, of a hinge across its axis."""
+    turn: float
+    """rad, of a hinge's axis; of a ball joint's frame."""
+    errors: tuple[float, float]
+    """m and rad, standard errors of the centre (of a hinge across its axis) and of the direction of a hinge's axis: the
+    root of the sum of squares in all directions, of the joint parameters and of the registration. NaN where unknown."""
+    changed: bool
+    """Whether the file is changed here."""
+
+    @property
+    def moved(self) -> float:
+        """Length of the shift, m."""
+        return float(np.linalg.norm(self.shift))
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointMove:
+    """What became of one joint."""
+
+    joint: str
+    """Ours: `hip_r`, ..."""
+    theirs: str
+    """Name in the model; empty where it has none."""
+    verdict: Verdict
+    known: float
+    """Standard error of its parameters over that before any trial, the larger of positions and directions."""
+    standing: Mapping[str, float]
+    """Coordinate of theirs -> rad (m) as the person stands, before and after."""
+    rolls: tuple[float, float] = (0.0, 0.0)
+    """m and rad, by which the standing bones are then off: what the joint rolls, or cannot do."""
+    parent: JointEnd | None = None
+    child: JointEnd | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibratedOsim:
+    """The user's model with this person's joints."""
+
+    content: bytes
+    """Of the file."""
+    joints: tuple[JointMove, ...]
+    legs: tuple[LegJoint, ...]
+    """Which joints of the model are meant, and how they were found."""
+    registrations: tuple[Registration, ...]
+    masses: tuple[SegmentMass, ...]
+    """Of the segments whose bodies weigh what ours do; empty unless asked for."""
+    notes: tuple[str, ...]
+    """What the user should know, one sentence each."""
+
+
+@with_one_blas_thread
+def into_osim(
+    model: SubjectModel,
+    osim: Path | str,
+    *,
+    errors: ErrorSources | None = None,
+    prior: JointPrior | None = None,
+    names: Path | None = None,
+    recorded: Mapping[str, Array] | None = None,
+    marker_set: MarkerSet | None = None,
+    masses: bool = False,
+) -> CalibratedOsim:
+    """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
+
+    Parameters
+    ----------
+    errors : of the joint parameters (`Uncertainty.joint`); None: they count as exact, and every joint as determined.
+    prior : what was known of joints before; anatomy unless given.
+    names : a TOML file that says which joints are meant (`read_names`).
+    recorded : our coordinate -> (n,) rad in the recordings, over which a knee that rolls is taken; unless given, over a
+        stride of the built-in person.
+    marker_set : whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
+        segments by these markers, too.
+    masses : the bodies weigh what our segments weigh, too (`body_weights`).
+
+    Returns
+    -------
+    The file's content, the same but for where joints sit, and what was done. Nothing is written.
+
+    Raises
+    ------
+    InputError
+        The file is no model, or has no legs that can be told, or its markers do not fit this person.
+    """
+    return Transfer.prepared(
+        model, osim, errors=errors, prior=prior, names=names, recorded=recorded, marker_set=marker_set
+    ).result(masses=masses)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer:
+    """All that is read once; every draw of joint parameters makes another file of it."""
+
+    model: SubjectModel
+    document: OsimDocument
+    peer: PeerModel
+    legs: tuple[LegJoint, ...]
+    bodies: Mapping[str, Registration]
+    """By our segment."""
+    errors: ErrorSources | None
+    known: Mapping[str, float]
+    """Joint of ours -> how much of its standard error is left."""
+
+    @classmethod
+    def prepared(
+        cls,
+        model: SubjectModel,
+        osim: Path | str,
+        *,
+        errors: ErrorSources | None = None,
+        prior: JointPrior | None = None,
+        names: Path | None = None,
+        recorded: Mapping[str, Array] | None = None,
+        marker_set: MarkerSet | None = None,
+    ) -> Transfer:
+        """Read the model, find its legs and lay its bodies on our segments; arguments as of `into_osim`."""
+        model = model if marker_set is None else with_landmarks(model, marker_set)
+        document = read_document(osim)
+        peer = peer_of(document)
+        legs = leg_joints(peer, names, recorded)
+        return cls(
+            model=model,
+            document=document,
+            peer=peer,
+            legs=legs,
+            bodies=registrations(model, peer, legs),
+            errors=errors,
+            known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
+        )
+
+    def result(self, *, masses: bool = False) -> CalibratedOsim:
+        """With the calibrated parameters."""
+        weights, told = (
+            body_weights(self.model.parameters, self.document, self.peer, self.bodies) if masses else ({}, ())
+        )
+        moves = self.moves(self.model.parameters, {s: r.pose for s, r in self.bodies.items()})
+        return CalibratedOsim(
+            content=self.content(moves, weights),
+            masses=told,
+            joints=moves,
+            legs=self.legs,
+            registrations=tuple(self.bodies.values()),
+            notes=tuple(self._notes(moves)),
+        )
+
+    def drawn(self, rng: np.random.Generator) -> bytes:
+        """A file with joints drawn from their errors, bodies registered with theirs, and masses as they were."""
+        parameters = self.model.parameters
+        if self.errors is not None:
+            own = self.errors.of([name for name in self.errors.free if name in JP_INDEX])  # soft tissue is no joint
+            at = [JP_INDEX[name] for name in own.free]
+            moved = own.parameters @ rng.normal(size=own.parameters.shape[1])
+            parameters = parameters.with_joint(own.free, parameters.joint[at] + moved)
+        poses = {s: r.drawn(rng) for s, r in self.bodies.items()}
+        return self.content(replace(self, errors=None).moves(parameters, poses))
+
+    def content(self, moves: Sequence[JointMove], weights: Mapping[str, Weight] | None = None) -> bytes:
+        """The file with these joints, and bodies of these weights."""
+        places: dict[tuple[str, str], Place] = {}
+        for move in moves:
+            joint = next((leg.theirs for leg in self.legs if leg.ours == move.joint), None)
+            for name, end in (("parent", move.parent), ("child", move.child)):
+                if joint is None or end is None or not end.changed:
+                    continue
+                was = joint.in_parent if name == "parent" else joint.in_child
+                places[joint.name, name] = Place(
+                    end.place.translation if shift_between(was, end.place) > UNMOVED_M else None,
+                    end.place.rotation if turn_between(was, end.place) > UNMOVED_RAD else None,
+                )
+        return self.document.changed(places, weights)
+
+    def moves(self, parameters: Parameters, poses: Mapping[str, pin.SE3]) -> tuple[JointMove, ...]:
+        """What becomes of every joint, with these joint parameters and poses of their bodies in our segments."""
+        segments = standing_segments(self.model, parameters)
+        stand = {r.body: segments[s] * poses[s] for s, r in self.bodies.items()}
+        found: dict[str, JointMove] = {}
+        for side in SIDES:
+            legs = [leg for leg in self.legs if leg.ours.endswith(f"_{side}")]
+            ends = ["pelvis", f"thigh_{side}", f"shank_{side}", f"foot_{side}"]
+            for above, below in pairwise(ends):
+                if above in self.bodies and below in self.bodies:
+                    pair = self.bodies[above].body, self.bodies[below].body
+                    for move in self._between(*pair, legs, parameters, segments, stand):
+                        found[move.joint] = move
+        absent = (f"{joint}_{side}" for side in SIDES for joint in LEG_JOINTS)
+        return tuple(
+            found.get(name) or JointMove(joint=name, theirs="", verdict=Verdict.ABSENT, known=float("nan"), standing={})
+            for name in absent
+        )
+
+    def _between(
+        self,
+        top: str,
+        bottom: str,
+        legs: Sequence[LegJoint],
+        parameters: Parameters,
+        segments: Mapping[str, pin.SE3],
+        stand: Mapping[str, pin.SE3],
+    ) -> Iterator[JointMove]:
+        """The joints between two registered bodies, the upper one first."""
+        row = self.peer.joints_between(top, bottom)
+        ours = {leg.theirs.name: leg for leg in legs}
+        q0 = standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
+        moving = [j for j in row if j.name in ours and self.known[ours[j.name].ours] <= LITTLE]
+        pose = stand[top]  # of the joint's parent
+        for joint in row:
+            leg, was = ours.get(joint.name), self.peer.joint_pose(joint, q0)
+            if leg is None or joint not in moving:
+                if leg is not None:
+                    yield self._left(leg, q0)
+                pose = pose * was
+                continue
+            standing = None
+            if joint is moving[-1]:
+                standing = pose.actInv(stand[bottom] * self.peer.body_pose(bottom, joint.child, q0).inverse())
+            target = axis_of_ours(leg.ours, parameters, _in_parent(leg.ours))
+            target = target.moved(pose.actInv(segments[_segment(leg.ours)]))
+            put = (put_ball if leg.hinge is None else put_hinge)(leg, was, target, standing)
+            now = put.in_parent * joint.in_parent.actInv(was * joint.in_child) * put.in_child.inverse()
+            centre = pose.act(put.centre)
+            ends = [
+                JointEnd(
+                    body=joint.parent if of_parent else joint.child,
+                    place=place,
+                    shift=put.shifts[not of_parent],
+                    turn=put.turns[not of_parent],
+                    errors=self._errors(leg.ours, of_parent, parameters, centre, segments),
+                    changed=shift_between(before, place) > UNMOVED_M or turn_between(before, place) > UNMOVED_RAD,
+                )
+                for of_parent, before, place in (
+                    (True, joint.in_parent, put.in_parent),
+                    (False, joint.in_child, put.in_child),
+                )
+            ]
+            yield JointMove(
+                joint=leg.ours,
+                theirs=joint.name,
+                verdict=Verdict.MOVED,
+                known=self.known[leg.ours],
+                standing={c.name: q0[c.name] for c in joint.coordinates if c.name in q0},
+                rolls=(0.0, 0.0) if standing is None else (shift_between(standing, now), turn_between(standing, now)),
+                parent=ends[0],
+                child=ends[1],
+            )
+            pose = pose * now
+
+    def _left(self, leg: LegJoint, q0: Mapping[str, float]) -> JointMove:
+        return JointMove(
+            joint=leg.ours,
+            theirs=leg.theirs.name,
+            verdict=Verdict.UNDETERMINED,
+            known=self.known[leg.ours],
+            standing={c.name: q0[c.name] for c in leg.theirs.coordinates if c.name in q0},
+        )
+
+    def _errors(
+        self, joint: str, of_parent: bool, parameters: Parameters, point: Array, segments: Mapping[str, pin.SE3]
+    ) -> tuple[float, float]:
+        """Standard errors, m and rad, of the place of a joint in one of its bodies; `point`: (3,) m, laboratory."""
+        ours = JOINT_OF[joint]
+        segment = ours.parent if of_parent else ours.child
+        registration = self.bodies.get(segment)
+        if registration is None:
+            return float("nan"), float("nan")
+        at = segments[segment].actInv(point)
+        axis = axis_of_ours(joint, parameters, of_parent)
+        across = np.eye(3) if joint.startswith("hip") else np.eye(3) - np.outer(axis.direction, axis.direction)
+        shift, turn = registration.point_covariance(at), registration.turn_covariance
+        names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.segment == segment]
+        if self.errors is not None and (told := [name for name in names if name in self.errors.free]):
+            moves = np.zeros((6, len(told)))
+            for k, name in enumerate(told):
+                value = parameters.joint[JP_INDEX[name]]
+                more, less = (
+                    axis_of_ours(joint, parameters.with_joint((name,), np.array([value + d])), of_parent)
+                    for d in (_STEP, -_STEP)
+                )
+                ends = [np.concatenate([_near(x, at, joint), x.direction]) for x in (more, less)]
+                moves[:, k] = (ends[0] - ends[1]) / (2 * _STEP)
+            covariance = moves @ self.errors.of(told).covariance @ moves.T
+            shift, turn = shift + covariance[:3, :3], across @ turn @ across + covariance[3:, 3:]
+        size = float(np.sqrt(np.trace(across @ shift @ across)))
+        return size, float("nan") if joint.startswith("hip") else float(np.sqrt(np.trace(across @ turn @ across)))
+
+    def _notes(self, moves: Sequence[JointMove]) -> Iterator[str]:
+        for move in moves:
+            if move.verdict is Verdict.MOVED and (names := self.document.hangs_on(move.theirs)):
+                yield f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with it"
+            ends = [e for e in (move.parent, move.child) if e is not None and e.moved > FAR_M]
+            if ends:
+                bodies = ", ".join(e.body for e in ends)
+                yield (
+                    f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {bodies}: muscle points beside it stay "
+                    "on their bones, and may no longer suit it"
+                )
+        for r in self.bodies.values():
+            if r.rms > APART:
+                yield (
+                    f"{r.body}: its markers are {1e3 * r.rms:.0f} mm from this person's, so that it may be of another "
+                    "size: scale the model to this person first, with these markers, and export again"
+                )
+            if r.common < FEWEST_MARKERS:
+                yield (
+                    f"{r.body} shares {r.common} markers with {r.segment}: laid on it by the axes of the joints, "
+                    "which tells less"
+                )
+
+
+_STEP = 1e-6
+"""m, rad, of central differences."""
+
+
+def _near(axis: Axis, point: Array, joint: str) -> Array:
+    return axis.point if joint.startswith("hip") else axis.nearest(point)
+
+
+def left_of_prior(joint: str, errors: ErrorSources | None, prior: JointPrior | None = None) -> float:
+    """Standard error of a joint's parameters over that before any trial, of positions or of directions, whichever is
+    larger; 0 where errors are not known.
+    """
+    if errors is None:
+        return 0.0
+    now, found = errors.standard_errors, []
+    for kind in Kind:
+        names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.kind is kind]
+        if names:
+            before = np.sqrt(np.diag(prior_of(names, prior)[1]))
+            after = np.array([now.get(name, size) for name, size in zip(names, before, strict=True)])
+            found.append(float(np.linalg.norm(after) / np.linalg.norm(before)))
+    return max(found)
+
+
+def _in_parent(joint: str) -> bool:
+    """Whether the axis of one of our joints is taken from its parent: the subtalar joint's has no markers."""
+    return not joint.startswith("subtalar")
+
+
+def _segment(joint: str) -> str:
+    return JOINT_OF[joint].parent if _in_parent(joint) else JOINT_OF[joint].child
+
+
+JOINTS_HEADER = (
+    "joint,theirs,verdict,standard_error_left,in,body,shift_x_mm,shift_y_mm,shift_z_mm,moved_mm,moved_se_mm,turned_deg,"
+    "turned_se_deg,standing_mm,standing_deg"
+)
+
+
+def joints_csv(done: CalibratedOsim) -> str:
+    """A row for either end of every joint; a figure that does not exist is left out."""
+    lines = [JOINTS_HEADER]
+    for move in done.joints:
+        known = f"{move.known:.3f}" if np.isfinite(move.known) else ""
+        start = f'{move.joint},"{move.theirs}",{move.verdict.name.lower()},{known}'
+        for name, end in (("parent", move.parent), ("child", move.child)):
+            if end is None:
+                continue
+            numbers = [*(1e3 * end.shift), 1e3 * end.moved, 1e3 * end.errors[0]]
+            numbers += [np.degrees(end.turn), np.degrees(end.errors[1]), 1e3 * move.rolls[0], np.degrees(move.rolls[1])]
+            words = ",".join(f"{x:.4f}" if np.isfinite(x) else "" for x in numbers)
+            lines.append(f'{start},{name},"{end.body}",{words}')
+        if move.parent is None:
+            lines.append(start + "," * (JOINTS_HEADER.count(",") - start.count(",")))
+    return "\n".join(lines) + "\n"

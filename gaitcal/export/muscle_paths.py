@@ -1,0 +1,156 @@
+"""Lengths and moment arms of the muscles of OpenSim models, by OpenSim itself where it is installed.
+
+Every coordinate of the legs goes through its range, the others at their default. A moment arm r is minus the change of
+a muscle's length with the coordinate, all constraints held. Between two neighbouring values the length must change by
+-(r_1 + r_2) / 2 times the step; where it does not by more than `JUMP`, the muscle has jumped over a wrapping surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.codes import Code
+from gaitcal.errors import InputError
+from gaitcal.export.osim_correspondence import LegJoint
+
+VALUES = 13
+"""Of a coordinate, over its range."""
+JUMP = 2e-3
+"""m; steps of a tenth of a range are too coarse to see less."""
+CROSSES = 1e-4
+"""m, by which the length of a muscle changes with a coordinate that it crosses, at least."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MusclePath:
+    """One muscle over the range of one coordinate."""
+
+    muscle: str
+    coordinate: str
+    values: Array
+    """(n,) rad."""
+    length: Array
+    """(n,) m."""
+    arm: Array
+    """(n,) m."""
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """rad, middles of the steps in which the length jumps."""
+        step = np.diff(self.values)
+        smooth = -0.5 * (self.arm[1:] + self.arm[:-1]) * step
+        found = np.abs(np.diff(self.length) - smooth) > JUMP
+        return tuple(float(v) for v in (self.values[:-1] + 0.5 * step)[found])
+
+
+@dataclass(frozen=True, kw_only=True)
+class MuscleChange:
+    """A muscle about a coordinate, before and after."""
+
+    before: MusclePath
+    after: MusclePath
+
+    @property
+    def worst(self) -> int:
+        """Where in the range its moment arm changes most."""
+        return int(np.argmax(np.abs(self.after.arm - self.before.arm)))
+
+    @property
+    def new_jumps(self) -> tuple[float, ...]:
+        """rad, where the muscle jumps that did not before."""
+        return tuple(v for v in self.after.jumps if v not in self.before.jumps)
+
+
+def opensim_is_installed() -> bool:
+    """Whether muscles can be looked at."""
+    return find_spec("opensim") is not None
+
+
+def leg_ranges(legs: Sequence[LegJoint]) -> dict[str, Array]:
+    """Coordinate of the model's legs -> (n,) rad, its range; locked ones are left out."""
+    return {
+        c.name: np.linspace(c.low, c.high, VALUES)
+        for leg in legs
+        for c in leg.theirs.coordinates
+        if not c.locked and c.high > c.low and any(a.coordinate == c.name and a.rotates for a in leg.theirs.axes or ())
+    }
+
+
+def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str], MusclePath]:
+    """(muscle, coordinate) -> its path, of every muscle that crosses the coordinate.
+
+    Raises
+    ------
+    InputError
+        OpenSim cannot load or assemble the model.
+    """
+    import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
+
+    opensim.Logger.setLevelString("Off")
+    out = {}
+    try:
+        model = opensim.Model(str(osim))
+        state = model.initSystem()
+        found = model.getMuscles()
+        muscles = [found.get(i) for i in range(found.getSize())]
+        for name, values in ranges.items():
+            coordinate = model.getCoordinateSet().get(name)
+            rest = coordinate.getValue(state)
+            lengths = np.empty((len(values), len(muscles)))
+            arms = np.zeros((len(values), len(muscles)))
+            for number in (False, True):  # lengths tell which moment arms are asked for
+                crossing = np.ptp(lengths, axis=0) > CROSSES if number else np.zeros(len(muscles), dtype=bool)
+                for i, value in enumerate(values):
+                    coordinate.setValue(state, float(value), False)
+                    model.assemble(state)
+                    model.realizePosition(state)
+                    if number:
+                        for k in np.flatnonzero(crossing):
+                            arms[i, k] = muscles[k].computeMomentArm(state, coordinate)
+                    else:
+                        lengths[i] = [m.getLength(state) for m in muscles]
+            coordinate.setValue(state, rest, True)
+            for k in np.flatnonzero(np.ptp(lengths, axis=0) > CROSSES):
+                muscle = muscles[k].getName()
+                out[muscle, name] = MusclePath(
+                    muscle=muscle, coordinate=name, values=values, length=lengths[:, k], arm=arms[:, k]
+                )
+    except RuntimeError as error:
+        message = f"OpenSim cannot use it: {' '.join(str(error).split())[:300]}"
+        raise InputError(message, source=osim, code=Code.OTHER_MODEL) from None
+    return out
+
+
+def muscle_changes(
+    before: Mapping[tuple[str, str], MusclePath], after: Mapping[tuple[str, str], MusclePath]
+) -> list[MuscleChange]:
+    """Muscles that cross a coordinate in both models, the largest change of a moment arm first."""
+    both = [MuscleChange(before=path, after=after[key]) for key, path in before.items() if key in after]
+    return sorted(both, key=lambda c: -float(np.abs(c.after.arm - c.before.arm).max()))
+
+
+MUSCLES_HEADER = "muscle,coordinate,deg,length_before_mm,length_after_mm,arm_before_mm,arm_after_mm,arm_sd_mm"
+
+
+def muscles_csv(changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()) -> str:
+    """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws."""
+    lines = [MUSCLES_HEADER]
+    for change in changes:
+        key = change.before.muscle, change.before.coordinate
+        arms = np.array([draw[key].arm for draw in draws if key in draw])
+        spread = 1e3 * arms.std(axis=0, ddof=1) if len(arms) > 1 else None
+        for k, value in enumerate(change.before.values):
+            figures = (
+                (p.length[k] for p in (change.before, change.after)),
+                (p.arm[k] for p in (change.before, change.after)),
+            )
+            words = [f"{1e3 * x:.4f}" for pair in figures for x in pair]
+            last = "" if spread is None else f"{spread[k]:.4f}"
+            lines.append(",".join([f'"{key[0]}"', f'"{key[1]}"', f"{np.degrees(value):.3f}", *words, last]))
+    return "\n".join(lines) + "\n"

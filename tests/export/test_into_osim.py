@@ -1,0 +1,449 @@
+"""A person's joints in an OpenSim model of the user's own: nothing changes that need not, what was moved comes back."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
+from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.errors import InputError
+from gaitcal.export.joint_transfer import JOINTS_HEADER, Transfer, Verdict, into_osim, joints_csv
+from gaitcal.export.muscle_paths import leg_ranges, muscle_changes, muscle_paths, muscles_csv
+from gaitcal.export.osim import write_osim
+from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
+from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
+from gaitcal.export.peer_model import PeerModel, read_numbers
+from gaitcal.model.linkage import COORDINATES, LEG_JOINTS, LEGS, SIDES
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, table
+from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
+from gaitcal.session.calibrate import calibrate
+from gaitcal.study.study import Study
+from tests.export.osim_people import person_of
+from tests.export.test_compare import in_old_format, in_other_frames
+
+DISTURBED = (0.010, 0.020)
+"""m, how far joints are put from their place."""
+BACK = 1e-6
+"""m, rad: the solvers' rounding, over 1 m."""
+DRAWN = 0.3
+"""Relative, of the root of a variance of forty draws: its own error is 0.11 with one direction, and several count."""
+NEAR = 0.5e-3
+"""m, of hips and knees by a walk without noise."""
+WITHIN_ERRORS = 2.5
+"""Standard errors, in all directions together."""
+REAL_MODELS = (
+    "opensim_truth/p01/subject01.osim",
+    "opensim_truth/p18/subject18.osim",
+    "subject01/reference/subject01_simbody.osim",
+    "uf3/reference/scaled.osim",
+)
+"""OpenSim 4; knees that roll, locked coordinates, patellae, feet with bodies between."""
+
+
+def unchanged(tree: ET.ElementTree) -> None:
+    """As it is written."""
+
+
+def under_other_names(tree: ET.ElementTree) -> None:
+    """Bodies, joints and coordinates as nobody calls them, and no markers."""
+    model = tree.getroot().find("Model")
+    assert model is not None
+    markers = model.find("MarkerSet")
+    assert markers is not None
+    model.remove(markers)
+    named = {e.get("name", "") for tag in ("Body", "CustomJoint", "Coordinate") for e in model.iter(tag)}
+    other = {name: f"x{k}" for k, name in enumerate(sorted(named, key=len, reverse=True))}
+    for element in model.iter():
+        if element.get("name") in other:
+            element.set("name", other[element.get("name", "")])
+        words = (element.text or "").strip()
+        if words in other:
+            element.text = other[words]
+        elif words.startswith("/bodyset/"):
+            element.text = f"/bodyset/{other[words.rpartition('/')[2]]}"
+
+
+VARIANTS: dict[str, Callable[[ET.ElementTree], None]] = {
+    "opensim 4": unchanged,
+    "opensim 3": in_old_format,
+    "other frames": in_other_frames,
+    "other names": under_other_names,
+}
+
+
+def written(model: SubjectModel, path: Path, variant: str) -> Path:
+    write_osim(model, path)
+    tree = ET.parse(path)
+    VARIANTS[variant](tree)
+    tree.write(path)
+    return path
+
+
+def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0) -> Path:
+    """The model with all joints of the legs 10 to 20 mm (and some degrees) off; `across`: hinges across their axes."""
+    rng = np.random.default_rng(3)
+    document = read_document(source)
+    places = {}
+    for leg in leg_joints(peer_of(document)):
+        for end, frame in (("parent", leg.theirs.in_parent), ("child", leg.theirs.in_child)):
+            way = rng.normal(size=3)
+            if across and leg.hinge is not None:
+                axis = (leg.hinge.in_parent if end == "parent" else leg.hinge.in_child).rotation[:, 2]
+                way -= axis * (axis @ way)
+            way *= rng.uniform(*DISTURBED) / np.linalg.norm(way)
+            turn = pin.exp3(np.deg2rad(deg) * rng.normal(size=3))
+            places[leg.theirs.name, end] = Place(frame.translation + way, frame.rotation @ turn if deg else None)
+    out.write_bytes(document.changed(places))
+    return out
+
+
+def assert_moves_alike(a: PeerModel, b: PeerModel, within: float) -> None:
+    """The legs of both models in random postures."""
+    rng = np.random.default_rng(5)
+    legs = leg_joints(a)
+    top = legs[0].theirs.parent
+    for _ in range(20):
+        q = {c.name: rng.uniform(-0.5, 0.5) for leg in legs for c in leg.theirs.coordinates if not c.locked}
+        for leg in legs:
+            poses = [peer.body_pose(leg.theirs.child, top, q).homogeneous for peer in (a, b)]
+            # the talus is seen by nobody: it may lie elsewhere between shank and foot
+            if not leg.ours.startswith("talocrural"):
+                assert np.abs(poses[0] - poses[1]).max() < within, leg.ours
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_joints_that_are_in_place_leave_every_byte(published: SubjectModel, tmp_path: Path, variant: str) -> None:
+    path = written(published, tmp_path / "m.osim", variant)
+    done = into_osim(published, path)
+    assert done.content == path.read_bytes()
+    assert [m.verdict for m in done.joints] == [Verdict.MOVED] * 2 * len(LEG_JOINTS)
+    by = {leg.found_by for leg in done.legs}
+    assert by == ({"topology"} if variant == "other names" else {"name"})
+
+
+@pytest.mark.parametrize("variant", ["opensim 4", "opensim 3", "other frames"])
+@pytest.mark.parametrize("deg", [0.0, 4.0])
+def test_disturbed_joints_come_back(published: SubjectModel, tmp_path: Path, variant: str, deg: float) -> None:
+    """Whatever was done to a joint, its bones move as before, with the same coordinates."""
+    path = written(published, tmp_path / "m.osim", variant)
+    wrong = disturbed(path, tmp_path / "wrong.osim", deg=deg)
+    done = into_osim(published, wrong)
+    back = tmp_path / "back.osim"
+    back.write_bytes(done.content)
+    if deg == 0.0:
+        assert_moves_alike(read_osim(path), read_osim(back), BACK)
+    # a ball joint's own axes are the user's: with them turned, hips count from elsewhere, and the rest still fits
+    for ours, theirs in zip(leg_joints(read_osim(path)), leg_joints(read_osim(back)), strict=True):
+        if ours.hinge is None:
+            assert np.abs(ours.theirs.in_parent.translation - theirs.theirs.in_parent.translation).max() < BACK
+            assert np.abs(ours.theirs.in_child.translation - theirs.theirs.in_child.translation).max() < BACK
+        elif theirs.hinge is not None and ours.ours.startswith("knee"):
+            for a, b in ((ours.hinge.in_parent, theirs.hinge.in_parent), (ours.hinge.in_child, theirs.hinge.in_child)):
+                gap = b.translation - a.translation
+                assert np.linalg.norm(np.cross(gap, a.rotation[:, 2])) < BACK
+                assert np.linalg.norm(np.cross(b.rotation[:, 2], a.rotation[:, 2])) < BACK
+    least = min(end.moved for m in done.joints if m.joint.startswith("hip") for end in (m.parent, m.child) if end)
+    assert least > DISTURBED[0] - BACK
+
+
+def test_nothing_else_changes(published: SubjectModel, tmp_path: Path) -> None:
+    """Comments, blanks, numbers as they were written: all but the text of the places of the legs' joints."""
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    text = path.read_text().replace("<CustomJoint", "<!-- a > b, <c> -->\r\n\t<CustomJoint").replace(" />", "   />")
+    path.write_bytes(text.encode())
+    done = into_osim(published, disturbed(path, tmp_path / "wrong.osim", deg=2.0))
+    places = re.compile(r"<(translation|orientation)>[^<]*<")
+    assert places.sub("", done.content.decode()) == places.sub("", text)
+    changed = [a != b for a, b in zip(places.finditer(done.content.decode()), places.finditer(text), strict=True)]
+    assert sum(changed)
+    legs = read_osim(path)
+    (tmp_path / "out.osim").write_bytes(done.content)
+    for child, joint in read_osim(tmp_path / "out.osim").joints.items():
+        if child not in (*LEGS["r"], *LEGS["l"]):
+            assert joint.in_parent == legs.joints[child].in_parent and joint.in_child == legs.joints[child].in_child
+
+
+def test_a_joint_without_offset_frames_gets_them(published: SubjectModel, tmp_path: Path) -> None:
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    tree = ET.parse(path)
+    for joint in tree.iter("CustomJoint"):
+        if joint.get("name") == "hip_r":
+            frames, socket = joint.find("frames"), joint.find("socket_child_frame")
+            assert frames is not None and socket is not None
+            frames.remove(frames[1])
+            socket.text = "/bodyset/thigh_r"
+    tree.write(path)
+    assert np.abs(read_osim(path).joints["thigh_r"].in_child.homogeneous - np.eye(4)).max() == 0.0
+    moved = published.parameters.with_joint(("hip_r.thigh.ant",), np.array([0.007]))
+    done = into_osim(replace(published, parameters=moved, nominal=moved), path)
+    (tmp_path / "out.osim").write_bytes(done.content)
+    assert read_osim(tmp_path / "out.osim").joints["thigh_r"].in_child.translation[0] == pytest.approx(0.007, abs=1e-9)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        opensim = pytest.importorskip("opensim")
+        opensim.Logger.setLevelString("Off")
+        opensim.Model("out.osim").initSystem()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", REAL_MODELS)
+def test_real_models(data_dir: Path, tmp_path: Path, name: str) -> None:
+    """In place: every byte. Disturbed across their axes: bones move as before; a knee that rolls nearly so."""
+    path = data_dir / name
+    model = person_of(read_osim(path))
+    assert into_osim(model, path).content == path.read_bytes()
+    back = tmp_path / "back.osim"
+    back.write_bytes(into_osim(model, disturbed(path, tmp_path / "wrong.osim", across=True)).content)
+    assert_moves_alike(read_osim(path), read_osim(back), 1e-4)
+
+
+def test_a_knee_that_rolls_is_its_nearest_hinge(data_dir: Path) -> None:
+    """No other hinge is nearer: turned or shifted a little it is farther, over the postures it is for."""
+    peer = read_osim(data_dir / REAL_MODELS[0])
+    leg = next(leg for leg in leg_joints(peer) if leg.ours == "knee_r")
+    postures = np.linspace(0.0, 1.0, 200)
+    hinge = hinge_of(peer, leg, {"knee_angle_r": postures})
+    tips = [leg.theirs.in_child.act(0.2 * s * e) for e in np.eye(3) for s in (1.0, -1.0)]
+    poses = [peer.joint_pose(leg.theirs, {"knee_angle_r": float(v)}) for v in postures]
+
+    def misfit(off: pin.SE3) -> float:
+        near = replace(hinge, in_parent=hinge.in_parent * off)
+        told = [near.pose(near.angle(p)) for p in poses]
+        return sum(float(np.sum((t.act(x) - p.act(x)) ** 2)) for t, p in zip(told, poses, strict=True) for x in tips)
+
+    least = misfit(pin.SE3.Identity())
+    assert np.sqrt(least / len(poses) / len(tips)) < 2e-3
+    for k in range(2):
+        for size in (-1.0, 1.0):
+            turn, shift = np.zeros(3), np.zeros(3)
+            turn[k], shift[k] = np.deg2rad(1.0) * size, 1e-3 * size
+            assert misfit(pin.SE3(pin.exp3(turn), np.zeros(3))) > least
+            assert misfit(pin.SE3(np.eye(3), shift)) > least
+
+
+@pytest.mark.slow
+def test_errors_are_those_of_the_draws(published: SubjectModel, tmp_path: Path) -> None:
+    """What is told of a joint's place is how far drawn files have it apart: parameters and registration."""
+    rng = np.random.default_rng(1)
+    markers = replace(
+        published.markers,
+        local=published.markers.local + 0.003 * rng.normal(size=(49, 3))[: len(published.markers.local)],
+    )
+    worn = replace(published, markers=markers)
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    spread = nominal_errors(JP_NAMES)
+    small = ErrorSources(spread.free, 0.2 * spread.parameters, spread.clusters)
+    transfer = Transfer.prepared(worn, path, errors=small)
+    told = {m.joint: m for m in transfer.result().joints}
+    drawn = []
+    for k in range(40):
+        (tmp_path / "d.osim").write_bytes(transfer.drawn(np.random.default_rng(k)))
+        drawn.append(read_osim(tmp_path / "d.osim").joints)
+    for side in SIDES:
+        hip = np.array([j[f"thigh_{side}"].in_parent.translation for j in drawn])
+        end = told[f"hip_{side}"].parent
+        assert end is not None
+        assert np.sqrt(hip.var(axis=0).sum()) == pytest.approx(end.errors[0], rel=DRAWN)
+        knee = np.array([j[f"shank_{side}"].in_parent.rotation[:, 2] for j in drawn])
+        end = told[f"knee_{side}"].parent
+        assert end is not None
+        assert np.sqrt(knee.var(axis=0).sum()) == pytest.approx(end.errors[1], rel=DRAWN)
+
+
+def test_what_recordings_say_little_of_is_left(published: SubjectModel, tmp_path: Path) -> None:
+    path = disturbed(written(published, tmp_path / "m.osim", "opensim 4"), tmp_path / "wrong.osim")
+    sizes = np.diag(prior_deviations(JP_NAMES))
+    sizes[[k for k, name in enumerate(JP_NAMES) if not name.startswith("knee_r")]] *= 0.1
+    done = into_osim(published, path, errors=ErrorSources(JP_NAMES, sizes, tuple(JP_NAMES)))
+    left = [m.joint for m in done.joints if m.verdict is Verdict.UNDETERMINED]
+    assert left == ["knee_r"]
+    (tmp_path / "out.osim").write_bytes(done.content)
+    was, now = (read_osim(p).joints["shank_r"] for p in (path, tmp_path / "out.osim"))
+    assert was.in_parent == now.in_parent and was.in_child == now.in_child
+    rows = joints_csv(done).splitlines()
+    assert rows[0] == JOINTS_HEADER and all(row.count(",") == JOINTS_HEADER.count(",") for row in rows)
+    assert sum(row.startswith("knee_r,") for row in rows) == 1
+
+
+def test_the_users_own_names(published: SubjectModel, tmp_path: Path) -> None:
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    names = tmp_path / "names.toml"
+    names.write_text('[joints]\ntalocrural_r = "subtalar_r"\n[coordinates]\nhip_r = "hip_rotation_r"\n')
+    legs = {leg.ours: leg for leg in leg_joints(read_osim(path), names)}
+    assert legs["talocrural_r"].theirs.name == "subtalar_r" and legs["talocrural_r"].found_by == "your file"
+    assert legs["hip_r"].coordinate == "hip_rotation_r"
+    names.write_text('[joints]\nhip_r = "hipr"\n')
+    with pytest.raises(InputError, match="found 'hipr', which is no joint of the model; did you mean 'hip_r'"):
+        leg_joints(read_osim(path), names)
+
+
+def test_a_model_of_one_leg(published: SubjectModel, tmp_path: Path) -> None:
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    tree = ET.parse(path)
+    for tag, names in (("BodySet", LEGS["l"]), ("JointSet", ("hip_l", "knee_l", "talocrural_l", "subtalar_l"))):
+        (holder,) = tree.iter(tag)
+        objects = holder.find("objects")
+        assert objects is not None
+        for element in [e for e in objects if e.get("name") in names]:
+            objects.remove(element)
+    tree.write(path)
+    done = into_osim(published, path)
+    assert done.content == path.read_bytes()
+    assert [m.joint for m in done.joints if m.verdict is Verdict.ABSENT] == [f"{j}_l" for j in LEG_JOINTS]
+
+
+def test_markers_of_the_static_trial_count(published: SubjectModel, tmp_path: Path) -> None:
+    """Landmarks that the model wears as markers lay its bodies on our segments, too."""
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    few = [k for k, s in enumerate(published.markers.segments) if s != "thigh_r"]
+    own = [k for k, s in enumerate(published.markers.segments) if s == "thigh_r"][:3]
+    m = published.markers
+    fewer = MarkerPlacement(
+        tuple(m.labels[k] for k in few), tuple(m.segments[k] for k in few), m.local[few], m.weight[few]
+    )
+    names = ("knee_lat_r", "knee_med_r", "thigh_r")
+    landmarks = {name: ("thigh_r", m.local[k]) for name, k in zip(names, own, strict=True)}
+    worn = {name: (m.labels[k],) for name, k in zip(names, own, strict=True)}
+    marker_set = MarkerSet(name="few", description="", landmarks=worn, tracking={})
+    person = replace(published, markers=fewer, landmarks=landmarks)
+    (told,) = [r for r in into_osim(person, path, marker_set=marker_set).registrations if r.segment == "thigh_r"]
+    assert (told.markers, told.common) == (3, 3) and told.rms < BACK
+    (bare,) = [r for r in into_osim(person, path).registrations if r.segment == "thigh_r"]
+    assert bare.common == 0
+
+
+@pytest.mark.parametrize("variant", ["opensim 4", "opensim 3", "other frames"])
+def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant: str) -> None:
+    """Bodies weigh what our segments weigh, and have their mass centres; nothing else of the document changes."""
+    path = written(published, tmp_path / "m.osim", variant)
+    heavier = table(published.parameters.inertial).copy()
+    heavier[:, 0] *= np.linspace(0.8, 1.3, len(heavier))
+    heavier[:, 1:4] += 0.01
+    p = published.parameters.with_inertial(heavier.ravel())
+    done = into_osim(replace(published, parameters=p), path, masses=True)
+    (tmp_path / "out.osim").write_bytes(done.content)
+    was, now = read_document(path), read_document(tmp_path / "out.osim")
+    weights = peer_of(now).masses
+    for k, segment in enumerate(MASSIVE_SEGMENTS):
+        assert weights[segment] == pytest.approx(heavier[k, 0], rel=1e-12)
+        if segment in (*LEGS["r"], *LEGS["l"], "pelvis"):
+            shift = np.linalg.norm(now.mass_centre(segment) - was.mass_centre(segment))
+            expected = np.linalg.norm(heavier[k, 1:4] - table(published.parameters.inertial)[k, 1:4])
+            if variant == "other frames":  # whose mass centres were not taken along
+                continue
+            assert shift == pytest.approx(expected, abs=BACK)
+    assert peer_of(now).joints.keys() == peer_of(was).joints.keys()
+    numbers = re.compile(rb"<(mass|mass_center|inertia\w*)>[^<]*<")
+    assert numbers.sub(b"", now.content) == numbers.sub(b"", was.content)
+    ratio = heavier[0, 0] / peer_of(was).masses[MASSIVE_SEGMENTS[0]]
+    moments = [read_numbers(d.body(MASSIVE_SEGMENTS[0]), "inertia", path) for d in (was, now)]
+    assert moments[1] == pytest.approx(ratio * moments[0], rel=1e-12)
+
+
+def without_legs(tree: ET.ElementTree) -> None:
+    for element in tree.iter("Coordinate"):
+        element.set("name", f"{element.get('name')}x")
+    for holder in tree.iter("objects"):
+        for joint in [j for j in holder.findall("CustomJoint") if "knee" in (j.get("name") or "")]:
+            holder.remove(joint)
+
+
+def misplaced_markers(tree: ET.ElementTree) -> None:
+    for k, element in enumerate(tree.iter("Marker")):
+        location = element.find("location")
+        assert location is not None
+        location.text = f"{0.1 * np.sin(7 * k)} {0.1 * np.cos(5 * k)} {0.1 * np.sin(3 * k)}"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (without_legs, "has no pelvis with two legs of three joints or more"),
+        (misplaced_markers, r"its markers lie \d+ mm \(RMS\) from this person's on pelvis; allowed: up to 50 mm"),
+    ],
+)
+def test_a_model_of_something_else(
+    published: SubjectModel, tmp_path: Path, spoil: Callable[[ET.ElementTree], None], message: str
+) -> None:
+    write_osim(published, tmp_path / "m.osim")
+    tree = ET.parse(tmp_path / "m.osim")
+    spoil(tree)
+    tree.write(tmp_path / "m.osim")
+    with pytest.raises(InputError, match=message) as caught:
+        into_osim(published, tmp_path / "m.osim")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("person", ["p01/subject01.osim", "p18/subject18.osim"])
+def test_one_walk_brings_hips_and_knees_back(data_dir: Path, tmp_path: Path, person: str) -> None:
+    """People that OpenSim simulated, their models' joints put off: what calibration finds is where they were."""
+    path = data_dir / "opensim_truth" / person
+    calibration = calibrate(Study.load(path.parent / "study.toml"))
+    recorded = dict(zip(COORDINATES, calibration.trials[0].calibrated.q.T, strict=True))
+    wrong = disturbed(path, tmp_path / "wrong.osim")
+    done = into_osim(calibration.model, wrong, errors=calibration.uncertainty.joint, recorded=recorded)
+    (tmp_path / "back.osim").write_bytes(done.content)
+    told = {move.joint: move.child for move in done.joints}
+    truth, found = (leg_joints(read_osim(p), recorded=recorded) for p in (path, tmp_path / "back.osim"))
+    for a, b in zip(truth, found, strict=True):
+        apart = b.theirs.in_child.translation - a.theirs.in_child.translation
+        if a.hinge is not None and b.hinge is not None:
+            line = b.hinge.in_child
+            apart = a.hinge.in_child.translation - line.translation
+            apart = apart - line.rotation[:, 2] * (line.rotation[:, 2] @ apart)
+        end, off = told[a.ours], float(np.linalg.norm(apart))
+        if not a.ours.startswith("talocrural"):  # its place in the talus is nobody's
+            assert end is not None
+            assert off < WITHIN_ERRORS * end.errors[0], a.ours
+        if a.ours.startswith(("hip", "knee")):
+            assert off < NEAR, a.ours
+
+
+@pytest.mark.slow
+def test_muscles_pull_as_before(osim: Any, data_dir: Path, tmp_path: Path) -> None:
+    """Of a person whose joints were put off across their axes: moment arms about the knee come back to 1 %."""
+    path = data_dir / REAL_MODELS[0]
+    model = person_of(read_osim(path))
+    back = tmp_path / "back.osim"
+    wrong = disturbed(path, tmp_path / "wrong.osim", across=True)
+    done = into_osim(model, wrong)
+    back.write_bytes(done.content)
+    ranges = {name: values for name, values in leg_ranges(done.legs).items() if name == "knee_angle_r"}
+    before, spoilt, after = (muscle_paths(p, ranges) for p in (path, wrong, back))
+    largest = {key: np.abs(p.arm).max() for key, p in before.items()}
+    assert max(np.abs(p.arm - spoilt[key].arm).max() / largest[key] for key, p in before.items()) > 0.2
+    changes = muscle_changes(before, after)
+    for change in changes:
+        key = change.before.muscle, change.before.coordinate
+        assert np.abs(change.after.arm - change.before.arm).max() < 0.01 * largest[key], key
+        assert np.isfinite(change.after.length).all() and not change.new_jumps
+    rows = muscles_csv(changes, [before, after]).splitlines()
+    assert len(rows) == 1 + len(changes) * len(ranges["knee_angle_r"])
+
+
+def test_standing_hinges_need_no_recording(published: SubjectModel, tmp_path: Path) -> None:
+    """A hinge is the same hinge whatever it was recorded over."""
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    peer = read_osim(path)
+    for leg in leg_joints(peer, recorded={"knee_angle_r": np.array([0.2, 0.3, 0.5])}):
+        _same_hinge(leg, next(other for other in leg_joints(peer) if other.ours == leg.ours))
+
+
+def _same_hinge(a: LegJoint, b: LegJoint) -> None:
+    if a.hinge is None or b.hinge is None:
+        assert a.ours.startswith("hip")
+        return
+    assert np.linalg.norm(np.cross(a.hinge.in_child.rotation[:, 2], b.hinge.in_child.rotation[:, 2])) < BACK
+    gap = a.hinge.in_child.translation - b.hinge.in_child.translation
+    assert np.linalg.norm(np.cross(gap, a.hinge.in_child.rotation[:, 2])) < BACK
