@@ -34,12 +34,10 @@ class ComparisonRow:
     """One quantity in both models."""
 
     quantity: str
-    unit: str
-    """mm, deg, kg, or 1 for a count."""
+    unit: str  # mm, deg, kg, or 1 for a count
     ours: float
     theirs: float
-    difference: float
-    """theirs - ours."""
+    difference: float  # theirs - ours
 
 
 @dataclass(frozen=True)
@@ -47,11 +45,9 @@ class _Registered:
     """How well a peer's body could be laid on our segment."""
 
     segment: str
-    markers: int
-    """Our markers on the segment."""
+    markers: int  # Our markers on the segment
     common: int
-    found: Registration | None
-    """None with fewer than three common markers, or all on one line."""
+    found: Registration | None  # None with fewer than three common markers, or all on one line
 
 
 def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:

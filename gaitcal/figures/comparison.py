@@ -19,7 +19,6 @@ import pandas as pd
 from gaitcal.compare.difference import Difference, numbers_of, subject
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.figures.chart import FAINT, FONT, INK, SIDE_COLOURS, SIDE_DASHES, dress, limits, line_style, new_figure
-from gaitcal.figures.paper import variable_title
 from gaitcal.figures.report import SALT
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import Kind, kind_of
@@ -166,7 +165,7 @@ def _panel(axes: Axes, comparison: SessionComparison, convention: Convention, cu
 
     before, after = told("a", 0), told("b", 1)
     band = 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
-    positive, title = convention.senses(variable, side)[0], variable_title(variable, convention)
+    positive, title = convention.senses(variable, side)[0], convention.title(variable)
     dress(axes, ylabel=f"{UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)
