@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from gaitcal import cli
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.errors import InputError
@@ -21,15 +22,17 @@ from gaitcal.export.muscle_paths import leg_ranges, muscle_changes, muscle_paths
 from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
-from gaitcal.export.peer_model import PeerModel, read_numbers
+from gaitcal.export.peer_model import PeerModel, our_leg, read_numbers
 from gaitcal.model.linkage import COORDINATES, LEG_JOINTS, LEGS, SIDES
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.model_file import load_model
 from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from tests.export.osim_people import person_of
 from tests.export.test_compare import in_old_format, in_other_frames
+from tests.kept import kept_result
 
 DISTURBED = (0.010, 0.020)
 """m, how far joints are put from their place."""
@@ -447,3 +450,48 @@ def _same_hinge(a: LegJoint, b: LegJoint) -> None:
     assert np.linalg.norm(np.cross(a.hinge.in_child.rotation[:, 2], b.hinge.in_child.rotation[:, 2])) < BACK
     gap = a.hinge.in_child.translation - b.hinge.in_child.translation
     assert np.linalg.norm(np.cross(gap, a.hinge.in_child.rotation[:, 2])) < BACK
+
+
+def run(*words: str) -> int:
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
+        patch.setattr("sys.argv", ["gaitcal", *words])
+        cli.main()
+    return int(ended.value.code or 0)
+
+
+@pytest.mark.slow
+def test_the_command(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The nominal model stands for the user's; with the calibrated joints in it, it is the calibrated model."""
+    result = kept_result(kept) / "result"
+    model = load_model(result / "model.toml")
+    mine, out = tmp_path / "scaled.osim", tmp_path / "mine.osim"
+    write_osim(replace(model, parameters=model.nominal), mine)
+    assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "2") == 0
+    printed = capsys.readouterr().out
+    assert "wrote 2 draws" in printed and "muscles: not computed" in printed
+    found, ours = read_osim(out).joints, our_leg(model.parameters, "r")
+    assert np.abs(found["thigh_r"].in_parent.translation - ours.hip_in_pelvis).max() < 1e-4
+    assert ours.knee_in_thigh is not None
+    assert ours.knee_in_thigh.distance(found["shank_r"].in_parent.translation) < 1e-4
+    names = sorted(p.name for p in tmp_path.iterdir())
+    assert names == ["mine.joints.csv", "mine.osim", "mine_draws", "scaled.osim"]
+    one, two = ((tmp_path / "mine_draws" / f"00{k}.osim").read_bytes() for k in (1, 2))
+    assert one != two
+    assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0
+    assert (tmp_path / "mine_draws" / "001.osim").read_bytes() == one
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--into", "m.osim"), "--out: found nothing; allowed: a file FILE.osim to be written"),
+        (("--into", "m.osim", "--out", "m.osim"), "--out: found the model that is read; allowed: another file"),
+        (("--into", "m.osim", "--out", "n.osim", "--parameters", "mass"), "allowed: joints or joints,masses"),
+        (("--draws", "3"), "--draws: found without --into; allowed: with --into MODEL.osim"),
+    ],
+)
+def test_options_that_cannot_be(
+    words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert run("export", str(tmp_path), *words) == 2
+    assert message in " ".join(capsys.readouterr().err.split())

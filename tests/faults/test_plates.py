@@ -83,10 +83,6 @@ def test_forces_that_do_not_carry_the_walker(sound: Study, gain: float, mass: fl
     assert carried == pytest.approx(gain * 69.4, rel=0.03)
 
 
-def test_mass_that_plates_carry_is_told(sound: Study) -> None:
-    assert "0.00-1.03 s" in findings(sound, "body mass", INFO)[0].found
-
-
 @pytest.mark.parametrize("acceleration", [0.6, -0.6])
 def test_plates_carry_more_than_the_mass_of_a_body_that_is_speeding_up(sound: Study, acceleration: float) -> None:
     """The pelvis gains speed upwards, m/s^2, and the plates push as much harder: the same mass as before."""

@@ -77,7 +77,6 @@ def test_the_page_tells_what_makes_each_error_bar() -> None:
 def test_the_rms_of_a_residual_has_one_definition_in_every_place() -> None:
     whole = fake_calibration()
     trial = whole.trial("walk")
-    assert trial.loads is not None
     told = cast(Any, trial_summary(trial, whole.verdict))["pelvis_residual"]
     valid = trial.loads.reactions.valid
     for (stage, moments), size in zip(trial.loads.moments.items(), trial.loads.residuals, strict=True):
