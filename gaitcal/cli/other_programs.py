@@ -12,8 +12,9 @@ from rich.text import Text
 
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cli.console import Console, frameless_table
+from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.errors import UsageError, nearest
+from gaitcal.errors import InputError, UsageError, nearest
 from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, Verdict, joints_csv
 from gaitcal.export.muscle_paths import (
     MuscleChange,
@@ -211,6 +212,9 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
     if options.muscles and not opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
+    if saved.uncertainty.joint is None:
+        message = "its joint parameters were not calibrated: there is nothing to put into a model"
+        raise InputError(message, source=result, code=Code.NO_RESULT)
     transfer = Transfer.prepared(
         saved.model,
         options.model,
