@@ -66,6 +66,9 @@ _HEAD_FORWARD = 0.05
 FOOT_OF_HEIGHT, _FOREARM_OF_HEIGHT, _HEAD_OF_HEIGHT, _ANKLE_OF_HEIGHT = 0.152, 0.1545, 0.130, 0.039
 """Foot length, elbow to wrist, chin to vertex, ankle centre above the floor, as shares of body height (Drillis and
 Contini 1966; forearm: de Leva 1996)."""
+_HEAD_MARKER_OF_HEIGHT, _VERTEX_OVER_MARKERS = 0.08, 0.03
+"""Of body height: so far above the shoulders a marker is one of the head; the vertex over the highest of them, between
+a marker on it and a band around the forehead."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,7 @@ def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
     tall = model.subject.height / REFERENCE_HEIGHT
     girth = float(np.sqrt(model.subject.mass / REFERENCE_MASS / tall))
     jp = dict(zip(JP_INDEX, model.parameters.joint, strict=True))
-    meshes = [*_trunk(jp, model.subject.height, girth), _pelvis(jp, girth)]
+    meshes = [*_trunk(model, jp, girth), _pelvis(jp, girth)]
     for side in SIDES:
         meshes += [*_leg(jp, side, girth), _foot(model, side), *_arm(model, jp, side, girth)]
     return tuple(meshes)
@@ -128,12 +131,12 @@ def _straight(mesh: str, segment: str, origin: Array, scale: tuple[float, float,
     return FittedMesh(mesh, segment, np.column_stack([np.diag(scale), origin]))
 
 
-def _trunk(jp: dict[str, float], height: float, girth: float) -> list[FittedMesh]:
+def _trunk(model: SubjectModel, jp: dict[str, float], girth: float) -> list[FittedMesh]:
     """Torso as wide as the shoulders; neck and head so that the standing person is as tall as measured."""
     lumbar = joint_centre(jp, "back.trunk")
     half = float(jp["shoulder_r.trunk.lat"] - jp["shoulder_l.trunk.lat"]) / 2
-    head = _HEAD_OF_HEIGHT * height / 42.0
-    neck = vertex_above_lumbar(jp, height) - 46.2 * head
+    head = _HEAD_OF_HEIGHT * model.subject.height / 42.0
+    neck = vertex_above_lumbar(model) - 46.2 * head
     thick = 0.0056 * girth
     high = (neck - 0.03) / 52.0
     return [
@@ -144,11 +147,18 @@ def _trunk(jp: dict[str, float], height: float, girth: float) -> list[FittedMesh
     ]
 
 
-def vertex_above_lumbar(jp: dict[str, float], height: float) -> float:
-    """Metres from the lumbar joint to the top of the head of the upright person, `height` m tall."""
-    lumbar = joint_centre(jp, "back.trunk")
-    shoulders = (joint_centre(jp, "shoulder_r.trunk") + joint_centre(jp, "shoulder_l.trunk")) / 2
-    return max(height - _lumbar_height(jp, height), float(shoulders[1] - lumbar[1]) + 0.9 * _HEAD_OF_HEIGHT * height)
+def vertex_above_lumbar(model: SubjectModel) -> float:
+    """Metres from the lumbar joint to the top of the head: where the height of the upright person puts it, and little
+    above the markers of the head where it has some.
+    """
+    jp, height = dict(zip(JP_INDEX, model.parameters.joint, strict=True)), model.subject.height
+    lumbar = joint_centre(jp, "back.trunk")[1]
+    shoulders = (joint_centre(jp, "shoulder_r.trunk")[1] + joint_centre(jp, "shoulder_l.trunk")[1]) / 2 - lumbar
+    on_trunk = [segment == "head_trunk" for segment in model.markers.segments]
+    head = model.markers.local[on_trunk, 1] - lumbar
+    vertex = max(height - _lumbar_height(jp, height), float(shoulders) + 0.9 * _HEAD_OF_HEIGHT * height)
+    has_markers = (head > shoulders + _HEAD_MARKER_OF_HEIGHT * height).any()
+    return min(vertex, float(head.max()) + _VERTEX_OVER_MARKERS * height) if has_markers else vertex
 
 
 def _lumbar_height(jp: dict[str, float], height: float) -> float:

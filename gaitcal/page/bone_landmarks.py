@@ -365,7 +365,7 @@ def person_landmarks(model: SubjectModel) -> PersonLandmarks:
         points["pelvis/psis"] = sacrum + [radius, 0.0, 0.0]
     points |= {f"head_trunk/shoulder_{side}": joint_centre(fitted, f"shoulder_{side}.trunk") for side in SIDES}
     points["head_trunk/lumbar"] = lumbar
-    points["head_trunk/vertex"] = lumbar + [0.0, vertex_above_lumbar(fitted, model.subject.height), 0.0]
+    points["head_trunk/vertex"] = lumbar + [0.0, vertex_above_lumbar(model), 0.0]
     knees = {}
     for side in SIDES:
         points[f"thigh_{side}/hip"] = joint_centre(fitted, f"hip_{side}.thigh")

@@ -161,10 +161,21 @@ def test_the_standing_body_is_as_tall_as_the_person(height: float) -> None:
     scale = height / 1.70
     joint = published_subject().joint * np.array([scale if abs(x) > 0 else 1.0 for x in base.nominal.joint])
     parameters = replace(base.nominal, joint=joint)
-    model = replace(base, subject=replace(base.subject, height=height), parameters=parameters, nominal=parameters)
+    markers = replace(base.markers, local=scale * base.markers.local)
+    subject = replace(base.subject, height=height)
+    model = replace(base, subject=subject, parameters=parameters, nominal=parameters, markers=markers)
     head = next(g.place for g in fitted_meshes(model) if g.mesh == "head")
     marks = {(m.joint, m.segment): m.fitted_centre[1] for m in joint_marks(parameters, parameters, {})}
     legs = marks["hip_r", "thigh_r"] - marks["knee_r", "thigh_r"] - marks["talocrural_r", "shank_r"]
     lumbar = legs + marks["knee_r", "shank_r"] + marks["back", "pelvis"] - marks["hip_r", "pelvis"] + 0.039 * height
     top = (head[:, :3] @ [0.0, 46.2, 0.0] + head[:, 3])[1] - marks["back", "head_trunk"]
     assert lumbar + top == pytest.approx(height, abs=0.01)
+
+
+def test_the_head_is_where_its_markers_are() -> None:
+    """Of a person whose stature is given 30 cm too large: not a head above them."""
+    base = subject_model()
+    tall = replace(base, subject=replace(base.subject, height=2.0))
+    head = next(g.place for g in fitted_meshes(tall) if g.mesh == "head")
+    top = (head[:, :3] @ [0.0, 46.2, 0.0] + head[:, 3])[1]
+    assert 0.0 < top - base.markers.local[base.markers.labels.index("Top.Head"), 1] < 0.07
