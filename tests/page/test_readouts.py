@@ -13,6 +13,7 @@ import pytest
 
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.cycles import Kind
+from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import Subject
 from tests.page.browser import Page
@@ -63,7 +64,7 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Callable[..., Pag
         for frame in np.linspace(0, len(time) - 1, 12).astype(int)[1:-1]:
             page.run(f"gaitcal.clock.seek(gaitcal.curves.strides.trial.frame({time[frame] - time[0]}))")
             for base, kind, side, shown, half, percent in readings(page):
-                if base in PELVIS_ANGLES:
+                if base in (*PELVIS_ANGLES, FOOT_PROGRESSION):
                     if axis == "time":  # against the trial's line of walking, which no file has
                         continue
                     rows = cycles.query(f"side == '{side}' and variable == '{base}'")  # one stride of either foot

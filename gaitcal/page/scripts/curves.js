@@ -34,8 +34,11 @@ Gaitcal.Curves = class {
       this.readings();
     });
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.refresh());
-    new ResizeObserver(() => this.resized()).observe(host);
-    window.addEventListener("scroll", () => !host.hidden && this.cursors(), { passive: true });
+    new ResizeObserver(() => {
+      this.resized();
+      this.measure();
+    }).observe(host);
+    window.addEventListener("scroll", () => this.measure(), { passive: true });
   }
 
   // The frame of the grid: what of the result has curves.
@@ -91,7 +94,7 @@ Gaitcal.Curves = class {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = null;
       this.draw(this.panels.filter(({ dirty, visible, held }) => dirty && visible && held === undefined));
-      requestAnimationFrame(() => this.cursors()); // panels draw after this frame's scripts
+      requestAnimationFrame(() => this.measure()); // panels draw after this frame's scripts
       this.readings();
     });
   }
@@ -105,19 +108,31 @@ Gaitcal.Curves = class {
   // The cursors of all panels in one picture above them: one element each, put together anew in every frame, costs a
   // processor without a graphics card ten times as much.
   cursors() {
-    const { overlay, host, colours, now } = this;
-    if (!this.strides.sheet) return;
-    const { left, top } = overlay.parentElement.getBoundingClientRect();
-    const ratio = Math.min(2, window.devicePixelRatio);
-    const size = { width: Math.round(ratio * host.clientWidth), height: Math.round(ratio * window.innerHeight) };
-    if (overlay.width !== size.width || overlay.height !== size.height) Object.assign(overlay, size);
-    overlay.style.width = `${size.width / ratio}px`;
+    this.drawing = null;
+    const { overlay, spots = [], ratio } = this;
     const pen = overlay.getContext("2d");
     pen.setTransform(1, 0, 0, 1, 0, 0);
-    pen.clearRect(0, 0, size.width, size.height);
-    pen.setTransform(ratio, 0, 0, ratio, -ratio * left, -ratio * top);
+    pen.clearRect(0, 0, overlay.width, overlay.height);
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     Object.assign(pen, { font: "700 9px system-ui, sans-serif", textAlign: "center", textBaseline: "middle" });
-    for (const panel of this.panels) if (panel.visible && panel.span) panel.follow(pen, now, colours);
+    for (const [panel, spot] of spots) panel.follow(pen, spot, this.now, this.colours);
+  }
+
+  // Where in that picture the panels in view are: to ask in every frame would lay out the page each time.
+  measure() {
+    const { overlay, host } = this;
+    if (!this.strides.sheet || host.hidden) return;
+    const { left, top } = overlay.parentElement.getBoundingClientRect();
+    this.ratio = Math.min(2, window.devicePixelRatio);
+    const [width, height] = [host.clientWidth, window.innerHeight].map((px) => Math.round(this.ratio * px));
+    if (overlay.width !== width || overlay.height !== height) Object.assign(overlay, { width, height });
+    overlay.style.width = `${width / this.ratio}px`;
+    const drawn = this.panels.filter(({ visible, span }) => visible && span);
+    this.spots = drawn.map((panel) => {
+      const over = panel.plot.over.getBoundingClientRect();
+      return [panel, { left: over.left - left, top: over.top - top, height: over.height }];
+    });
+    this.cursors();
   }
 
   came(entries) {
@@ -160,7 +175,7 @@ Gaitcal.Curves = class {
     if (!this.strides.sheet || this.host.hidden) return;
     this.follow();
     this.now = this.moment();
-    this.cursors();
+    this.drawing ??= requestAnimationFrame(() => this.cursors());
     if (this.pointed) {
       this.pointed.read(this.now);
       this.sentence.textContent = this.pointed.sentence(this.now);

@@ -131,8 +131,7 @@ Gaitcal.Panel = class {
   }
 
   // The cursors in the picture of all panels, those of legs with their letters: a line without one is a toe-off.
-  follow(pen, now, { right, left, ink, paper }) {
-    const { left: begin, top, height } = this.plot.over.getBoundingClientRect();
+  follow(pen, { left: begin, top, height }, now, { right, left, ink, paper }) {
     for (const [k, [side, colour]] of [["r", right], ["l", left], ["", ink]].entries()) {
       const px = this.cursor(side, now);
       if (px === null) continue;
