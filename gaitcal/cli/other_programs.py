@@ -94,10 +94,12 @@ def export_model(
     inputs: Path | None,
     console: Console,
     convention: Convention | None = None,
+    *,
+    replace: bool = False,
 ) -> None:
     """Write the fitted model of a result in other programs' formats, its recordings as C3D files, its strides.
 
-    `convention`: of the strides; None: as in `cycles.csv`.
+    `convention`: of the strides; None: as in `cycles.csv`. `replace`: of recordings, `write_recordings`.
     """
     allowed = (*WRITERS, C3D, STRIDES)
     chosen = [name.strip() for name in formats.split(",") if name.strip()]
@@ -111,6 +113,8 @@ def export_model(
     if convention is not None and STRIDES not in chosen:
         message = f"found a convention without the format it is for; allowed: with --format {STRIDES}"
         raise UsageError(message, field="--convention, --moments, --external, --units")
+    if replace and C3D not in chosen:
+        raise UsageError("found without the format it is for; allowed: with --format c3d", field="--replace")
     strides = convention or Convention()
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
@@ -122,7 +126,7 @@ def export_model(
             write(model, stage / file)
         if C3D in chosen:
             step("recordings as C3D files")
-            recordings, whole = write_recordings(result, inputs, stage)
+            recordings, whole = write_recordings(result, inputs, stage, instead=replace)
             whole.require_unchanged()
             of_recordings = whole.sha256
         tables: dict[str, int] = {}
