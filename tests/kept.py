@@ -14,6 +14,8 @@ from gaitcal.io.result_folder import locked
 if TYPE_CHECKING:
     import pytest
 
+    from gaitcal import Calibration
+
 T = TypeVar("T")
 LONGEST_S = 600.0
 """A process that is waited for may have half a core."""
@@ -49,6 +51,27 @@ def kept_person(kept: Path, *, seed: int = 0, noise: bool = False, perturb: bool
 def copied_person(kept: Path, out: Path | str, **options: Any) -> Path:
     """In place of `gaitcal.synthesize`: the same files in `out`."""
     return Path(shutil.copytree(kept_person(kept, **options).parent, out, dirs_exist_ok=True)) / "study.toml"
+
+
+def kept_calibration(kept: Path) -> Calibration:
+    """Of the person of seed 3 with noise, whose joints and masses are not the nominal ones; a copy of one's own."""
+    from gaitcal import Study, calibrate
+
+    study = kept_person(kept, seed=3, noise=True, perturb=True)
+    return kept_object(kept / "calibration--seed3--noise--perturb", lambda: calibrate(Study.load(study)))
+
+
+def kept_real(kept: Path, name: str, data: Path) -> Calibration:
+    """Of one of the real people (`tests/real_studies.py`); a copy of one's own."""
+    from gaitcal import Study, calibrate
+    from tests.real_studies import write_study
+
+    def make() -> Calibration:
+        folder = kept / "real" / name
+        folder.mkdir(parents=True, exist_ok=True)
+        return calibrate(Study.load(write_study(name, data.resolve(), folder)))
+
+    return kept_object(kept / f"calibration--{name}", make)
 
 
 def kept_result(kept: Path) -> Path:

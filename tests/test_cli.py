@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import importlib
-import io
 import json
-import sys
-from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from gaitcal import cli
 from gaitcal.cli.application import app
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.study.settings import CalibrationSettings
+from tests.commands import gaitcal
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
@@ -57,28 +54,15 @@ FILES = (
 )
 
 
-@dataclass(frozen=True)
-class Done:
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-def gaitcal(*arguments: str) -> Done:
-    """The command line, in this process."""
-    out, err = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.setattr(sys, "argv", ["gaitcal", *arguments])
-        with pytest.raises(SystemExit) as ending:
-            cli.main()
-    code = ending.value.code
-    return Done(code if isinstance(code, int) else 0, out.getvalue(), err.getvalue())
-
-
 def test_help_shows_the_commands_in_order() -> None:
     text = CliRunner().invoke(app, ["--help"]).output
     places = [text.index(f"\n  {name}") for name in ORDER]
     assert places == sorted(places)
+
+
+def test_the_version_is_told() -> None:
+    told = CliRunner().invoke(app, ["--version"])
+    assert (told.exit_code, told.output) == (0, f"gaitcal {version('gaitcal')}\n")
 
 
 def test_usage_errors_end_with_2() -> None:

@@ -50,10 +50,6 @@ def test_what_contributors_are_told_is_there() -> None:
     assert {name for name in re.findall(r"`(test_\w+)`", text) if f"def {name}(" not in tests} == set()
 
 
-def test_models_of_the_checkout() -> None:
-    assert toml.models_path() == ROOT / "models"
-
-
 def test_an_incomplete_installation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(toml, "files", lambda package: tmp_path / package)
     with pytest.raises(GaitcalError, match="install gaitcal again"):

@@ -17,7 +17,6 @@ SECTIONS = ("Summary", "Statement of need", "State of the field", "Software desi
 @pytest.fixture(scope="module")
 def figures() -> ModuleType:
     spec = importlib.util.spec_from_file_location("paper_figures", PAPER / "figures.py")
-    assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)

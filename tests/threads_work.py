@@ -28,7 +28,7 @@ from gaitcal.published.workers import LocalProcesses, Workers
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from tests.synthetic_studies import made_recording
 
-PLAN = Plan(levels=(50,), draws=4)
+PLAN = Plan(levels=(50,), draws=1)
 
 
 def results(study: Path) -> Iterator[tuple[str, bytes]]:
@@ -42,7 +42,7 @@ def results(study: Path) -> Iterator[tuple[str, bytes]]:
 
     case = nominal_case()
     for name, workers in (("here", Workers()), ("processes", LocalProcesses(2))):
-        draws = gc.monte_carlo(case, plan=PLAN, workers=workers, chunk_draws=2).draws
+        draws = gc.monte_carlo(case, plan=PLAN, workers=workers, chunk_draws=1).draws
         yield f"monte_carlo: {name}", draws[list(COLUMNS)].to_numpy().tobytes()
     settings = MonteCarloSettings()
     end = unfinished_draws(case, settings, 1, jobs=1, levels=(50,)).set_index(["iterations", "set"])

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from inspect import Signature, signature
-from typing import Final
+from typing import Annotated, Final
 
 import typer
 
@@ -55,6 +55,22 @@ app = typer.Typer(
     help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
     "and how far each can be trusted.",
 )
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        from gaitcal.io.toml import package_version
+
+        sys.stdout.write(f"gaitcal {package_version('gaitcal')}\n")
+        raise typer.Exit
+
+
+_Version = Annotated[bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Show the version.")]
+
+
+@app.callback()
+def _without_a_command(*, version: _Version = False) -> None:
+    """Options that need no command."""
 
 
 RARELY = (200_000, 20, 20)

@@ -90,6 +90,7 @@ Into = Annotated[
     Path | None, typer.Option(help="An OpenSim model of your own: its hips, knees and ankles become this person's.")
 ]
 Names = Annotated[Path | None, typer.Option(help="For --into: a TOML file that says which joints of it are meant.")]
+Transferred = Annotated[str, typer.Option("--parameters", help="For --into: joints, or joints,masses.")]
 Muscles = Annotated[
     bool, typer.Option("--muscles", help="For --into: lengths and moment arms before and after, by OpenSim.")
 ]
@@ -99,6 +100,9 @@ ModelDraws = Annotated[
 ModelSeed = Annotated[int, typer.Option("--seed", min=0, help="For --draws: seed of the draws.")]
 Inputs = Annotated[
     Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
+]
+Replace = Annotated[
+    bool, typer.Option("--replace", help="For c3d: in place of what another program computed under the same names.")
 ]
 Signs = Annotated[
     str | None, typer.Option("--convention", help="For cycles: signs, opensim (unless given) or clinical.")

@@ -12,8 +12,9 @@ from rich.text import Text
 
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cli.console import Console, frameless_table
+from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.errors import UsageError, nearest
+from gaitcal.errors import InputError, UsageError, nearest
 from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, Verdict, joints_csv
 from gaitcal.export.muscle_paths import (
     MuscleChange,
@@ -93,10 +94,12 @@ def export_model(
     inputs: Path | None,
     console: Console,
     convention: Convention | None = None,
+    *,
+    replace: bool = False,
 ) -> None:
     """Write the fitted model of a result in other programs' formats, its recordings as C3D files, its strides.
 
-    `convention`: of the strides; None: as in `cycles.csv`.
+    `convention`: of the strides; None: as in `cycles.csv`. `replace`: of recordings, `write_recordings`.
     """
     allowed = (*WRITERS, C3D, STRIDES)
     chosen = [name.strip() for name in formats.split(",") if name.strip()]
@@ -110,6 +113,8 @@ def export_model(
     if convention is not None and STRIDES not in chosen:
         message = f"found a convention without the format it is for; allowed: with --format {STRIDES}"
         raise UsageError(message, field="--convention, --moments, --external, --units")
+    if replace and C3D not in chosen:
+        raise UsageError("found without the format it is for; allowed: with --format c3d", field="--replace")
     strides = convention or Convention()
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
@@ -121,7 +126,7 @@ def export_model(
             write(model, stage / file)
         if C3D in chosen:
             step("recordings as C3D files")
-            recordings, whole = write_recordings(result, inputs, stage)
+            recordings, whole = write_recordings(result, inputs, stage, instead=replace)
             whole.require_unchanged()
             of_recordings = whole.sha256
         tables: dict[str, int] = {}
@@ -164,6 +169,9 @@ def _tell(console: Console, read: Snapshot, doubts: Sequence[Finding]) -> None:
 
 # ------------------------------------------------------------------------------------------- a model of the user's own
 
+JOINTS, MASSES = "joints", "masses"
+"""What `--parameters` allows; the second never without the first."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class IntoOptions:
@@ -172,6 +180,7 @@ class IntoOptions:
     model: Path
     out: Path | None
     names: Path | None = None
+    parameters: str = JOINTS
     muscles: bool = False
     draws: int = 0
     seed: int = 0
@@ -192,9 +201,20 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         raise UsageError(message, field="--out")
     if out.resolve() == options.model.resolve():
         raise UsageError("found the model that is read; allowed: another file", field="--out")
+    wanted = {word.strip() for word in options.parameters.split(",")}
+    if wanted not in ({JOINTS}, {JOINTS, MASSES}):
+        message = f"found '{options.parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
+        raise UsageError(message, field="--parameters")
+    if MASSES in wanted and options.draws:
+        raise UsageError(
+            f"found {MASSES} with --draws, whose masses are those of the model; allowed: {JOINTS}", field="--parameters"
+        )
     if options.muscles and not opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
+    if saved.uncertainty.joint is None:
+        message = "its joint parameters were not calibrated: there is nothing to put into a model"
+        raise InputError(message, source=result, code=Code.NO_RESULT)
     transfer = Transfer.prepared(
         saved.model,
         options.model,
@@ -204,7 +224,7 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         recorded=recorded_coordinates(result),
         marker_set=saved.marker_set,
     )
-    done = transfer.result()
+    done = transfer.result(masses=MASSES in wanted)
     for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
@@ -259,6 +279,12 @@ def _tell_joints(console: Console, done: CalibratedOsim) -> None:
             words = [f"{x:.1f}" if np.isfinite(x) else "" for x in numbers]
             table.add_row("" if k else move.joint, Text("" if k else theirs), Text(end.body), *words)
     console.out.print(table)
+    if done.masses:
+        weights = frameless_table(("segment", "bodies"), ("kg", "now"))
+        for m in done.masses:
+            weights.add_row(m.segment, Text(", ".join(m.bodies)), f"{m.theirs:.2f}", f"{m.ours:.2f}")
+        console.line()
+        console.out.print(weights)
     for verdict in (Verdict.UNDETERMINED, Verdict.ABSENT):
         if which := [move.joint for move in done.joints if move.verdict is verdict]:
             console.line(f"{', '.join(which)}: {verdict.value}")

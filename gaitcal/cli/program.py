@@ -213,12 +213,14 @@ def export(
     formats: told.Formats = "osim,urdf,mjcf",
     out: told.ExportFolder = None,
     inputs: told.Inputs = None,
+    replace: told.Replace = False,
     convention: told.Signs = None,
     moments: told.Moments = None,
     external: told.External = False,
     units: told.Units = None,
     into: told.Into = None,
     names: told.Names = None,
+    parameters: told.Transferred = "joints",
     muscles: told.Muscles = False,
     draws: told.ModelDraws = 0,
     seed: told.ModelSeed = 0,
@@ -227,11 +229,14 @@ def export(
     from gaitcal.cli.other_programs import IntoOptions, convention_of, export_into, export_model, require_into
 
     if into is not None:
-        chosen = IntoOptions(model=into, out=out, names=names, muscles=muscles, draws=draws, seed=seed)
+        chosen = IntoOptions(
+            model=into, out=out, names=names, parameters=parameters, muscles=muscles, draws=draws, seed=seed
+        )
         export_into(result, chosen, console)
         return
-    require_into(names=names, muscles=muscles, draws=draws)
-    export_model(result, formats, out, inputs, console, convention_of(convention, moments, units, external=external))
+    require_into(names=names, parameters=parameters != "joints", muscles=muscles, draws=draws)
+    told_as = convention_of(convention, moments, units, external=external)
+    export_model(result, formats, out, inputs, console, told_as, replace=replace)
 
 
 @command

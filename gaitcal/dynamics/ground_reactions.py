@@ -75,6 +75,8 @@ class GroundReactions:
     """(nf, 2) the foot is down, judged by its motion."""
     notes: tuple[str, ...]
     """What was found and assumed."""
+    steps: tuple[tuple[str, int, slice], ...] = ()
+    """Each loading of a plate that a foot was given: plate, foot (0 right, 1 left), frames."""
     findings: tuple[Finding, ...] = ()
     """What speaks against these ground reactions, and frames that they leave out; without the name of their trial."""
 
@@ -170,6 +172,7 @@ def ground_reactions_on_feet(
         loaded=loaded,
         resting=resting,
         notes=tuple(notes),
+        steps=tuple((step.plate.name, step.foot, step.frames) for step in steps),
         findings=(*findings, *beside, *both, *unlike),
     )
 

@@ -36,19 +36,33 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_prior import prior_of
-from gaitcal.export.osim_correspondence import Hinge, LegJoint, leg_joints
-from gaitcal.export.osim_reader import OsimDocument, Place, peer_of, read_document
-from gaitcal.export.osim_registration import Registration, axis_of_ours, registrations, with_landmarks
-from gaitcal.export.peer_model import Axis, PeerJoint, PeerModel
-from gaitcal.model.chain import Chain, ChainConstants, axis_rotation, forward, segment_poses
-from gaitcal.model.linkage import JOINTS, LEG_JOINTS, LOWER_BODY, SIDES
+from gaitcal.calibration.error_sources import ErrorSources, left_of_prior
+from gaitcal.export.osim_correspondence import (
+    LegJoint,
+    leg_joints,
+    put_ball,
+    put_hinge,
+    shift_between,
+    standing_coordinates,
+    turn_between,
+)
+from gaitcal.export.osim_reader import OsimDocument, Place, Weight, peer_of, read_document
+from gaitcal.export.osim_registration import (
+    JOINT_OF,
+    Registration,
+    SegmentMass,
+    axis_of_ours,
+    body_weights,
+    registrations,
+    standing_segments,
+    with_landmarks,
+)
+from gaitcal.export.peer_model import Axis, PeerModel
+from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.runtime import with_one_blas_thread
@@ -62,9 +76,6 @@ FAR_M = 0.020
 """m; twice what the best regressions miss a hip by, in three directions together (`calibration/joint_prior.py`)."""
 UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
 """Below these a joint stays in the very bytes of its file: the solvers' rounding."""
-_LINKAGE = {joint.name: joint for joint in JOINTS}
-_HOLD = 1e-6
-"""m per rad: what holds a coordinate of the standing posture that no marker shows."""
 
 
 class Verdict(Enum):
@@ -127,6 +138,8 @@ class CalibratedOsim:
     legs: tuple[LegJoint, ...]
     """Which joints of the model are meant, and how they were found."""
     registrations: tuple[Registration, ...]
+    masses: tuple[SegmentMass, ...]
+    """Of the segments whose bodies weigh what ours do; empty unless asked for."""
     notes: tuple[str, ...]
     """What the user should know, one sentence each."""
 
@@ -141,6 +154,7 @@ def into_osim(
     names: Path | None = None,
     recorded: Mapping[str, Array] | None = None,
     marker_set: MarkerSet | None = None,
+    masses: bool = False,
 ) -> CalibratedOsim:
     """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
 
@@ -153,6 +167,7 @@ def into_osim(
         stride of the built-in person.
     marker_set : whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
         segments by these markers, too.
+    masses : the bodies weigh what our segments weigh, too (`body_weights`).
 
     Returns
     -------
@@ -165,7 +180,7 @@ def into_osim(
     """
     return Transfer.prepared(
         model, osim, errors=errors, prior=prior, names=names, recorded=recorded, marker_set=marker_set
-    ).result()
+    ).result(masses=masses)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,11 +224,15 @@ class Transfer:
             known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
         )
 
-    def result(self) -> CalibratedOsim:
+    def result(self, *, masses: bool = False) -> CalibratedOsim:
         """With the calibrated parameters."""
+        weights, told = (
+            body_weights(self.model.parameters, self.document, self.peer, self.bodies) if masses else ({}, ())
+        )
         moves = self.moves(self.model.parameters, {s: r.pose for s, r in self.bodies.items()})
         return CalibratedOsim(
-            content=self.content(moves),
+            content=self.content(moves, weights),
+            masses=told,
             joints=moves,
             legs=self.legs,
             registrations=tuple(self.bodies.values()),
@@ -221,7 +240,7 @@ class Transfer:
         )
 
     def drawn(self, rng: np.random.Generator) -> bytes:
-        """A file with joints drawn from their errors, and bodies registered with theirs."""
+        """A file with joints drawn from their errors, bodies registered with theirs, and masses as they were."""
         parameters = self.model.parameters
         if self.errors is not None:
             own = self.errors.of([name for name in self.errors.free if name in JP_INDEX])  # soft tissue is no joint
@@ -231,8 +250,8 @@ class Transfer:
         poses = {s: r.drawn(rng) for s, r in self.bodies.items()}
         return self.content(replace(self, errors=None).moves(parameters, poses))
 
-    def content(self, moves: Sequence[JointMove]) -> bytes:
-        """The file with these joints."""
+    def content(self, moves: Sequence[JointMove], weights: Mapping[str, Weight] | None = None) -> bytes:
+        """The file with these joints, and bodies of these weights."""
         places: dict[tuple[str, str], Place] = {}
         for move in moves:
             joint = next((leg.theirs for leg in self.legs if leg.ours == move.joint), None)
@@ -241,10 +260,10 @@ class Transfer:
                     continue
                 was = joint.in_parent if name == "parent" else joint.in_child
                 places[joint.name, name] = Place(
-                    end.place.translation if _shift(was, end.place) > UNMOVED_M else None,
-                    end.place.rotation if _turn(was, end.place) > UNMOVED_RAD else None,
+                    end.place.translation if shift_between(was, end.place) > UNMOVED_M else None,
+                    end.place.rotation if turn_between(was, end.place) > UNMOVED_RAD else None,
                 )
-        return self.document.placed(places)
+        return self.document.changed(places, weights)
 
     def moves(self, parameters: Parameters, poses: Mapping[str, pin.SE3]) -> tuple[JointMove, ...]:
         """What becomes of every joint, with these joint parameters and poses of their bodies in our segments."""
@@ -277,7 +296,7 @@ class Transfer:
         """The joints between two registered bodies, the upper one first."""
         row = self.peer.joints_between(top, bottom)
         ours = {leg.theirs.name: leg for leg in legs}
-        q0 = _standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
+        q0 = standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
         moving = [j for j in row if j.name in ours and self.known[ours[j.name].ours] <= LITTLE]
         pose = stand[top]  # of the joint's parent
         for joint in row:
@@ -292,7 +311,7 @@ class Transfer:
                 standing = pose.actInv(stand[bottom] * self.peer.body_pose(bottom, joint.child, q0).inverse())
             target = axis_of_ours(leg.ours, parameters, _in_parent(leg.ours))
             target = target.moved(pose.actInv(segments[_segment(leg.ours)]))
-            put = (_put_ball if leg.hinge is None else _put_hinge)(leg, was, target, standing)
+            put = (put_ball if leg.hinge is None else put_hinge)(leg, was, target, standing)
             now = put.in_parent * joint.in_parent.actInv(was * joint.in_child) * put.in_child.inverse()
             centre = pose.act(put.centre)
             ends = [
@@ -302,7 +321,7 @@ class Transfer:
                     shift=put.shifts[not of_parent],
                     turn=put.turns[not of_parent],
                     errors=self._errors(leg.ours, of_parent, parameters, centre, segments),
-                    changed=_shift(before, place) > UNMOVED_M or _turn(before, place) > UNMOVED_RAD,
+                    changed=shift_between(before, place) > UNMOVED_M or turn_between(before, place) > UNMOVED_RAD,
                 )
                 for of_parent, before, place in (
                     (True, joint.in_parent, put.in_parent),
@@ -315,7 +334,7 @@ class Transfer:
                 verdict=Verdict.MOVED,
                 known=self.known[leg.ours],
                 standing={c.name: q0[c.name] for c in joint.coordinates if c.name in q0},
-                rolls=(0.0, 0.0) if standing is None else (_shift(standing, now), _turn(standing, now)),
+                rolls=(0.0, 0.0) if standing is None else (shift_between(standing, now), turn_between(standing, now)),
                 parent=ends[0],
                 child=ends[1],
             )
@@ -334,7 +353,7 @@ class Transfer:
         self, joint: str, of_parent: bool, parameters: Parameters, point: Array, segments: Mapping[str, pin.SE3]
     ) -> tuple[float, float]:
         """Standard errors, m and rad, of the place of a joint in one of its bodies; `point`: (3,) m, laboratory."""
-        ours = _LINKAGE[joint]
+        ours = JOINT_OF[joint]
         segment = ours.parent if of_parent else ours.child
         registration = self.bodies.get(segment)
         if registration is None:
@@ -361,7 +380,8 @@ class Transfer:
 
     def _notes(self, moves: Sequence[JointMove]) -> Iterator[str]:
         for move in moves:
-            if move.verdict is Verdict.MOVED and (names := self.document.hangs_on(move.theirs)):
+            changed = any(end is not None and end.changed for end in (move.parent, move.child))
+            if changed and (names := self.document.hangs_on(move.theirs)):
                 yield f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with it"
             ends = [e for e in (move.parent, move.child) if e is not None and e.moved > FAR_M]
             if ends:
@@ -391,178 +411,13 @@ def _near(axis: Axis, point: Array, joint: str) -> Array:
     return axis.point if joint.startswith("hip") else axis.nearest(point)
 
 
-def left_of_prior(joint: str, errors: ErrorSources | None, prior: JointPrior | None = None) -> float:
-    """Standard error of a joint's parameters over that before any trial, of positions or of directions, whichever is
-    larger; 0 where errors are not known.
-    """
-    if errors is None:
-        return 0.0
-    now, found = errors.standard_errors, []
-    for kind in Kind:
-        names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.kind is kind]
-        if names:
-            before = np.sqrt(np.diag(prior_of(names, prior)[1]))
-            after = np.array([now.get(name, size) for name, size in zip(names, before, strict=True)])
-            found.append(float(np.linalg.norm(after) / np.linalg.norm(before)))
-    return max(found)
-
-
 def _in_parent(joint: str) -> bool:
     """Whether the axis of one of our joints is taken from its parent: the subtalar joint's has no markers."""
     return not joint.startswith("subtalar")
 
 
 def _segment(joint: str) -> str:
-    return _LINKAGE[joint].parent if _in_parent(joint) else _LINKAGE[joint].child
-
-
-def standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
-    """Segment of pelvis and legs -> pose in the laboratory of the static trial.
-
-    The linkage with these parameters, fitted to the markers where the nominal one in the static posture has them.
-    """
-    chain = Chain("pelvis", LOWER_BODY)
-    start = np.array([model.posture.get(name, 0.0) for name in chain.coordinates])
-    at = [k for k, s in enumerate(model.markers.segments) if s in LOWER_BODY]
-    of = [chain.segments.index(model.markers.segments[k]) for k in at]
-    local = model.markers.local[at]
-
-    def poses(constants: ChainConstants, q: Array) -> tuple[Array, Array]:
-        axes, origins = segment_poses(chain, constants, forward(chain, constants, q[None]))
-        return axes[..., 0], origins[..., 0]
-
-    def places(constants: ChainConstants, q: Array) -> Array:
-        axes, origins = poses(constants, q)
-        out: Array = np.einsum("mji,mj->mi", axes[of], local) + origins[of]
-        return out
-
-    nominal, now = (chain.constants(p.joint, p.zero_angles) for p in (model.nominal, parameters))
-    measured = places(nominal, start)
-
-    def residual(q: Array) -> Array:
-        return np.concatenate([(places(now, q) - measured).ravel(), _HOLD * (q - start)])
-
-    q = least_squares(residual, start, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12).x
-    axes, origins = poses(now, q)
-    return {s: pin.SE3(axes[k].T, origins[k]) for k, s in enumerate(chain.segments)}
-
-
-def _standing_coordinates(
-    peer: PeerModel, row: Sequence[PeerJoint], target: pin.SE3, legs: Mapping[str, LegJoint]
-) -> dict[str, float]:
-    """Coordinates of the model as it was with which its bodies are turned against each other as `target` is (one
-    hinge: by its angle); locked ones keep their value.
-    """
-    used = [{a.coordinate for a in j.axes or () if a.coordinate is not None} for j in row]
-    free = [c for j, names in zip(row, used, strict=True) for c in j.coordinates if c.name in names]
-    held = {c.name: c.default for c in free if c.locked}
-    free = [c for c in free if not c.locked]
-
-    def values(q: Array) -> dict[str, float]:
-        return held | {c.name: float(x) for c, x in zip(free, q, strict=True)}
-
-    single = legs[row[0].name].hinge if len(row) == 1 and row[0].name in legs and len(free) == 1 else None
-
-    def residual(q: Array) -> Array:
-        if single is not None:
-            return np.array([single.angle(peer.joint_pose(row[0], values(q))) - single.angle(target)])
-        turned = np.eye(3)
-        for joint in row:
-            turned = turned @ peer.joint_pose(joint, values(q)).rotation
-        return np.concatenate([pin.log3(turned.T @ target.rotation), 1e-9 * q])
-
-    if not free:
-        return held
-    start = np.zeros(len(free))
-    return values(least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Put:
-    """A joint's frames, parent's before child's, and how far centre and axis have gone in either body."""
-
-    in_parent: pin.SE3
-    in_child: pin.SE3
-    centre: Array
-    """(3,) m, in the parent, now."""
-    shifts: tuple[Array, Array]
-    turns: tuple[float, float]
-
-
-def _put_ball(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> _Put:
-    """The centre of a joint taken to the point of `target`.
-
-    `was`: pose of the child in the parent at q0; `standing`: the same of the standing bones, None where the joint keeps
-    its place in the child.
-    """
-    joint = leg.theirs
-    at = (was * joint.in_child).translation
-    shift = target.point - at
-    in_parent = pin.SE3(np.eye(3), shift) * joint.in_parent
-    in_child = joint.in_child
-    if standing is not None:
-        in_child = standing.actInv(in_parent * joint.in_parent.actInv(was * joint.in_child))
-    shifts = shift, in_child.translation - joint.in_child.translation
-    return _Put(
-        in_parent=in_parent,
-        in_child=in_child,
-        centre=target.point,
-        shifts=shifts,
-        turns=(0.0, _turn(joint.in_child, in_child)),
-    )
-
-
-def _put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> _Put:
-    """The axis of a joint taken to `target`; arguments as of `_put_ball`."""
-    joint, hinge = leg.theirs, leg.hinge
-    if hinge is None:
-        raise ValueError(f"{leg.ours} is no hinge")
-    step, shift, to = _smallest_motion(hinge.in_parent, target, (was * joint.in_child).translation)
-    in_child, shift_child, turn_child = joint.in_child, np.zeros(3), 0.0
-    if standing is not None:
-        other, shift_child, _ = _smallest_motion(
-            hinge.in_child, target.moved(standing.inverse()), joint.in_child.translation
-        )
-        new = Hinge(step * hinge.in_parent, other * hinge.in_child)
-        turn = new.angle(standing) - hinge.angle(was)
-        back = pin.SE3(axis_rotation(2, -turn), np.array([0.0, 0.0, -new.slide(standing)]))
-        in_child = new.in_child * back * hinge.in_child.actInv(joint.in_child)
-        turn_child = _angle(hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2])
-    return _Put(
-        in_parent=step * joint.in_parent,
-        in_child=in_child,
-        centre=to,
-        shifts=(shift, shift_child),
-        turns=(_turn(pin.SE3.Identity(), step), turn_child),
-    )
-
-
-def _smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE3, Array, Array]:
-    """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts the point of the axis
-    next to `centre`, and where that point is then.
-    """
-    axis = _line(hinge)
-    direction = target.direction * (1.0 if target.direction @ axis.direction >= 0 else -1.0)
-    at = axis.nearest(centre)
-    to = target.nearest(at)
-    turn = pin.Quaternion.FromTwoVectors(axis.direction, direction).toRotationMatrix()
-    return pin.SE3(np.eye(3), to) * pin.SE3(turn, np.zeros(3)) * pin.SE3(np.eye(3), -at), to - at, to
-
-
-def _line(hinge: pin.SE3) -> Axis:
-    return Axis(hinge.translation, hinge.rotation[:, 2])
-
-
-def _angle(a: Array, b: Array) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-
-
-def _turn(a: pin.SE3, b: pin.SE3) -> float:
-    return float(np.linalg.norm(pin.log3(a.rotation.T @ b.rotation)))
-
-
-def _shift(a: pin.SE3, b: pin.SE3) -> float:
-    return float(np.linalg.norm(a.translation - b.translation))
+    return JOINT_OF[joint].parent if _in_parent(joint) else JOINT_OF[joint].child
 
 
 JOINTS_HEADER = (

@@ -1,4 +1,4 @@
-"""Which joints of an OpenSim model are those of our legs, and the hinge that stands for each.
+"""Which joints of an OpenSim model are those of our legs, the hinge that stands for each, and that put elsewhere.
 
 Joints are found by the names of their coordinates (those of Gait2354, Gait2392, Rajagopal2016), else by topology: the
 pelvis is the body with two legs, a leg a chain of three or more joints that move and that does not branch into two
@@ -16,7 +16,7 @@ so that a linkage with that hinge is what markers of such a knee would tell. For
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from scipy.optimize import least_squares
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.export.peer_model import PeerJoint, PeerModel, displacement_axis
+from gaitcal.export.peer_model import Axis, PeerJoint, PeerModel, displacement_axis
 from gaitcal.io.toml import Table, read_validated, require_known
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import COORDINATE_INDEX, LEG_JOINTS, SEGMENTS, SIDES
@@ -249,6 +249,127 @@ def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class PutJoint:
+    """A joint's frames, parent's before child's, and how far centre and axis have gone in either body."""
+
+    in_parent: pin.SE3
+    in_child: pin.SE3
+    centre: Array
+    """(3,) m, in the parent, now."""
+    shifts: tuple[Array, Array]
+    turns: tuple[float, float]
+
+
+def put_ball(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> PutJoint:
+    """The centre of a joint taken to the point of `target`.
+
+    `was`: pose of the child in the parent at q0; `standing`: the same of the standing bones, None where the joint keeps
+    its place in the child.
+    """
+    joint = leg.theirs
+    at = (was * joint.in_child).translation
+    shift = target.point - at
+    in_parent = pin.SE3(np.eye(3), shift) * joint.in_parent
+    in_child = joint.in_child
+    if standing is not None:
+        in_child = standing.actInv(in_parent * joint.in_parent.actInv(was * joint.in_child))
+    shifts = shift, in_child.translation - joint.in_child.translation
+    return PutJoint(
+        in_parent=in_parent,
+        in_child=in_child,
+        centre=target.point,
+        shifts=shifts,
+        turns=(0.0, turn_between(joint.in_child, in_child)),
+    )
+
+
+def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> PutJoint:
+    """The axis of a joint taken to `target`; arguments as of `put_ball`."""
+    joint, hinge = leg.theirs, leg.hinge
+    if hinge is None:
+        raise ValueError(f"{leg.ours} is no hinge")
+    step, shift, to = _smallest_motion(hinge.in_parent, target, (was * joint.in_child).translation)
+    in_child, shift_child, turn_child = joint.in_child, np.zeros(3), 0.0
+    if standing is not None:
+        other, shift_child, _ = _smallest_motion(
+            hinge.in_child, target.moved(standing.inverse()), joint.in_child.translation
+        )
+        new = Hinge(step * hinge.in_parent, other * hinge.in_child)
+        turn = new.angle(standing) - hinge.angle(was)
+        back = pin.SE3(axis_rotation(2, -turn), np.array([0.0, 0.0, -new.slide(standing)]))
+        in_child = new.in_child * back * hinge.in_child.actInv(joint.in_child)
+        turn_child = _angle(hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2])
+    return PutJoint(
+        in_parent=step * joint.in_parent,
+        in_child=in_child,
+        centre=to,
+        shifts=(shift, shift_child),
+        turns=(turn_between(pin.SE3.Identity(), step), turn_child),
+    )
+
+
+def _smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE3, Array, Array]:
+    """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts the point of the axis
+    next to `centre`, and where that point is then.
+    """
+    axis = _line(hinge)
+    direction = target.direction * (1.0 if target.direction @ axis.direction >= 0 else -1.0)
+    at = axis.nearest(centre)
+    to = target.nearest(at)
+    turn = pin.Quaternion.FromTwoVectors(axis.direction, direction).toRotationMatrix()
+    return pin.SE3(np.eye(3), to) * pin.SE3(turn, np.zeros(3)) * pin.SE3(np.eye(3), -at), to - at, to
+
+
+def _line(hinge: pin.SE3) -> Axis:
+    return Axis(hinge.translation, hinge.rotation[:, 2])
+
+
+def _angle(a: Array, b: Array) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def turn_between(a: pin.SE3, b: pin.SE3) -> float:
+    """rad, from one frame to the other."""
+    return float(np.linalg.norm(pin.log3(a.rotation.T @ b.rotation)))
+
+
+def shift_between(a: pin.SE3, b: pin.SE3) -> float:
+    """m, between the origins of two frames."""
+    return float(np.linalg.norm(a.translation - b.translation))
+
+
+def standing_coordinates(
+    peer: PeerModel, row: Sequence[PeerJoint], target: pin.SE3, legs: Mapping[str, LegJoint]
+) -> dict[str, float]:
+    """Coordinates of the model as it was with which its bodies are turned against each other as `target` is (one
+    hinge: by its angle); locked ones keep their value.
+    """
+    used = [{a.coordinate for a in j.axes or () if a.coordinate is not None} for j in row]
+    free = [c for j, names in zip(row, used, strict=True) for c in j.coordinates if c.name in names]
+    held = {c.name: c.default for c in free if c.locked}
+    free = [c for c in free if not c.locked]
+
+    def values(q: Array) -> dict[str, float]:
+        return held | {c.name: float(x) for c, x in zip(free, q, strict=True)}
+
+    single = legs[row[0].name].hinge if len(row) == 1 and row[0].name in legs and len(free) == 1 else None
+
+    def residual(q: Array) -> Array:
+        if single is not None:
+            return np.array([single.angle(peer.joint_pose(row[0], values(q))) - single.angle(target)])
+        turned = np.eye(3)
+        for joint in row:
+            turned = turned @ peer.joint_pose(joint, values(q)).rotation
+        return np.concatenate([pin.log3(turned.T @ target.rotation), 1e-9 * q])
+
+    if not free:
+        return held
+    start = np.zeros(len(free))
+    return values(least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x)
+
+
+ARMS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand"))
 _MIDDLE = {"pelvis": "pelvis", "torso": "head_trunk", "trunk": "head_trunk", "head": "head_trunk"}
 _SIDED = {
     "femur": "thigh",

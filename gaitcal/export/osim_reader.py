@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -28,6 +28,8 @@ _TAG = re.compile(rb"""<(?:[^<>"']|"[^"]*"|'[^']*')*>""")
 _BLANK = re.compile(rb"\s*")
 TAGS_3 = {"parent": ("location_in_parent", "orientation_in_parent"), "child": ("location", "orientation")}
 """Where a joint of OpenSim 3 has its place in either body."""
+INERTIA_TAGS = ("inertia", *(f"inertia_{a}" for a in ("xx", "yy", "zz", "xy", "xz", "yz")))
+"""Moments of inertia of a body, of OpenSim 4 and 3."""
 TAGS_4 = ("translation", "orientation")
 """The same of a frame of OpenSim 4."""
 
@@ -58,6 +60,18 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Weight:
+    """What a body weighs now."""
+
+    mass: float
+    """kg."""
+    centre: Array | None
+    """(3,) m, in the body; None: as it is."""
+    inertia: float
+    """By which its moments of inertia are multiplied."""
+
+
+@dataclass(frozen=True)
 class OsimDocument:
     """A model file as it was read."""
 
@@ -70,6 +84,14 @@ class OsimDocument:
     def joint(self, name: str) -> ET.Element:
         """The element of a joint."""
         return next(e for e in self.joints() if e.get("name", "") == name)
+
+    def body(self, name: str) -> ET.Element:
+        """The element of a body."""
+        return next(e for e in self.model.findall("BodySet/objects/Body") if e.get("name", "") == name)
+
+    def mass_centre(self, name: str) -> Array:
+        """(3,) m, of a body, in it."""
+        return read_numbers(self.body(name), "mass_center", self.source, count=3)
 
     def joints(self) -> Iterator[ET.Element]:
         """All joints, of either generation of files."""
@@ -86,11 +108,16 @@ class OsimDocument:
                     out.append(element.get("name", element.tag))
         return out
 
-    def placed(self, places: Mapping[tuple[str, str], Place]) -> bytes:
-        """The file with joints elsewhere; `places`: (joint, `parent` or `child`) -> its place in that body."""
+    def changed(self, places: Mapping[tuple[str, str], Place], weights: Mapping[str, Weight] | None = None) -> bytes:
+        """The file with joints elsewhere and bodies of other masses.
+
+        `places`: (joint, `parent` or `child`) -> its place in that body; `weights`: by body.
+        """
         edits = _Edits(self)
         for (name, end), place in places.items():
             edits.place(self.joint(name), end, place)
+        for body, weight in (weights or {}).items():
+            edits.weigh(self.body(body), weight)
         return edits.applied()
 
 
@@ -124,8 +151,15 @@ class _Edits:
             frame_text = f'<PhysicalOffsetFrame name="{name}">{inside}</PhysicalOffsetFrame>'
             self.new_frames.setdefault(joint, []).append(frame_text)
 
-    def _numbers(self, holder: ET.Element, tags: tuple[str, str], both: tuple[Array | None, Array | None]) -> None:
-        for tag, values in zip(tags, both, strict=True):
+    def weigh(self, body: ET.Element, weight: Weight) -> None:
+        source = self.document.source
+        self._numbers(body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre))
+        for tag in INERTIA_TAGS:
+            if body.find(tag) is not None and weight.inertia != 1.0:
+                self._numbers(body, (tag,), (weight.inertia * read_numbers(body, tag, source),))
+
+    def _numbers(self, holder: ET.Element, tags: Sequence[str], all_values: Sequence[Array | None]) -> None:
+        for tag, values in zip(tags, all_values, strict=True):
             if values is None:
                 continue
             element, content = holder.find(tag), self.document.content

@@ -1,4 +1,4 @@
-"""Where the bodies of an OpenSim model lie in our segments, and how well that is known.
+"""Where the bodies of an OpenSim model lie in our segments, how well that is known, how they stand, what they weigh.
 
 A body is laid on our segment by the rigid motion that fits the markers that both have on it, Kabsch's. With residuals
 e of n markers at x_k about their mean c and s^2 = |e|^2 / (3 n - 6), a point p of the body then has the covariance
@@ -11,21 +11,24 @@ models have them; what they disagree in is then in the residual as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.export.osim import frames_of
-from gaitcal.export.osim_correspondence import LegJoint, same_label, segment_of, slides
+from gaitcal.export.osim import frames_of, segment_inertia
+from gaitcal.export.osim_correspondence import ARMS, LegJoint, same_label, segment_of, slides
+from gaitcal.export.osim_reader import OsimDocument, Weight
 from gaitcal.export.peer_model import Axis, PeerModel
-from gaitcal.model.linkage import JOINTS
+from gaitcal.model.chain import Chain, ChainConstants, forward, segment_poses
+from gaitcal.model.linkage import JOINTS, LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_distances, rigid_fit
 
@@ -214,3 +217,95 @@ def _axis_points(
             theirs += [a + _ARM * direction]
             ours += [b + _ARM * direction]
     return np.array(theirs).reshape(-1, 3), np.array(ours).reshape(-1, 3)
+
+
+_HOLD = 1e-6
+"""m per rad: what holds a coordinate of the standing posture that no marker shows."""
+
+
+def standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
+    """Segment of pelvis and legs -> pose in the laboratory of the static trial.
+
+    The linkage with these parameters, fitted to the markers where the nominal one in the static posture has them.
+    """
+    chain = Chain("pelvis", LOWER_BODY)
+    start = np.array([model.posture.get(name, 0.0) for name in chain.coordinates])
+    at = [k for k, s in enumerate(model.markers.segments) if s in LOWER_BODY]
+    of = [chain.segments.index(model.markers.segments[k]) for k in at]
+    local = model.markers.local[at]
+
+    def poses(constants: ChainConstants, q: Array) -> tuple[Array, Array]:
+        axes, origins = segment_poses(chain, constants, forward(chain, constants, q[None]))
+        return axes[..., 0], origins[..., 0]
+
+    def places(constants: ChainConstants, q: Array) -> Array:
+        axes, origins = poses(constants, q)
+        out: Array = np.einsum("mji,mj->mi", axes[of], local) + origins[of]
+        return out
+
+    nominal, now = (chain.constants(p.joint, p.zero_angles) for p in (model.nominal, parameters))
+    measured = places(nominal, start)
+
+    def residual(q: Array) -> Array:
+        return np.concatenate([(places(now, q) - measured).ravel(), _HOLD * (q - start)])
+
+    q = least_squares(residual, start, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12).x
+    axes, origins = poses(now, q)
+    return {s: pin.SE3(axes[k].T, origins[k]) for k, s in enumerate(chain.segments)}
+
+
+# -------------------------------------------------------------------------------------------------------------- masses
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentMass:
+    """A segment's mass in both models."""
+
+    segment: str
+    bodies: tuple[str, ...]
+    theirs: float
+    """kg, of these bodies together, as they were."""
+    ours: float
+
+
+def body_weights(
+    parameters: Parameters, document: OsimDocument, peer: PeerModel, bodies: Mapping[str, Registration]
+) -> tuple[dict[str, Weight], tuple[SegmentMass, ...]]:
+    """What the model's bodies weigh with our masses.
+
+    The bodies of a segment keep their shares of its mass, and their moments of inertia grow with it. Of a segment that
+    is registered (pelvis, thighs, shanks, feet), they are shifted together so that its mass centre is ours, all
+    coordinates zero. The trunk has the arms' mass where the model has none. Bodies of no segment of ours keep theirs.
+    """
+    groups: dict[str, list[str]] = {}
+    for body in peer.masses:
+        on = next((s for s, r in bodies.items() if r.body == body), None) or segment_of(body)
+        if on is not None:
+            groups.setdefault(on, []).append(body)
+    ours = {s: segment_inertia(parameters, s) for s in MASSIVE_SEGMENTS}
+    mass = {s: inertia.mass for s, inertia in ours.items()}
+    if not any(arm in groups for arm in ARMS):
+        mass["head_trunk"] += sum(mass[arm] for arm in ARMS)
+    weights: dict[str, Weight] = {}
+    told = []
+    for segment, group in groups.items():
+        theirs = sum(peer.masses[body] for body in group)
+        if segment not in mass or theirs <= 0.0:
+            continue
+        share = mass[segment] / theirs
+        moved = dict[str, Array]()
+        if segment in bodies:
+            main = bodies[segment]
+            centres = {body: document.mass_centre(body) for body in group}
+            poses = {body: _between_bodies(peer, body, main.body) for body in group}
+            was = sum(peer.masses[b] * poses[b].act(centres[b]) for b in group) / theirs
+            shift = main.pose.actInv(ours[segment].centre) - was
+            moved = {b: centres[b] + poses[b].rotation.T @ shift for b in group}
+        weights |= {b: Weight(share * peer.masses[b], moved.get(b), share) for b in group}
+        told.append(SegmentMass(segment=segment, bodies=tuple(group), theirs=theirs, ours=mass[segment]))
+    return weights, tuple(told)
+
+
+def _between_bodies(peer: PeerModel, body: str, main: str) -> pin.SE3:
+    """Pose of a body in another of its segment, above or below it."""
+    return peer.body_pose(body, main) if peer.is_below(body, main) else peer.body_pose(main, body).inverse()

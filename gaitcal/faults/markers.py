@@ -16,6 +16,7 @@ and angles were wrong by up to 31. With one marker on each of the three, s is no
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -228,10 +229,17 @@ def gaps(trial: MarkerEvidence) -> Iterator[Finding]:
     """Long gaps, and markers that are missing most of the time."""
     used = {m for m in trial.as_fitted.present if trial.ever_seen(m)}
     markers = [gap for gap in marker_gaps(trial.recording) if gap.label in used]
-    rare = [f"{g.label} {100 * g.seen:.0f} %" for g in markers if g.seen < HALF]
-    if rare:
-        cure = "they say little of this trial; label it further, or look at the camera setup"
-        yield trial.warning("gaps", f"seen in less than half of the frames: {listed(rare)}", cure, code=Code.GAPS)
+    rare = {g.label: f"{g.label} {100 * g.seen:.0f} %" for g in markers if g.seen < HALF}
+    kept = Counter(segment for segment in trial.templates for m in trial.weighed(segment) if m in used - set(rare))
+    harmful = [m for m in rare if trial.weight(m) > NEGLIGIBLE_WEIGHT]
+    harmful = [m for m in harmful if kept[trial.marker_set.segment_of[m]] < FEWEST_MARKERS]
+    for labels, severity in ((harmful, Severity.WARNING), (set(rare) - set(harmful), Severity.INFO)):
+        if labels:
+            found = f"seen in less than half of the frames: {listed([told for m, told in rare.items() if m in labels])}"
+            cure = "they say little of this trial; label it further, or look at the camera setup"
+            if severity is Severity.INFO:
+                cure = f"{FEWEST_MARKERS} others tell how their segments lie, or they have hardly any weight"
+            yield trial.finding(severity, "gaps", found, cure, code=Code.GAPS)
     long = sorted((g for g in markers if g.seen >= HALF and g.longest_gap > LONG_S), key=lambda g: -g.longest_gap)
     if long:
         longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])

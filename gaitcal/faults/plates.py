@@ -202,24 +202,27 @@ def _directions(trial: MarkerEvidence) -> tuple[Array, Array]:
 
 
 def horizontal(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Whether legs brake before they drive, and push inwards."""
+    """Whether legs brake before they drive, and both push inwards: one alone pushes outwards in a turn."""
     steps, time = _long_steps(trial), trial.recording.time
     if not steps:
         return
     forward, right = _directions(trial)
-    drift, outward = [], []
+    drift: list[float] = []
+    outward: dict[int, list[float]] = {}
     for step in steps:
         force = np.nan_to_num(resample_wrench(step.plate, time))[step.frames][:, [0, 2]]
         along = force @ forward
         if step.frames.start > 0 and step.frames.stop < len(time):
             drift.append(float(along @ np.linspace(-1.0, 1.0, len(along)) / max(np.abs(along).sum(), 1e-9)))
-        outward.append(float((force @ right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight)
+        aside = float((force @ right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight
+        outward.setdefault(step.foot, []).append(aside)
     wrong = {}
     if drift and max(drift) < DRIVING:
         words = f"along the walk they drive first and brake later (drift {np.mean(drift):.2f}, usual 0.4 to 0.6)"
         wrong["fore-aft"] = words
-    if min(outward) > OUTWARD:
-        words = f"sideways they push outwards, {np.mean(outward):.2f} body weights on average (usual -0.06 to -0.03)"
+    pushes = [push for of_leg in outward.values() for push in of_leg]
+    if len(outward) == 2 and min(pushes) > OUTWARD:
+        words = f"sideways both push outwards, {np.mean(pushes):.2f} body weights on average (usual -0.06 to -0.03)"
         wrong["sideways"] = words
     if wrong:
         cause = f"the {next(iter(wrong))} force of all plates has the wrong sign"

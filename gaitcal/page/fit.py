@@ -8,23 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.gait.moments import listed, role_words, segment_words
-from gaitcal.model.linkage import LOWER_BODY, SEGMENTS
 from gaitcal.motion.motion import MarkerErrors
-from gaitcal.page.plain_data import (
-    Block,
-    Cell,
-    beside,
-    cell,
-    curves,
-    heading,
-    named,
-    number,
-    picture,
-    rounded,
-    table,
-    text,
-    words_column,
-)
+from gaitcal.page.plain_data import Block, Cell, beside, cell, curves, heading, named, number, table, text, words_column
 from gaitcal.page.summary import answers
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.trial_result import RmsErrors, leg_fit, segment_fits, trial_fit
@@ -38,11 +23,7 @@ FLOORS = (
     "marker of several joints counts with their mean."
 )
 FIT_HEAD: tuple[Cell, ...] = ("Nominal", "Calibrated", "Rigid floor", "Ratio", "Joint floor", "Ratio")
-PARTS = ("rigid-segment floor", "up to the joint floor", "above the joint floor")
-BARS = (
-    "RMS marker error of pelvis and legs with the calibrated model, in parts: no model of rigid segments can take away "
-    "the first, no place of a joint the second; the third another place of the joint, or other markers, may."
-)
+
 ELSEWHERE = (
     "Fit of each segment and marker: below, of the chosen trial. Every marker at each instant: marker_errors/ "
     "in the folder of the result."
@@ -127,30 +108,10 @@ def trial_fit_blocks(trial: TrialResult) -> list[Block]:
     if trial.joint is not None:
         out.append(text(ISOLATED, "soft"))
     out.append(curves(["marker_error"]))
-    arms = () if trial.joint else [segment_words(s) for s in SEGMENTS if s not in LOWER_BODY]
-    if shares := [_bar(s) for s in segments if s.label not in arms and s.rigid and _has_all_parts(s)]:
-        out += [text(BARS, "soft"), picture("bars", "mm", shares)]
     out += beside([left, right])
     if len(markers) > MARKERS_SHOWN:
         out.append(_marker_table(markers, f"All {len(markers)} markers of this trial"))
     return out
-
-
-def _has_all_parts(fit: RmsErrors) -> bool:
-    return None not in (fit.calibrated, fit.floor, fit.joint_floor)
-
-
-def _bar(segment: RmsErrors) -> dict[str, object]:
-    """As long as the calibrated error; from the left what skin makes, what joints ask for, and what is left."""
-    total = segment.calibrated or 0.0
-    rigid = min(segment.floor or 0.0, total)
-    joint = min(max(segment.joint_floor or 0.0, rigid), total)
-    parts = zip(PARTS, (rigid, joint - rigid, total - joint), strict=True)
-    return {
-        "label": segment.label,
-        "total": rounded(total),
-        "parts": [{"name": name, "value": rounded(value)} for name, value in parts],
-    }
 
 
 @dataclass(frozen=True, kw_only=True)

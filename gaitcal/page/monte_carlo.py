@@ -1,6 +1,6 @@
-"""The Monte Carlo study of a person in the preset Trust: ranked lists of expected errors, boxplots behind a fold.
+"""The Monte Carlo study of a person in the preset Trust: ranked lists of expected errors, percentiles behind a fold.
 
-Boxplots are as figures 3 and 4 of the published study. The page is made before any draw: blocks of a study carry a
+The page is made before any draw: blocks of a study carry a
 mark, so that a study that goes on replaces its own. Only its command reads this module, and with it the libraries of a
 study.
 """
@@ -15,7 +15,7 @@ import pandas as pd
 
 from gaitcal.gait.moments import SIDE_WORDS, capitalised, parameter_words
 from gaitcal.model.linkage import SIDES
-from gaitcal.page.plain_data import Block, beside, cell, fold, heading, named, number, rounded, table, text
+from gaitcal.page.plain_data import Block, Cell, beside, cell, fold, heading, named, number, table, text
 from gaitcal.page.summary import KNEE_ADDUCTION
 from gaitcal.published.draw import TORQUE_WORDS, TORQUES
 from gaitcal.published.protocol import ReactionFrame, Varied
@@ -26,7 +26,7 @@ PART: Final = "montecarlo"
 """Mark of the blocks of a study."""
 PRESET: Final = "trust"
 SHOWN_SIDE: Final = "l"
-"""Of boxplots, as published."""
+"""As published."""
 MOST_PARAMETERS: Final = 6
 """That the ranked list names."""
 SOURCE_WORDS: Final = {
@@ -37,7 +37,7 @@ SOURCE_WORDS: Final = {
 }
 SOURCES: Final = (Varied.JP, Varied.IP, Varied.NOISE)
 """Those that are no sum of others."""
-PERCENTILES: Final = {"low": "p10", "q1": "p25", "median": "p50", "q3": "p75", "high": "p90"}
+PERCENTILES: Final = {"10 %": "p10", "25 %": "p25", "Median": "p50", "75 %": "p75", "90 %": "p90"}
 FRAMES: Final = {ReactionFrame.LAB: "", ReactionFrame.FOOT: ", ground reactions carried with the foot"}
 MEASURES: Final = (
     (
@@ -51,7 +51,6 @@ MEASURES: Final = (
         "Mean error with its sign, near zero where errors cancel over the trial; as figure 4 of the published study.",
     ),
 )
-BOXES: Final = "Boxes from 25 to 75 % of the draws with the median in them, lines from 10 to 90 %."
 CARRIED: Final = (
     "Ground reactions fixed in the laboratory, as above, stay where force plates measure them; carried with the "
     "foot, they move where a disturbed model puts the foot. The published study does not say which it used."
@@ -147,7 +146,7 @@ def monte_carlo_blocks(
         *_explained(study),
         *_ranked(study, marker_rms),
         *([] if contributions is None else _contributions(contributions, SHOWN_SIDE)),
-        _boxplots(study, SHOWN_SIDE),
+        _distributions(study, SHOWN_SIDE),
     ]
 
 
@@ -260,29 +259,28 @@ def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.
     return pd.concat([of_leg.rename(index=parameter_words), groups])
 
 
-def _boxplots(study: MonteCarloStudy, side: str) -> Block:
+def _distributions(study: MonteCarloStudy, side: str) -> Block:
     """All distributions of one leg behind folds: size and direction, ground reactions fixed or with the foot."""
     leg, levels, out = f"{SIDE_WORDS[side]} leg", _levels(study.statistics), []
     quantities = [(f"{name}_{side}", "%BW·H", capitalised(TORQUE_WORDS[name])) for name in TORQUES]
     for frame, words in FRAMES.items():
         for measure, title, meaning in MEASURES:
-            shown = [text(f"{meaning} {BOXES}", "soft")]
+            shown = [text(meaning, "soft")]
             for quantity, unit, name in quantities:
-                shown += _boxes(levels, quantity, frame.value, measure, unit, name)
-            shown += _boxes(levels, f"markers_{side}", "", measure, "mm", "Marker distance")
+                shown += _percentiles(levels, quantity, frame.value, measure, unit, name)
+            shown += _percentiles(levels, f"markers_{side}", "", measure, "mm", "Marker distance")
             out.append(fold(f"{title}, {leg}{words}", shown))
-    return fold("Boxplots of all draws", out)
+    return fold("Percentiles of all draws", out)
 
 
-def _boxes(levels: Levels, quantity: str, frame: str, measure: str, unit: str, title: str) -> list[Block]:
-    """Of one quantity: a group for each cause, a box for each level; nothing where there are no draws."""
-    groups = []
-    for varied in Varied:
-        rows = levels.get((varied, quantity, frame, measure), ())
-        boxes = [
-            {"label": f"{row['level']:g} %"} | {key: rounded(row[of]) for key, of in PERCENTILES.items()}
-            for row in rows
+def _percentiles(levels: Levels, quantity: str, frame: str, measure: str, unit: str, title: str) -> list[Block]:
+    """Of one quantity: a row for each cause and level; nothing where there are no draws."""
+    rows: list[list[Cell]] = [
+        [
+            f"{capitalised(SOURCE_WORDS[varied])}, {row['level']:g} %",
+            *(number(row[of], 2) for of in PERCENTILES.values()),
         ]
-        if boxes:
-            groups.append({"label": capitalised(SOURCE_WORDS[varied]), "boxes": boxes})
-    return [{"kind": "boxes", "unit": unit, "title": title, "groups": groups}] if groups else []
+        for varied in Varied
+        for row in levels.get((varied, quantity, frame, measure), ())
+    ]
+    return [table([f"{title}, {unit}", *PERCENTILES], rows)] if rows else []

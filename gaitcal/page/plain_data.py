@@ -170,12 +170,11 @@ def picture(kind: str, unit: str, rows: Sequence[Mapping[str, Any]]) -> Block:
 
     Parameters
     ----------
-    kind : `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is known; `bars`:
-        stacked horizontal bars, the parts of a row sum to its total.
+    kind : `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is known.
     """
     return {"kind": kind, "unit": unit, "rows": [dict(row) for row in rows]}
 
 
-def curves(kinds: Sequence[str], limits: Mapping[str, float] | None = None) -> Block:
-    """The trial's own curves of some kinds, over time, with limits where there are any."""
-    return {"kind": "curves", "kinds": list(kinds), "limits": dict(limits or {})}
+def curves(kinds: Sequence[str]) -> Block:
+    """The trial's own curves of some kinds, over time."""
+    return {"kind": "curves", "kinds": list(kinds)}

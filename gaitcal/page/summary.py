@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.cycles import POINTS, normalise, source_words, usable
@@ -28,6 +29,7 @@ from gaitcal.gait.strides import TURNING, Layout, layout, strides_of, turns
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.plain_data import Block, cell, fold, heading, named, number, table, text, visible, words_column
+from gaitcal.page.stride_use import stride_uses, usable_words
 from gaitcal.session.parameter_words import counts, counts_sentence
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.trial_result import RmsErrors, leg_fit, trial_fit
@@ -35,8 +37,9 @@ from gaitcal.session.warnings import is_trunk_unmeasured, unmeasured_words
 
 KNEE_ADDUCTION = "knee_adduction"
 """The moment that is told in full; external adduction is the opposite of the internal moment."""
-GOOD_RATIO, FAIR_RATIO = 1.4, 2.0
-"""Marker error over what each joint by itself reaches."""
+GOOD_RATIO = 1.4
+"""Marker error over what each joint by itself reaches: up to this it is told to be good. What is larger is not judged
+here: an amber or red line is a reason of the verdict."""
 TONES = {Judgement.TRUSTWORTHY: "good", Judgement.DOUBTFUL: "look", Judgement.REFUSED: "poor"}
 TONE_ORDER = ("plain", "good", "look", "poor")
 NO_FORCES = "No joint moments and powers: this trial has no force plates."
@@ -73,12 +76,6 @@ class GaitNumbers:
     """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
     limits: ResidualLimits | None = None  # What is asked of simulations; given where `stages` are
     expected: ExpectedResidual | None = None  # Of the last of `stages`; None where its errors are not known
-
-    def complete_strides(self, side: str) -> tuple[int, int]:
-        """How many strides of a leg have valid moments throughout, and how many there are."""
-        time, valid, cycles = self.layout.time, self.layout.valid_for(side), strides_of(self.trial.events)[side]
-        inside = [valid[(time >= c.start) & (time <= c.stop)] for c in cycles]
-        return sum(bool(frames.size and frames.all()) for frames in inside), len(cycles)
 
 
 def gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
@@ -119,10 +116,6 @@ def _ratio(fit: RmsErrors) -> float | None:
     return fit.ratio if fit.joint_ratio is None else fit.joint_ratio
 
 
-def _fit_tone(ratio: float) -> str:
-    return "good" if ratio <= GOOD_RATIO else "look" if ratio <= FAIR_RATIO else "poor"
-
-
 def _largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
     """The walk whose residual is largest against its limit."""
     found = [walk for walk in walks if walk.stages]
@@ -159,24 +152,20 @@ def _agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> L
     tones, words = [], []
     if (worst := _worst_fit(trials)) is not None:
         fit, trial = worst
-        of = "Markers of pelvis and legs" if trial.joint is None else "Markers"
-        met = f"{of} are met to {number(fit.calibrated)} mm RMS ({named(trial.name)})"
-        ratio, floor, least = fit.ratio, fit.floor, "rigid segments alone"
-        if fit.joint_ratio is not None:
-            ratio, floor, least = fit.joint_ratio, fit.joint_floor, "each joint by itself"
-        tones.append("plain" if ratio is None else _fit_tone(ratio))
-        words.append(f"{met}." if ratio is None else f"{met}, {least} to {number(floor)} mm.")
+        ratio, floor = _ratio(fit), fit.floor if fit.joint_ratio is None else fit.joint_floor
+        tones.append("good" if ratio is not None and ratio <= GOOD_RATIO else "plain")
+        best = "" if ratio is None else f" (best possible {number(floor)})"
+        of = "" if trial.joint is None else f" of trial {named(trial.name)}"
+        words.append(f"Marker fit{of} {number(fit.calibrated)} mm{best}.")
     if (walk := _largest_residual(walks)) is not None:
         last, held = walk.stages[-1], walk.expected
-        agree = f"Forces and motion agree to {number(last.rms_force)} N and {number(last.rms_moment)} N·m RMS"
-        agree += f" ({named(walk.trial.name)})"
-        tone = "plain"
+        force, moment, tone, judged = f"{number(last.rms_force)} N RMS", f"{number(last.rms_moment)} N·m", "plain", ""
         if held is not None:
-            tone = "good" if held.within else "look"
-            agree += ", within what their errors explain" if held.within else ": more than their errors explain"
-            agree += f" (limits {number(held.force.limit)} N, {number(held.moment.limit)} N·m)"
+            force += f" (limit {number(held.force.limit)})"
+            moment += f" (limit {number(held.moment.limit)})"
+            tone, judged = ("good", "") if held.within else ("look", ": too high")
         tones.append(tone)
-        words.append(f"{agree}.")
+        words.append(f"Unexplained force at the pelvis: {force}, moment {moment}{judged}.")
     if not words:
         return {"tone": "plain", "text": "Nothing was fitted: this study has no moving trial."}
     return {"tone": max(tones, key=TONE_ORDER.index), "text": visible(" ".join(words))}
@@ -190,13 +179,8 @@ def _counting(mass: float, walks: Sequence[GaitNumbers]) -> Line:
     if not loaded:
         plates = any(walk.trial.loads is not None for walk in walks)
         why = "no foot is wholly on a force plate of its own" if plates else "there are no force plates"
-        return {"tone": "look" if plates else "plain", "text": f"Angles alone count, no moments: {why}."}
-    valid, total = {}, {}
-    for side in SIDES:
-        strides = [walk.complete_strides(side) for walk in loaded]
-        valid[side], total[side] = sum(v for v, _ in strides), sum(n for _, n in strides)
-    right, left = (f"{valid[side]} of {total[side]} {SIDE_WORDS[side]}" for side in SIDES)
-    words = f"Moments count throughout {right} and {left} strides."
+        return {"tone": "plain", "text": f"Angles alone count, no moments: {why}."}
+    words = usable_words([use for walk in loaded for use in stride_uses(walk.trial)])
     if both := ", ".join(_peak(peak, mass) for peak in adduction_peaks([walk.trial for walk in walks])):
         words += (
             " External knee adduction moment, N·m/kg, first peak, mean ± standard error over all straight strides: "
@@ -205,7 +189,7 @@ def _counting(mass: float, walks: Sequence[GaitNumbers]) -> Line:
     known = any(walk.trial.loads is not None and walk.trial.loads.errors is not None for walk in loaded)
     if not known:
         words += " No standard errors are known."
-    return {"tone": "plain" if all(valid.values()) and known else "look", "text": words}
+    return {"tone": "plain", "text": words}
 
 
 def adduction_peaks(walks: Sequence[TrialResult]) -> tuple[PeakMean, ...]:
@@ -271,16 +255,13 @@ def _fit_answer(calibration: Calibration) -> dict[str, str] | None:
         words += f", each joint by itself reaches {fit.joint_floor:.1f} mm" if fit.joint_floor is not None else ""
         words += f"; this is {ratio:.2f} times that. "
     tone, verdict, meaning = "plain", "", ""
-    if fit.nominal is not None and calibrated > 1.02 * fit.nominal:
-        tone, verdict = "poor", "worse than before"
-        meaning = "Calibration made this fit worse: look at the trials and the warnings."
+    if any(r.code is Code.TRIALS_DISAGREE and trial.name in r.trials for r in calibration.verdict.reasons):
+        tone, verdict, meaning = "look", "worse than before", "The trials disagree about the joints: see the verdict."
+    elif ratio is not None and ratio <= GOOD_RATIO:
+        tone, verdict = "good", "good"
+        meaning = "Together the joints explain nearly all that each could explain alone."
     elif ratio is not None:
-        tone = _fit_tone(ratio)
-        verdict, meaning = {
-            "good": ("good", "Together the joints explain nearly all that each could explain alone."),
-            "look": ("fair", "Some error is left that other joint positions, or better markers, could explain."),
-            "poor": ("poor", "Much error is left that the joints do not explain: look at the segments below."),
-        }[tone]
+        meaning = "The rest is skin that moves, other joint positions, or markers: look at the segments below."
     words += meaning
     if whole.calibrated is not None and whole.calibrated > calibrated + 0.05:
         words += f" With trunk and arms, whose joints are not calibrated: {whole.calibrated:.1f} mm."
@@ -409,8 +390,5 @@ def _validity(walk: GaitNumbers) -> str:
         f"of the left leg and {whole} of pelvis, trunk and arms: those of a leg where its own foot is wholly on "
         "plates or in the air, the others where both feet are, away from the ends of the trial."
     )
-    complete = {side: walk.complete_strides(side) for side in SIDES}
-    if not any(total for _, total in complete.values()):
-        return words
-    right, left = (f"{valid} of {total} {SIDE_WORDS[side]}" for side, (valid, total) in complete.items())
-    return f"{words} Strides that are valid throughout: {right}, {left}."
+    uses = stride_uses(walk.trial)
+    return f"{words} {usable_words(uses)}" if uses else words

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import PureWindowsPath
 from typing import Any, Final
 
 import numpy as np
@@ -27,6 +28,7 @@ from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.page.fit import trial_fit_blocks
 from gaitcal.page.plain_data import Sections, base64_of, floats, lengths, rounded
 from gaitcal.page.scene import MOST_FRAMES
+from gaitcal.page.stride_use import stride_uses
 from gaitcal.page.summary import gait_numbers, trial_clinician_blocks
 from gaitcal.page.trust import trial_trust_blocks
 from gaitcal.session.result import Loads, TrialResult, angle_counts
@@ -260,6 +262,7 @@ def trial_page_data(
     curves = curves_of(model, trial, relative_to, truth)
     return {
         "name": trial.name,
+        "file": PureWindowsPath(trial.recording.source).name,
         "role": role_words(trial.role, trial.joint),
         "joint": trial.joint,
         "refused": list(trial.refused_legs),
@@ -308,10 +311,11 @@ def _strides(trial: TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curv
         return []
     time, start = trial.body.time, float(trial.body.time[0])
     measured = {(s.side, s.number): s for s in trial.strides}
+    uses = {(use.side, use.number): use for use in stride_uses(trial)}
     out = []
     for side in SIDES:
         for number, cycle in enumerate(strides_of(trial.events)[side], start=1):
-            stride = measured.get((side, number))
+            stride, use = measured.get((side, number)), uses[side, number]
             foot = foot_in_stride(trial, side, cycle, stride)
             laid = {
                 part: normalise(time, pelvis_in_stride(trial, angles, cycle, stride), cycle)
@@ -324,7 +328,9 @@ def _strides(trial: TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curv
                     "start": cycle.start - start,
                     "stop": cycle.stop - start,
                     "off": None if cycle.toe_off is None else cycle.toe_off - start,
-                    "turns": stride is not None and turns(stride.turn),
+                    "turns": use.turns,
+                    "plate": use.plate,
+                    "reason": use.reason,
                     "pelvis": {
                         name: {part: lengths(angles[:, k]) for part, angles in laid.items()}
                         for k, name in enumerate(PELVIS_ANGLES)

@@ -58,10 +58,6 @@ RESIDUALS = (
     "below 5 % of the peak net external force, and 1 % of the height of the mass centre times that force; few walks as "
     "measured have that, and nothing is judged by it."
 )
-PARTS_OF_BARS = (
-    "One standard error at the peak of each moment. A bar is as long as the error; its parts are in proportion "
-    "to their parts of the variance. Where one is large, better input of this kind narrows the bar."
-)
 CHANGES = (
     "RMS difference over the valid frames between the moments of the nominal and of the calibrated model. "
     "Where it is small against the effect you study, calibration did not matter for it."
@@ -185,15 +181,7 @@ def _error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
     for base, found in peaks.items():
         if base != KNEE_ADDUCTION:
             others += [heading(coordinate_title(base), 4), *beside([[_peak_table(peak)] for peak in found])]
-    bars = [_bar(peak) for found in peaks.values() for peak in found]
-    return [
-        *out,
-        heading("What makes the error bar of each peak moment", 4),
-        text(PARTS_OF_BARS, "soft"),
-        picture("bars", "N·m/kg", bars),
-        fold("Expected error of every other peak, source by source", others),
-        all_frames,
-    ]
+    return [*out, fold("Expected error of every other peak, source by source", others), all_frames]
 
 
 def _peak_table(peak: PeakError) -> Block:
@@ -207,16 +195,6 @@ def _peak_table(peak: PeakError) -> Block:
     side = split_side(peak.name)[1]
     head: list[Cell] = [cell(coordinate_title(peak.name), side=side), "error alone, N·m/kg", "% of the variance"]
     return table(head, rows, caption=f"{peak.words}, at {number(peak.time, 2)} s", total=[len(rows) - 1])
-
-
-def _bar(peak: PeakError) -> dict[str, object]:
-    parts = [
-        {"name": source.words, "value": rounded(peak.error * peak.shares[source], 6)}
-        for source in ErrorSource
-        if source in peak.shares
-    ]
-    side = split_side(peak.name)[1]
-    return {"label": coordinate_title(peak.base), "side": side, "total": rounded(peak.error, 6), "parts": parts}
 
 
 def _all_frames(walk: GaitNumbers, mass: float) -> Block | None:
@@ -271,11 +249,10 @@ def _residuals(walk: GaitNumbers) -> list[Block]:
         "RMS over valid frames and the three components, peaks of the magnitude. What is asked of simulations rests on "
         f"a peak force of {number(limits.peak_force, 0)} N and a mass centre {number(limits.centre_height, 2)} m high."
     )
-    drawn = {"residual_force": round(limits.force, 2), "residual_moment": round(limits.moment, 3)}
     return [
         heading(f"Do motion and ground forces agree? Trial {named(walk.trial.name)}"),
         text(RESIDUALS),
-        curves(list(drawn), drawn),
+        curves(["residual_force", "residual_moment"]),
         table(head, [*rows, *below], total=range(len(rows), len(rows) + len(below))),
         text(rests, "soft"),
     ]

@@ -33,7 +33,6 @@ def smoothed_trial() -> tuple[MotionProblem, Array]:
 
 def test_the_source_is_what_more_of_the_penalty_would_do() -> None:
     problem, nodes = smoothed_trial()
-    assert problem.smoothing is not None
     scores = whole_body_scores(problem, nodes, PARAMETERS, None)
     plain = whole_body_scores(replace(problem, smoothing=None), nodes, PARAMETERS, None)
     assert scores.clusters == (*plain.clusters, "bandwidth/random")

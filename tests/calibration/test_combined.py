@@ -147,7 +147,6 @@ def test_impossible_bodies_are_told_and_spoil_nothing_else(data_dir: Path, tmp_p
     found = calibrate(Study.load(write_study("subject01", data_dir.resolve(), tmp_path, text)))
     assert any("no real body" in warning for warning in found.warnings)
     loads = found.trial("walk").loads
-    assert loads is not None
     assert loads.errors is None
     assert Stage.COMBINED not in loads.moments
     assert np.isfinite(loads.final.tau).all()

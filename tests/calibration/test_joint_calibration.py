@@ -138,24 +138,6 @@ def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
     )
 
 
-def test_a_motion_is_predicted_where_the_parameters_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    """After 1 mm and 3 mrad the motion behind them is met at once: one gradient, no matrix."""
-    problem, truth = knee_trial(10, noise=0.004)
-    nodes = starting_nodes(problem.chain, problem.constants(truth), problem.data, problem.basis)
-    reduced = ReducedProblem([problem], truth, KNEE, [nodes], DescentSettings())
-    p = values(truth, KNEE)
-    reduced.settle(p)
-    formed: list[str] = []
-    for name in ("equations", "both_gradients"):
-        plain = getattr(MotionProblem, name)
-        monkeypatch.setattr(
-            MotionProblem, name, lambda *a, plain=plain, name=name, **k: (formed.append(name), plain(*a, **k))[1]
-        )
-    position = np.array([not name.endswith(("front", "trans")) for name in KNEE])
-    reduced.at(p + np.where(position, 0.001, 0.003))
-    assert formed == ["both_gradients"]
-
-
 def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, truth = knee_trial(9, noise=0.004)
     start = truth.with_joint(KNEE, values(published_subject(), KNEE))

@@ -91,7 +91,6 @@ def drawn(seed: int, size: float, segments: Sequence[str] = SEGMENTS, ending: st
 
 
 def groups_of(problem: MotionProblem) -> tuple[SegmentTissue, ...]:
-    assert problem.tissue is not None
     return problem.tissue.groups
 
 

@@ -274,7 +274,6 @@ def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing
 ) -> None:
     influence, deviation, information, right = fitted(names, prior)
     parts = parts_of(influence, deviation, JP_NAMES, prior)
-    assert parts is not None
     unit, origin = prior_root(LEGS, None)[[LEGS.index(name) for name in names]], prior_of(names, None)[0]
     wanted, pulled = unit.T @ information @ unit, unit.T @ (right - information @ origin)
     np.testing.assert_allclose(parts["legs"].information, wanted, atol=CLOSE * np.abs(wanted).max())
@@ -406,13 +405,6 @@ def test_what_nobody_shows_stays_as_it_was() -> None:
     mean, covariance = learn(made, effects(), reflected, Structure(rest(), 3.0)).population.expected(alike)
     np.testing.assert_allclose(unseen.T @ mean, 0.0, atol=SINGULAR)
     np.testing.assert_allclose(unseen.T @ covariance @ unseen, np.eye(unseen.shape[1]), atol=SINGULAR)
-
-
-def test_the_order_of_evidence_makes_no_difference() -> None:
-    made = evidence(10, 0.1 * np.eye(SIZE), np.zeros(SIZE), 9)
-    one, other = (learn(e, effects(), mirror(KNEES), axes()).population for e in (made, made.of(np.arange(10)[::-1])))
-    np.testing.assert_allclose(one.spread, other.spread, atol=EXACT)
-    np.testing.assert_allclose(one.effects, other.effects, atol=EXACT)
 
 
 def test_people_seen_in_a_mirror_teach_the_same() -> None:

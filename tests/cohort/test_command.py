@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from gaitcal.cli.application import app
 from gaitcal.cli.cohort import _teller, duration
 from gaitcal.cli.console import Console
 from gaitcal.codes import Code
@@ -21,14 +17,8 @@ from gaitcal.cohort.run import Ended
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.result_folder import listed
 from tests.cohort.kept import Kept, write_cohort
+from tests.commands import run
 from tests.session.folders import recordings, write
-
-
-def run(*words: object) -> Result:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
 
 
 def test_usage(tmp_path: Path) -> None:
@@ -102,9 +92,9 @@ def test_from_bare_folders_to_tables(tmp_path: Path) -> None:
     (lab / "Cid").mkdir()
     (lab / "Cid" / "walk.c3d").write_bytes(b"no recording")
     (lab / "people.csv").write_text("person,group,sex,mass_kg,height_m\nAnn,controls,m,69.4,1.70\n")
-    command = [sys.executable, "-c", "from gaitcal.cli import main; main()", "cohort", lab, "--out", out, "--jobs", "1"]
-    first = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
-    assert first.returncode == 1, first.stderr
+    command = ("cohort", lab, "--out", out, "--jobs", 1)
+    first = run(*command)
+    assert first.exit_code == 1, first.output
     assert "1 of 3" in first.stdout
     assert f"page: {out / 'cohort.html'}" in first.stdout
     assert (out / "cohort.html").is_file()
@@ -120,8 +110,8 @@ def test_from_bare_folders_to_tables(tmp_path: Path) -> None:
     assert bob["what_to_do"] == "give mass_kg in people.csv or cohort.toml"
     assert (cid["person"], bob["code"], cid["code"]) == ("Cid", "GC-211", "GC-223")
     written = (result / "manifest.json").stat().st_mtime_ns
-    again = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
-    assert again.returncode == 1
+    again = run(*command)
+    assert again.exit_code == 1
     assert "failed: Bob: no file says" in again.stdout
     assert " of 3" not in again.stdout
     assert (result / "manifest.json").stat().st_mtime_ns == written

@@ -12,11 +12,9 @@ from typing import cast
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
 from gaitcal.calibration.joint_estimate import estimate_joints
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of, prior_of_study, prior_root
-from gaitcal.cli.application import app
 from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, NotUsedError, evidence_of, learn_priors
 from gaitcal.cohort.one_person import CommonSettings, _contradictions
 from gaitcal.cohort.outcome import Outcome, fingerprint, keep
@@ -33,15 +31,9 @@ from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study
 from tests.calibration.test_joint_estimate import HIP, gait, hip_trial
+from tests.commands import run
 from tests.derivatives import perturbed_parameters
 from tests.synthetic_studies import write_synthetic_study
-
-
-def run(*words: object) -> Result:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
 
 
 def with_priors(study: Path, named: str, *more: str) -> str:

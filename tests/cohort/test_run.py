@@ -275,14 +275,6 @@ def test_every_file_that_a_study_names_counts(ann: CohortPerson, name: str) -> N
     assert fingerprint(ann, CommonSettings()) == first
 
 
-def test_one_of_several_missing_files_that_comes_back_is_seen(ann: CohortPerson) -> None:
-    for name in NAMED[:2]:
-        (ann.folder / name).unlink()
-    before = fingerprint(ann, CommonSettings())
-    (ann.folder / NAMED[0]).write_text("again")
-    assert fingerprint(ann, CommonSettings()) != before
-
-
 def test_no_file_counts_twice(ann: CohortPerson) -> None:
     (ann.folder / "notes.txt").write_text("no recording")
     files = inputs_of(ann.folder)
@@ -299,10 +291,6 @@ def test_a_draft_reads_tables_that_an_xml_names(tmp_path: Path) -> None:
     (folder / "deep" / "tables" / "forces.mot").write_text("1")
     (folder / "deep" / "tables" / "other.mot").write_text("2")
     assert set(inputs_of(folder)) == {"deep/loads.xml", "deep/tables/forces.mot"}
-
-
-def test_a_name_too_long_for_a_folder_reads_nothing(tmp_path: Path) -> None:
-    assert inputs_of(tmp_path / ("x" * 300)) == {}
 
 
 def test_joint_parameters_that_a_cohort_file_expects_are_known_ones(tmp_path: Path) -> None:

@@ -1,4 +1,7 @@
-"""`gaitcal example` with the files of the folder of recordings, found by their SHA-256: tests have no network."""
+"""`gaitcal example` with the files of the folder of recordings, found by their SHA-256: tests have no network.
+
+Of several people in an example there is the first.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,9 @@ from pathlib import Path
 from gaitcal import cli
 from gaitcal.errors import InputError
 from gaitcal.io import examples
-from gaitcal.io.examples import RemoteFile
+from gaitcal.io.examples import Example, RemoteFile
+
+PEOPLE = 1
 
 
 def main() -> None:
@@ -22,7 +27,14 @@ def main() -> None:
             raise InputError(f"{file.name} is not among the recordings of these tests", source=data)
         target.write_bytes(held[file.sha256].read_bytes())
 
-    examples.download = copied
+    named = examples.example_named
+
+    def smaller(name: str) -> Example:
+        whole = named(name)
+        people = list(dict.fromkeys(Path(file.name).parent for file in whole.files))[:PEOPLE]
+        return whole.model_copy(update={"files": tuple(f for f in whole.files if Path(f.name).parent in people)})
+
+    examples.download, examples.example_named = copied, smaller
     cli.main()
 
 

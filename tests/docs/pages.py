@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.docs.blocks import Block, blocks_of, run
-from tests.kept import kept_folder
+from tests.docs.blocks import blocks_of, run
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PROGRAM = """#!/bin/sh
 [ "$1" = example ] && exec "{python}" -m tests.docs.local_example "$@"
-[ "$1" = synthesize ] && exec "{python}" -m tests.docs.kept_person "$@"
+case "$1 $2" in
+    synthesize*|calibrate*.toml) exec "{python}" -m tests.docs.kept_commands "$@" ;;
+    montecarlo*) set -- $(echo "$@" | sed "s/--draws 20/--draws 4/") ;;
+esac
 exec "{python}" -m gaitcal.cli "$@"
 """
-SETUP = """gaitcal synthesize --out person --noise
-gaitcal calibrate person/study.toml --out result
-"""
-"""The block with which how-to pages begin that need a result: run once, and copied."""
+"""`gaitcal` with the recordings that are here, with what pages share made once, and with studies of fewer draws."""
 
 
 def environment(folder: Path, kept: Path) -> dict[str, str]:
@@ -52,17 +49,9 @@ def follow(page: Path, folder: Path, bin_folder: Path, kept: Path) -> str:
     told = []
     setting = environment(bin_folder, kept)
 
-    def ran(block: Block, place: Path) -> None:
-        place.mkdir(exist_ok=True)
-        text = run(block, place, names, setting)
+    for block in blocks_of(page):
+        text = run(block, folder, names, setting)
         if text.startswith("FAILED"):
             pytest.fail(text, pytrace=False)
         told.append(text)
-
-    for block in blocks_of(page):
-        if block.text == SETUP:
-            made = kept_folder(kept / "setup", partial(ran, block))
-            shutil.copytree(made, folder, dirs_exist_ok=True)
-        else:
-            ran(block, folder)
     return "\n".join(told)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+import gaitcal
 from tests.docs.pages import DOCS, follow, needs_recordings
+from tests.kept import copied_person
 from tests.results.test_described import undescribed_below
 
 PAGES = sorted((DOCS / "how-to").glob("*.md"))
@@ -21,6 +24,7 @@ def test_a_how_to_page_runs(
         pytest.importorskip("xarray", reason="no xarray here; it comes with the extra `test`")
     if needs_recordings(page):
         request.getfixturevalue("data_dir")
+    monkeypatch.setattr(gaitcal, "synthesize", partial(copied_person, kept))
     folder = tmp_path / "reader"
     folder.mkdir()
     monkeypatch.chdir(folder)

@@ -30,6 +30,7 @@ def test_everything_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
     assert check.main([]) == 0, capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_what_nobody_explains_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(check.coverage, "places", dict)
     assert check.main([]) == 1
@@ -78,6 +79,7 @@ def test_a_public_name_without_a_docstring_is_told(monkeypatch: pytest.MonkeyPat
     assert set(python_names.undocumented()) == {"save_model", "Study.subject"}
 
 
+@pytest.mark.slow
 def test_what_makes_a_dataclass_is_told() -> None:
     griffe = pytest.importorskip("griffe", reason="extra `docs`")
     extensions = griffe.load_extensions(ROOT / "scripts" / "tools" / "documentation" / "docstrings.py")

@@ -38,7 +38,6 @@ NOTHING = np.zeros((1, 3))
 def walk() -> TrialResult:
     """Standing on both feet: forces that do not change, so that nothing is faster than the motion."""
     trial = fake_calibration().trial("walk")
-    assert trial.loads is not None
     wrench = np.zeros_like(trial.loads.reactions.wrench)
     wrench[:, :, 1] = 350.0
     return replace(trial, loads=replace(trial.loads, reactions=replace(trial.loads.reactions, wrench=wrench)))
@@ -110,7 +109,6 @@ def test_what_plates_hold_above_the_motions_bandwidth_is_expected() -> None:
 
 def test_nothing_is_held_without_errors_or_valid_frames() -> None:
     known = loads()
-    assert known.errors is not None
     nothing = replace(known.reactions, valid=np.zeros_like(known.reactions.valid))
     assert expected_residual(known.final, known.errors, nothing, walk().body, WEIGHT) is None
     unknown = known.errors.only(np.zeros(27, dtype=bool))

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from gaitcal import cli
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.errors import InputError
@@ -21,15 +22,17 @@ from gaitcal.export.muscle_paths import leg_ranges, muscle_changes, muscle_paths
 from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
-from gaitcal.export.peer_model import PeerModel
+from gaitcal.export.peer_model import PeerModel, our_leg, read_numbers
 from gaitcal.model.linkage import COORDINATES, LEG_JOINTS, LEGS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JP_NAMES
+from gaitcal.model.model_file import load_model
+from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from tests.export.osim_people import person_of
 from tests.export.test_compare import in_old_format, in_other_frames
+from tests.kept import kept_result
 
 DISTURBED = (0.010, 0.020)
 """m, how far joints are put from their place."""
@@ -103,7 +106,7 @@ def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0
             way *= rng.uniform(*DISTURBED) / np.linalg.norm(way)
             turn = pin.exp3(np.deg2rad(deg) * rng.normal(size=3))
             places[leg.theirs.name, end] = Place(frame.translation + way, frame.rotation @ turn if deg else None)
-    out.write_bytes(document.placed(places))
+    out.write_bytes(document.changed(places))
     return out
 
 
@@ -287,6 +290,21 @@ def test_the_users_own_names(published: SubjectModel, tmp_path: Path) -> None:
         leg_joints(read_osim(path), names)
 
 
+def test_what_is_fixed_to_a_joints_frame_is_told(published: SubjectModel, tmp_path: Path) -> None:
+    """It moves with the joint, which it should not: what belongs to a bone is fixed to the bone."""
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    tree = ET.parse(path)
+    marker = next(m for m in tree.iter("Marker") if (m.findtext("socket_parent_frame") or "").endswith("thigh_r"))
+    socket = marker.find("socket_parent_frame")
+    assert socket is not None
+    socket.text = "/jointset/hip_r/thigh_r_offset"
+    tree.write(path)
+    told = f"{marker.get('name')}: fixed to a frame of joint hip_r, and moved with it"
+    assert told not in into_osim(published, path).notes
+    moved = published.parameters.with_joint(("hip_r.thigh.ant",), np.array([0.007]))
+    assert told in into_osim(replace(published, parameters=moved, nominal=moved), path).notes
+
+
 def test_a_model_of_one_leg(published: SubjectModel, tmp_path: Path) -> None:
     path = written(published, tmp_path / "m.osim", "opensim 4")
     tree = ET.parse(path)
@@ -320,6 +338,34 @@ def test_markers_of_the_static_trial_count(published: SubjectModel, tmp_path: Pa
     assert (told.markers, told.common) == (3, 3) and told.rms < BACK
     (bare,) = [r for r in into_osim(person, path).registrations if r.segment == "thigh_r"]
     assert bare.common == 0
+
+
+@pytest.mark.parametrize("variant", ["opensim 4", "opensim 3", "other frames"])
+def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant: str) -> None:
+    """Bodies weigh what our segments weigh, and have their mass centres; nothing else of the document changes."""
+    path = written(published, tmp_path / "m.osim", variant)
+    heavier = table(published.parameters.inertial).copy()
+    heavier[:, 0] *= np.linspace(0.8, 1.3, len(heavier))
+    heavier[:, 1:4] += 0.01
+    p = published.parameters.with_inertial(heavier.ravel())
+    done = into_osim(replace(published, parameters=p), path, masses=True)
+    (tmp_path / "out.osim").write_bytes(done.content)
+    was, now = read_document(path), read_document(tmp_path / "out.osim")
+    weights = peer_of(now).masses
+    for k, segment in enumerate(MASSIVE_SEGMENTS):
+        assert weights[segment] == pytest.approx(heavier[k, 0], rel=1e-12)
+        if segment in (*LEGS["r"], *LEGS["l"], "pelvis"):
+            shift = np.linalg.norm(now.mass_centre(segment) - was.mass_centre(segment))
+            expected = np.linalg.norm(heavier[k, 1:4] - table(published.parameters.inertial)[k, 1:4])
+            if variant == "other frames":  # whose mass centres were not taken along
+                continue
+            assert shift == pytest.approx(expected, abs=BACK)
+    assert peer_of(now).joints.keys() == peer_of(was).joints.keys()
+    numbers = re.compile(rb"<(mass|mass_center|inertia\w*)>[^<]*<")
+    assert numbers.sub(b"", now.content) == numbers.sub(b"", was.content)
+    ratio = heavier[0, 0] / peer_of(was).masses[MASSIVE_SEGMENTS[0]]
+    moments = [read_numbers(d.body(MASSIVE_SEGMENTS[0]), "inertia", path) for d in (was, now)]
+    assert moments[1] == pytest.approx(ratio * moments[0], rel=1e-12)
 
 
 def without_legs(tree: ET.ElementTree) -> None:
@@ -419,3 +465,48 @@ def _same_hinge(a: LegJoint, b: LegJoint) -> None:
     assert np.linalg.norm(np.cross(a.hinge.in_child.rotation[:, 2], b.hinge.in_child.rotation[:, 2])) < BACK
     gap = a.hinge.in_child.translation - b.hinge.in_child.translation
     assert np.linalg.norm(np.cross(gap, a.hinge.in_child.rotation[:, 2])) < BACK
+
+
+def run(*words: str) -> int:
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
+        patch.setattr("sys.argv", ["gaitcal", *words])
+        cli.main()
+    return int(ended.value.code or 0)
+
+
+@pytest.mark.slow
+def test_the_command(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The nominal model stands for the user's; with the calibrated joints in it, it is the calibrated model."""
+    result = kept_result(kept) / "result"
+    model = load_model(result / "model.toml")
+    mine, out = tmp_path / "scaled.osim", tmp_path / "mine.osim"
+    write_osim(replace(model, parameters=model.nominal), mine)
+    assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "2") == 0
+    printed = capsys.readouterr().out
+    assert "wrote 2 draws" in printed and "muscles: not computed" in printed
+    found, ours = read_osim(out).joints, our_leg(model.parameters, "r")
+    assert np.abs(found["thigh_r"].in_parent.translation - ours.hip_in_pelvis).max() < 1e-4
+    assert ours.knee_in_thigh is not None
+    assert ours.knee_in_thigh.distance(found["shank_r"].in_parent.translation) < 1e-4
+    names = sorted(p.name for p in tmp_path.iterdir())
+    assert names == ["mine.joints.csv", "mine.osim", "mine_draws", "scaled.osim"]
+    one, two = ((tmp_path / "mine_draws" / f"00{k}.osim").read_bytes() for k in (1, 2))
+    assert one != two
+    assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0
+    assert (tmp_path / "mine_draws" / "001.osim").read_bytes() == one
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--into", "m.osim"), "--out: found nothing; allowed: a file FILE.osim to be written"),
+        (("--into", "m.osim", "--out", "m.osim"), "--out: found the model that is read; allowed: another file"),
+        (("--into", "m.osim", "--out", "n.osim", "--parameters", "mass"), "allowed: joints or joints,masses"),
+        (("--draws", "3"), "--draws: found without --into; allowed: with --into MODEL.osim"),
+    ],
+)
+def test_options_that_cannot_be(
+    words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert run("export", str(tmp_path), *words) == 2
+    assert message in " ".join(capsys.readouterr().err.split())

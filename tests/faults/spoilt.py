@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ CORNERS = np.array([[10.0, 0.0, -10.0], [-10.0, 0.0, -10.0], [-10.0, 0.0, 10.0],
 """A plate as large as the room: every centre of pressure lies on it."""
 
 
+@cache
 def sound_study() -> Study:
     """Standing, walking over two plates, a moving knee: nothing to find."""
     walk = gait_motion()

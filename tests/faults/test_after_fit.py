@@ -208,8 +208,3 @@ def test_what_has_no_weight_is_left_out() -> None:
     spoilt = changed(sound, 0, slice(50, 90), sound.measured[50:90, 0] + [0.0, 0.15, 0.0])
     assert len(marker_findings(spoilt)) == 1
     assert marker_findings(replace(spoilt, weight=sound.weight * [0.0, 1.0, 1.0, 1.0, 1.0])) == ()
-
-
-def test_gaps_are_no_jumps() -> None:
-    sound = tracked(5)
-    assert marker_findings(changed(sound, 0, slice(50, 90), np.full((40, 3), np.nan))) == ()

@@ -234,6 +234,12 @@ def test_static_trial_too_short_to_be_still(sound: Study, frames: int, step: flo
     assert not [f for f in check_study(spoilt) if f.severity is ERROR]
 
 
+@pytest.mark.parametrize(("label", "severity"), [("R.Toe.Tip", INFO), ("R.Thigh.Front", WARNING)])
+def test_a_marker_that_others_replace_may_be_lost(sound: Study, label: str, severity: Severity) -> None:
+    lost = with_trial(sound, "walk", moved(label, lambda x: put(x, slice(60, None), np.nan)))
+    assert [f.severity for f in findings(lost, "gaps")] == [severity]
+
+
 def test_a_static_trial_of_one_frame_is_a_posture(sound: Study) -> None:
     """Nothing blurs a moment; that nobody can see stillness in it is a note."""
     cut = with_trial(sound, "static", lambda r: replace(r, time=r.time[:1], markers=r.markers[:1]))
@@ -276,7 +282,7 @@ def test_a_segment_held_still_by_its_maker_is_not_frozen(sound: Study) -> None:
     [
         moved("L.Toe.Tip", lambda x: x + [0.0, 0.06, 0.0]),
         swapped("L.Shank.Upper", "L.Shank.Front"),
-        moved("L.Heel", lambda x: put(x, slice(70, None), np.nan)),
+        moved("L.Thigh.Front", lambda x: put(x, slice(70, None), np.nan)),
         moved("L.Heel", spiked),
         moved("L.Thigh.Front", held),
         moved("R.ASIS", lambda x: put(x, slice(70, None), np.nan)),
@@ -331,7 +337,7 @@ def test_time_column_against_header(tmp_path: Path, sound: Study) -> None:
         assert len(found) == count, rates
 
 
-@pytest.mark.parametrize(("factor", "severity"), [(2.0, INFO), (0.5, INFO), (4.0, WARNING), (0.25, WARNING)])
+@pytest.mark.parametrize(("factor", "severity"), [(2.0, INFO), (0.25, WARNING)])
 def test_a_trial_of_another_frame_rate(sound: Study, factor: float, severity: Severity) -> None:
     study = with_trial(sound, "knee_r", lambda r: replace(r, time=r.time / factor))
     (told,) = [f for f in check_study(study) if "different frame rates" in f.cause]

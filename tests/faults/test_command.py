@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from gaitcal import cli
+from tests.commands import Done, gaitcal
 from tests.synthetic_studies import write_synthetic_study
 
 
@@ -29,45 +28,31 @@ def spoil(study: Path, sides: str = "R") -> None:
 PAIR = ("Thigh.Front", "Shank.Front")
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["gaitcal", *map(str, arguments)])
-    with pytest.raises(SystemExit) as ending:
-        cli.main()
-    return int(ending.value.code or 0)
+def test_sound_study(study: Path) -> None:
+    assert gaitcal("check", study).stdout.startswith("0 errors, 0 warnings (-v shows")
+    assert "plate to foot" in gaitcal("check", study, "-v").stdout
+    assert gaitcal("check", study, "-q") == Done(0, "", "")
 
 
-def test_sound_study(study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(monkeypatch, "check", study) == 0
-    assert capsys.readouterr().out.startswith("0 errors, 0 warnings (-v shows")
-    assert run(monkeypatch, "check", study, "-v") == 0
-    assert "plate to foot" in capsys.readouterr().out
-    assert run(monkeypatch, "check", study, "-q") == 0
-    assert capsys.readouterr().out == ""
-
-
-def test_table_of_errors(study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_table_of_errors(study: Path) -> None:
     spoil(study)
-    assert run(monkeypatch, "check", study) == 1
-    printed = capsys.readouterr()
-    assert "exchanged" in printed.out and "1 errors" in printed.out
-    assert printed.err == ""
-    assert run(monkeypatch, "check", study, "-q") == 1
+    done = gaitcal("check", study)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert "exchanged" in done.stdout and "1 errors" in done.stdout
+    assert gaitcal("check", study, "-q").returncode == 1
 
 
 @pytest.mark.slow
-def test_force_goes_on_and_says_so(
-    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_force_goes_on_and_says_so(study: Path, tmp_path: Path) -> None:
     spoil(study, "RL")  # what is wrong with one leg alone would leave the other
     with study.open("a", encoding="utf-8") as stream:
         stream.write("jp = false\n")  # under such data joints would be sought for a minute
     result = tmp_path / "result"
-    assert run(monkeypatch, "calibrate", study, "--out", result) == 1
+    assert gaitcal("calibrate", study, "--out", result).returncode == 1
     assert not result.exists()
-    capsys.readouterr()
-    assert run(monkeypatch, "calibrate", study, "--out", result, "--force") in (0, 3)  # such data may not converge
-    printed = capsys.readouterr().out
-    assert "verdict: refused" in printed and "made with --force, past errors" in printed
+    done = gaitcal("calibrate", study, "--out", result, "--force")
+    assert done.returncode in (0, 3), "such data may not converge"
+    assert "verdict: refused" in done.stdout and "made with --force, past errors" in done.stdout
     told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     assert (told["verdict"], told["forced"]) == ("refused", True)
     assert any("R.Thigh.Front" in w for w in told["warnings"])

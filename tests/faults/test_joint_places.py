@@ -131,10 +131,6 @@ def test_what_a_study_knows_of_a_person_is_expected_but_a_wide_prior_is_no_excus
     assert len(told(far, prior=replace(ANATOMY, covariance=100.0 * ANATOMY.covariance))) == 1
 
 
-def test_nominal_joints_are_never_doubted() -> None:
-    assert told(MODEL.nominal) == []
-
-
 def test_too_few_markers_to_show_moving_skin_are_told() -> None:
     markers = MODEL.markers
     thigh = [k for k, segment in enumerate(markers.segments) if segment == "thigh_r"]

@@ -71,7 +71,6 @@ def test_ten_millimetres_are_below_the_floor(sound: Study) -> None:
 def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[str, Array]:
     """Landmarks of both legs turned about the vertical through their mean, lateral ends forward."""
     axes = body_axes(p)
-    assert axes is not None
     out = dict(p)
     for side, way in (("r", 1.0), ("l", -1.0)):
         own = [f"{name}_{side}" for name in names]
@@ -91,12 +90,6 @@ def test_somebody_whose_bones_are_twisted_bends_about_the_epicondyles(sound: Stu
     (found,) = odd_lines(twisted, {side: x + 35.0 for side, x in turns.items()})
     assert isinstance(found, OddLine) and found.sides == ("r", "l")
     assert found.turn == pytest.approx(35.0, abs=4.0)
-
-
-def test_the_bending_turns_with_the_epicondyles_on_either_side(sound: Study) -> None:
-    before, after = seen(sound)[1], seen(off(sound, 0.02, -0.02))[1]
-    for side in "rl":
-        assert after[side] - before[side] == pytest.approx(22.0, abs=4.0)
 
 
 def test_without_malleoli_two_witnesses_are_left(sound: Study) -> None:

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 from gaitcal.faults.cluster import alignment, clusters_of
 from gaitcal.faults.contradiction import contradictions, offset_limit
 from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.faults.exchanged import by_lengths, sides_exchanged
+from gaitcal.faults.exchanged import by_lengths
 from gaitcal.faults.joint_link import flexion_of, links_of, nearest_rotation, side_turns
 from gaitcal.faults.role import nominal_model_of
-from gaitcal.faults.static_consistency import axis_mirrored, static_consistency
 from gaitcal.faults.study import check_further, check_study, evidence_of
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
-from tests.faults.spoilt import Change, moved, put, scaled, swapped, with_trial
+from tests.faults.spoilt import Change, moved, scaled, swapped, with_trial
 
 Array = NDArray[np.float64]
 
@@ -78,18 +77,7 @@ def test_a_displaced_marker_is_named_with_its_size(sound: Study, trials: dict[st
     size = float(found.found.split(" mm off")[0])
     assert abs(size - SIZE_MM) < 0.35 * SIZE_MM
     assert f'weights = {{ "{label}" = 0 }}' in found.cure
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_cure_silences_the_finding(sound: Study, trials: dict[str, MarkerEvidence], seed: int) -> None:
-    walk = trials["walk"]
-    cluster = walk.clusters["foot_r"]
-    label = cluster.labels[seed % cluster.own]
-    way = np.random.default_rng(seed).normal(size=3)
-    way = 1e-3 * SIZE_MM * way / np.linalg.norm(way)
-    spoilt = with_trial(sound, "walk", turned_with(walk, "foot_r", (label,), way[None]))
-    assert any(f"'{label}'" in f.cause for f in told(spoilt))
-    assert told(replace(spoilt, weights={label: 0.0})) == []
+    assert told(replace(spoilt, weights={label: 0.0})) == [], "the cure silences it"
 
 
 def test_a_marker_that_all_moving_trials_have_elsewhere_is_told_once(
@@ -131,21 +119,6 @@ def test_a_mirrored_cluster_is_an_error(sound: Study, trials: dict[str, MarkerEv
     assert "left foot are mirrored" in found[0].cause
 
 
-@pytest.mark.parametrize(
-    "change, words",
-    [(sides_exchanged, "right and left labels are exchanged"), (axis_mirrored, "axis of the laboratory is mirrored")],
-)
-@pytest.mark.parametrize("name", ["knee_r", "walk"])
-def test_a_whole_trial_changed_has_one_cause(sound: Study, change: Change, words: str, name: str) -> None:
-    """Found by the directions of the trial alone too, which is what is told: one fault, one finding."""
-    model, _ = nominal_model_of(sound)
-    found = [
-        f for f in static_consistency(evidence_of(with_trial(sound, name, change), model)) if f.topic == "one body"
-    ]
-    assert len(found) == 1 and found[0].severity is Severity.ERROR
-    assert words in found[0].cause
-
-
 def test_another_size_of_one_trial_and_of_the_static_one(sound: Study) -> None:
     (one,) = told(with_trial(sound, "knee_r", scaled(1.03)))
     assert one.where == "knee_r" and one.topic == "body size" and "knee_r 1.030" in one.found
@@ -184,32 +157,6 @@ def test_a_segment_with_two_markers_borrows_the_hip_centre(sound: Study, trials:
     fewer = clusters_of(walk.recording, walk.stance, sound.marker_set.landmarks, lambda m: m != "R.Thigh.Rear")
     assert fewer["thigh_r"].labels[-1] == "hip centre" and fewer["thigh_r"].reduced
     assert not fewer["thigh_l"].borrowed
-
-
-def test_gaps_do_not_matter(sound: Study) -> None:
-    rng = np.random.default_rng(2)
-
-    def holes(recording: Recording) -> Recording:
-        markers = recording.markers.copy()
-        markers[rng.random(markers.shape[:2]) < 0.15] = np.nan
-        return replace(recording, markers=markers)
-
-    assert told(with_trial(sound, "walk", holes)) == []
-
-
-def test_a_gap_of_one_marker_all_the_time_is_no_contradiction(sound: Study) -> None:
-    assert told(with_trial(sound, "walk", moved("L.Shank.Front", lambda x: put(x, slice(None), np.nan)))) == []
-
-
-def test_a_knee_that_bends_about_another_line(sound: Study) -> None:
-    def moved_forward(recording: Recording) -> Recording:
-        markers = recording.markers.copy()
-        for label, by in (("R.Knee.Lat", 0.045), ("R.Knee.Med", -0.045)):
-            markers[:, recording.labels.index(label), 0] += by
-        return replace(recording, markers=markers)
-
-    found = [f for f in told(with_trial(sound, "static", moved_forward)) if "epicondyles" in f.cause]
-    assert len(found) == 1 and found[0].leg == "r" and found[0].severity is Severity.WARNING
 
 
 def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
@@ -261,7 +208,6 @@ def test_in_a_further_trial_the_marker_itself_is_named(
 
 def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: dict[str, MarkerEvidence]) -> None:
     walk = trials["walk"]
-    assert walk.stance is not None
     flexion = np.abs(
         flexion_of(walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation)
     )

@@ -289,6 +289,7 @@ def test_walks_of_a_hospital_measure_what_its_own_program_says(
     assert compared == 5 * 2 * len(ours)
 
 
+@pytest.mark.slow
 def test_children_measure_what_a_hand_count_of_events_and_heel_markers_gives(
     walks: dict[str, tuple[tuple[Stride, ...], Path]],
 ) -> None:

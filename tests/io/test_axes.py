@@ -39,11 +39,6 @@ def test_turns_are_proper_rotations(turn: Turn) -> None:
 
 
 @pytest.mark.parametrize("axis, sign", list(product(range(3), (-1, 1))))
-def test_up_to_y_brings_that_axis_up(axis: int, sign: int) -> None:
-    np.testing.assert_array_equal(UP_TO_Y[axis, sign].apply(sign * np.eye(3)[axis]), [0, 1, 0])
-
-
-@pytest.mark.parametrize("axis, sign", list(product(range(3), (-1, 1))))
 @pytest.mark.parametrize("make", [loaded_body, body])
 def test_any_vertical_is_found_and_undone_bit_for_bit(axis: int, sign: int, make: type[Recording]) -> None:
     upright = make()
@@ -100,12 +95,6 @@ def test_standing_faces_where_it_is_told_or_stays() -> None:
     turned = turn_to_progression(standing, np.array([0.2, 0.9, -1.0]))
     np.testing.assert_array_equal(turned.markers[..., 0], -standing.markers[..., 2])
     assert "the file's -z" in turned.notes[-1]
-
-
-def test_progression_outweighs_the_direction_given() -> None:
-    walk = body(speed=-1.5)
-    turned = turn_to_progression(walk, np.array([1.0, 0.0, 0.0]))
-    np.testing.assert_array_equal(turned.markers[..., 0], -walk.markers[..., 0])
 
 
 def test_wrenches_turn_with_the_markers() -> None:

@@ -17,11 +17,6 @@ from tests.io.recordings import standing_points_mm, write_raw_c3d
 LABELS = [f"M{i}" for i in range(8)]
 
 
-def test_time_starts_at_the_first_frame(tmp_path: Path) -> None:
-    path = write_raw_c3d(tmp_path / "late.c3d", standing_points_mm(20), LABELS, rate=50.0, first_frame=341)
-    np.testing.assert_array_equal(read_recording(path).time, (341 + np.arange(20)) / 50.0)
-
-
 @pytest.mark.parametrize(
     "units, factor, told", [("mm", 1.0, False), ("m", 1e-3, False), ("cm", 0.1, False), ("ell", 1.0, True)]
 )
@@ -43,20 +38,6 @@ def test_gaps_stay_gaps_and_zeros_become_gaps(tmp_path: Path) -> None:
     expected[8, 1] = True
     np.testing.assert_array_equal(gaps, expected)
     assert any("1 positions of exactly 0 0 0" in note for note in recording.notes)
-
-
-def test_markers_never_seen_may_be_read(tmp_path: Path) -> None:
-    points = standing_points_mm(5)
-    points[:, 0] = np.nan
-    assert np.isnan(read_recording(write_raw_c3d(tmp_path / "n.c3d", points, LABELS)).markers[:, 0]).all()
-
-
-def test_a_y_up_file_is_left_as_it_is(tmp_path: Path) -> None:
-    points = standing_points_mm(5)
-    upright = np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
-    recording = read_recording(write_raw_c3d(tmp_path / "y.c3d", upright, LABELS))
-    np.testing.assert_allclose(recording.markers, upright / 1e3, rtol=1e-6)
-    assert not any("Vertical" in note for note in recording.notes)
 
 
 def test_cut_short_is_told_with_both_lengths(tmp_path: Path) -> None:

@@ -42,7 +42,8 @@ def require_same(found: Recording, expected: Recording) -> None:
 )
 def test_a_real_c3d_and_its_csv_are_the_same_bits(data_dir: Path, tmp_path: Path, file: str) -> None:
     written = convert(data_dir / file, tmp_path / "out.csv")
-    assert written == tuple(tmp_path / f"out{kind}.csv" for kind in ("", "_forces", "_plates"))
+    facts = ("_facts",) if file.startswith("pig") else ()  # the others say nothing of person and events
+    assert written == tuple(tmp_path / f"out{kind}.csv" for kind in ("", "_forces", "_plates", *facts))
     require_same(read_recording(written[0], forces=written[1]), read_recording(data_dir / file))
 
 
@@ -85,26 +86,6 @@ def test_damaged_corners_are_told(tmp_path: Path, text: str, told: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_trc_to_csv_and_back_is_the_same_bits(data_dir: Path, tmp_path: Path) -> None:
-    source = data_dir / "subject01/subject01_walk1.trc"
-    assert convert(source, tmp_path / "w.csv") == (tmp_path / "w.csv",)
-    assert convert(tmp_path / "w.csv", tmp_path / "w.trc") == (tmp_path / "w.trc",)
-    expected = read_recording(source)
-    require_same(read_recording(tmp_path / "w.csv"), expected)
-    require_same(read_recording(tmp_path / "w.trc"), expected)
-
-
-def test_mot_to_csv_and_back_is_the_same_bits(data_dir: Path, tmp_path: Path) -> None:
-    source = data_dir / "subject01/subject01_walk1_grf.mot"
-    convert(source, tmp_path / "f.csv")
-    convert(tmp_path / "f.csv", tmp_path / "f.mot")
-    expected = read_forces(source).plates
-    for name in ("f.csv", "f.mot"):
-        for a, b in zip(read_forces(tmp_path / name).plates, expected, strict=True):
-            np.testing.assert_array_equal(a.time, b.time)
-            np.testing.assert_array_equal(a.wrench(), b.wrench())
-
-
 def test_c3d_to_trc_brings_its_forces(tmp_path: Path) -> None:
     write_c3d(tmp_path / "x.c3d", loaded_body())
     written = tuple(tmp_path / name for name in ("y.trc", "y_forces.mot", "y_plates.csv"))
@@ -112,16 +93,6 @@ def test_c3d_to_trc_brings_its_forces(tmp_path: Path) -> None:
     require_same(
         read_recording(tmp_path / "y.trc", forces=tmp_path / "y_forces.mot"), read_recording(tmp_path / "x.c3d")
     )
-
-
-def test_csv_to_c3d_takes_the_forces_beside_it(tmp_path: Path) -> None:
-    write_c3d(tmp_path / "x.c3d", loaded_body())
-    convert(tmp_path / "x.c3d", tmp_path / "x.csv")
-    convert(tmp_path / "x.csv", tmp_path / "again.c3d")
-    a, b = read_recording(tmp_path / "again.c3d"), read_recording(tmp_path / "x.c3d")
-    np.testing.assert_array_equal(a.markers, b.markers)
-    for one, other in zip(a.plates, b.plates, strict=True):
-        assert np.all(np.abs(one.wrench() - other.wrench()) < 1e-6 * np.abs(other.wrench()).max(axis=0))
 
 
 def test_faults_leave_the_target_as_it_was(tmp_path: Path) -> None:

@@ -5,10 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import quote, urlsplit
@@ -36,9 +32,9 @@ from gaitcal.io.examples import (
     is_complete,
 )
 from gaitcal.io.toml import validated
-from gaitcal.session.folder import read_folder
 from gaitcal.study.study import Study
 from gaitcal.study.study_file import StudyFile
+from tests.commands import gaitcal
 from tests.io.file_server import Served, serving
 
 ROOT = Path(__file__).parents[2]
@@ -236,13 +232,6 @@ def test_ctrl_c_keeps_what_is_complete(server: Served, tmp_path: Path, monkeypat
     assert [p.name for p in tmp_path.iterdir()] == ["small"]
 
 
-def test_a_folder_of_examples_is_a_cohort(server: Served, tmp_path: Path) -> None:
-    """Fetched recordings have a manifest, and are no result for that."""
-    for name in ("one", "two"):
-        fetch(tmp_path / name, server)
-    assert read_folder(tmp_path).subfolders == (("one", 1), ("two", 1))
-
-
 def test_other_files_are_left_alone(server: Served, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/notes.txt").write_text("mine")
@@ -307,22 +296,16 @@ def test_nothing_else_asks_the_network() -> None:
 # ------------------------------------------------------------------------------------------------------- command
 
 
-def gaitcal(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "gaitcal.cli", "example", *arguments], capture_output=True, text=True, check=False
-    )
-
-
 def mirrored(data: Path, name: str) -> Served:
     files = example_named(name).files
     return Served({urlsplit(file.url).path: (data / HERE[name] / file.name).read_bytes() for file in files})
 
 
 def test_the_command_lists_the_examples_and_refuses_others() -> None:
-    done = gaitcal()
+    done = gaitcal("example")
     assert done.returncode == 0, done.stderr
     assert all(one.name in done.stdout and one.licence in done.stdout for one in examples())
-    done = gaitcal("subject02")
+    done = gaitcal("example", "subject02")
     assert done.returncode == 2 and "did you mean 'subject01'?" in done.stderr
     with pytest.raises(UsageError, match="--out: says where to put an example"):
         run(None, Path("somewhere"), None, Console(quiet=True, verbose=False))
@@ -330,32 +313,11 @@ def test_the_command_lists_the_examples_and_refuses_others() -> None:
 
 def test_the_command_says_whose_it_fetches_and_what_comes_next(data_dir: Path, tmp_path: Path) -> None:
     with serving(mirrored(data_dir, "subject01")) as server:
-        done = gaitcal("subject01", "--out", str(tmp_path / "s"), "--mirror", server.address)
-        again = gaitcal("subject01", "--out", str(tmp_path / "s"), "--mirror", "http://127.0.0.1:9")
+        done = gaitcal("example", "subject01", "--out", str(tmp_path / "s"), "--mirror", server.address)
+        again = gaitcal("example", "subject01", "--out", str(tmp_path / "s"), "--mirror", "http://127.0.0.1:9")
     assert done.returncode == 0, done.stderr
     for told in ("the OpenSim project", "Apache-2.0", "4 files, 0.9 MB", server.address, SOURCE):
         assert told in done.stdout
     assert f"next:  gaitcal calibrate {tmp_path}/s/study.toml --out {tmp_path}/s-result" in done.stdout
     assert again.returncode == 0 and "nothing is fetched" in again.stdout
     assert Study.load(tmp_path / "s/study.toml").trials
-
-
-def test_ctrl_c_ends_the_command_with_130(tmp_path: Path) -> None:
-    """While the server keeps it waiting."""
-    import socket
-
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        address = f"http://127.0.0.1:{silent.getsockname()[1]}"
-        arguments = ["example", "subject01", "--out", str(tmp_path / "s"), "--mirror", address]
-        process = subprocess.Popen(
-            [sys.executable, "-m", "gaitcal.cli", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        silent.settimeout(60)
-        caller, _ = silent.accept()
-        time.sleep(0.2)
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30)
-        caller.close()
-    assert process.returncode == 130, said
-    assert said == "gaitcal: interrupted; nothing was written\n"
-    assert list(tmp_path.iterdir()) == []

@@ -132,11 +132,6 @@ def test_files_that_are_none(tmp_path: Path) -> None:
             read_forces(tmp_path / "x.xml")
 
 
-def test_convert_keeps_the_names(tmp_path: Path) -> None:
-    convert(write(tmp_path, force("right one"), force("left one", "calcn_l", "b")), tmp_path / "f.csv")
-    assert [plate.name for plate in read_forces(tmp_path / "f.csv").plates] == ["right one", "left one"]
-
-
 def test_a_study_takes_feet_and_table_from_it(tmp_path: Path) -> None:
     path = write_synthetic_study(tmp_path)
     convert(tmp_path / "walk_forces.csv", tmp_path / "grf.mot")

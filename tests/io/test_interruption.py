@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -100,22 +99,3 @@ def test_exit_codes_and_the_one_line(
     assert exit_.value.code == code
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"gaitcal: {told}")
-
-
-@pytest.mark.slow
-def test_a_command_ends_by_sigterm(tmp_path: Path) -> None:
-    """A whole process, in the middle of writing."""
-    code = (
-        "import sys, time; from pathlib import Path; from gaitcal import cli; import gaitcal.synthetic.subject as s\n"
-        "def slow(path, recording): Path(path).touch(); print('writing', flush=True); time.sleep(60)\n"
-        "s.write_c3d = slow; sys.argv = ['gaitcal', 'synthesize', '--out', sys.argv[1]]; cli.main()"
-    )
-    command = [sys.executable, "-c", code, str(tmp_path / "out")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "writing\n"
-    process.send_signal(signal.SIGTERM)
-    _, told = process.communicate(timeout=60)
-    assert process.returncode == 143
-    assert told == "gaitcal: ended by SIGTERM; what was being written is as it was before\n"
-    assert list(tmp_path.iterdir()) == []

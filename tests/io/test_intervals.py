@@ -26,12 +26,6 @@ def test_runs_are_all_stretches_that_are_long_enough(marked: list[bool], shortes
         assert frames == {k for k, mark in enumerate(marked) if mark}
 
 
-def test_the_shortest_run_counts() -> None:
-    marked = np.array([1, 1, 1, 0, 1, 1, 0, 1], dtype=bool)
-    assert runs(marked, 3) == [slice(0, 3)]
-    assert runs(marked, 2) == [slice(0, 3), slice(4, 6)]
-
-
 def test_stretches_as_times() -> None:
     time = np.arange(8) / 10
     stretches = [slice(0, 3), slice(4, 6)]

@@ -80,11 +80,6 @@ def test_what_is_no_foot_event_is_none(labels: list[Any], contexts: list[Any], t
     assert events(labels, contexts, times) == ()
 
 
-def test_a_damaged_event_spoils_no_other() -> None:
-    labels, contexts = ["Foot Strike", "Foot Off", "Foot Strike"], ["Left", "Left", "General"]
-    assert events(labels, contexts, [[0.0, 0.0, 0.0], [np.inf, 2.0, 3.0]]) == (FootEvent(FootMoment.OFF, "l", 2.0),)
-
-
 def test_facts_are_metres_kilograms_and_radians(tmp_path: Path) -> None:
     numbers = {
         "Bodymass": 61.5, "Height": 1655.0, "RKneeWidth": 104.0, "LKneeWidth": 102.0, "RAnkleWidth": 71.0,

@@ -164,16 +164,6 @@ def test_faults_of_tables(tmp_path: Path, text: str, message: str) -> None:
     assert message in str(caught.value)
 
 
-def test_reference_results_are_read(data_dir: Path) -> None:
-    folder = data_dir / "subject01/reference"
-    if not folder.is_dir():
-        pytest.skip("not among the files that users may download")
-    found = read_table(folder / "subject01_walk1_ik.mot")
-    assert found.in_degrees is True
-    assert {"knee_angle_r", "pelvis_tx"} <= set(found.names)
-    assert found.time[[0, -1]].tolist() == pytest.approx([0.4, 1.6])
-
-
 @pytest.mark.parametrize("turn", [t for t in UP_TO_Y.values() if t in (UP_TO_Y[0, 1], UP_TO_Y[2, 1])])
 @pytest.mark.parametrize("kind", ["mot", "csv"])
 def test_markers_and_forces_of_a_room_with_another_axis_up(tmp_path: Path, turn: Turn, kind: str) -> None:

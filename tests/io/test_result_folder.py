@@ -35,6 +35,7 @@ from gaitcal.io.result_folder import (
     sha256_of,
 )
 from gaitcal.results.cycles import read_cycles
+from tests.commands import content
 
 
 def write_result(
@@ -52,10 +53,6 @@ def result(target: Path) -> str:
 
 def names(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir())
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 # ------------------------------------------------------------------------------------------- whole, or not at all
@@ -386,17 +383,6 @@ with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(float(sys.argv[2]))
 """
-COUNT = """
-import sys, time
-from pathlib import Path
-from gaitcal.io.result_folder import locked
-path = Path(sys.argv[1])
-for _ in range(40):
-    with locked(path.parent):
-        number = int(path.read_text())
-        time.sleep(0.001)
-        path.write_text(str(number + 1))
-"""
 
 
 def holder(folder: Path, seconds: float) -> subprocess.Popen[str]:
@@ -407,16 +393,6 @@ def holder(folder: Path, seconds: float) -> subprocess.Popen[str]:
     with process.stdout as stream:
         assert stream.readline() == "held\n"
     return process
-
-
-def test_no_change_of_several_processes_is_lost(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out/number").write_text("0")
-    command = [sys.executable, "-c", COUNT, str(tmp_path / "out/number")]
-    for process in [subprocess.Popen(command) for _ in range(3)]:
-        assert process.wait() == 0
-    assert (tmp_path / "out/number").read_text() == "120"
-    assert names(tmp_path) == ["out"]
 
 
 def test_it_is_told_while_waiting_and_at_the_end(

@@ -156,14 +156,6 @@ def test_c3d(tmp_path: Path, suffix: str) -> None:
         np.testing.assert_allclose(a.point[loaded], b.point[loaded], atol=1e-6)
 
 
-def test_c3d_without_corners_keeps_the_wrench(tmp_path: Path) -> None:
-    recording = loaded_body()
-    bare = replace(recording, plates=tuple(replace(plate, corners=None) for plate in recording.plates))
-    write_c3d(tmp_path / "x.c3d", bare)
-    for a, b in zip(read_recording(tmp_path / "x.c3d").plates, recording.plates, strict=True):
-        assert np.all(np.abs(a.wrench() - b.wrench()) < 1e-6 * np.abs(b.wrench()).max(axis=0))
-
-
 def test_c3d_refuses_what_it_cannot_hold(tmp_path: Path) -> None:
     recording = loaded_body()
     path = tmp_path / "x.c3d"
@@ -199,7 +191,6 @@ def test_a_table_says_what_its_c3d_file_said(file: str, data_dir: Path, tmp_path
     found = read_recording(tmp_path / "x.csv")
     assert found.facts == replace(original.facts, name=None) and found.facts.knee_width
     assert found.events == original.events
-    assert original.computed is not None and found.computed is not None
     kept = [original.computed.labels.index(label) for label in found.computed.labels]
     np.testing.assert_array_equal(found.computed.points, original.computed.points[:, kept])
     assert "PELO" in original.computed.labels and "PELO" not in found.computed.labels

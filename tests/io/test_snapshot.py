@@ -55,20 +55,6 @@ def test_an_edited_file_that_may_be_is_told(folder: Path) -> None:
     assert remark.startswith("model.toml is not as 'gaitcal calibrate' wrote it")
 
 
-def test_every_third_byte_of_the_manifest_counts(folder: Path) -> None:
-    path = folder / MANIFEST
-    sound = path.read_bytes()
-    for at in range(0, len(sound), 3):
-        path.write_bytes(sound[:at] + bytes([sound[at] ^ 4]) + sound[at + 1 :])
-        try:
-            found = listed(folder)
-        except InputError as error:
-            assert "manifest.json: is damaged" in str(error)
-            continue
-        # What no longer is JSON is no manifest at all; `load_result` says so. White space may change.
-        assert found == {} or json.loads(path.read_bytes()) == json.loads(sound)
-
-
 def test_what_changes_while_it_is_read_is_read_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(snapshot, "AGAIN_S", 0.0)
     seen: list[str] = []

@@ -111,20 +111,6 @@ def test_a_z_up_file_is_stood_up(tmp_path: Path) -> None:
     assert any("+z" in note for note in recording.notes)
 
 
-@pytest.mark.parametrize(
-    "name, frames, rate",
-    [("ankle_l", 133, 50), ("hip_l", 511, 100), ("knee_r", 165, 100), ("gait", 108, 100), ("static", 500, 100)],
-)
-def test_uf3(data_dir: Path, name: str, frames: int, rate: float) -> None:
-    if not (data_dir / "uf3").is_dir():
-        pytest.skip("not among the files that users may download")
-    recording = read_recording(data_dir / f"uf3/{name}.trc")
-    assert recording.markers.shape == (frames, 47 if name == "static" else 33, 3)
-    assert recording.rate == pytest.approx(rate)
-    assert 1.4 < np.nanmax(recording.markers[..., 1]) < 1.55  # m, the neck
-    assert ("Header says 1763 frames; 511 found." in recording.notes) == (name == "hip_l")
-
-
 def test_subject01(data_dir: Path) -> None:
     folder = data_dir / "subject01"
     recording = read_recording(folder / "subject01_walk1.trc", forces=folder / "subject01_walk1_grf.mot")

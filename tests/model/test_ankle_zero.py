@@ -11,7 +11,6 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
-from gaitcal.io.labels import facts_of
 from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
 from gaitcal.model.chain import axis_rotation
@@ -203,8 +202,3 @@ def test_the_published_protocol_keeps_the_markers() -> None:
     assert CalibrationSettings().ankle_rule == "auto"
     assert CalibrationSettings(protocol="published").ankle_rule == "markers"
     assert CalibrationSettings(protocol="published", ankle_zero="sole").ankle_rule == "sole"
-
-
-def test_an_angle_that_nobody_filled_in_is_not_given() -> None:
-    group = {"LStaticPlantFlex": np.array([0.0]), "RStaticPlantFlex": np.array([0.2])}
-    assert facts_of({"PROCESSING": group}).static_plantarflexion == {"r": 0.2}

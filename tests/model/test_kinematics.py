@@ -52,7 +52,7 @@ from gaitcal.model.parameters import (
     symmetric_set,
     table,
 )
-from gaitcal.model.subject_model import GRAVITY, build_linkage, build_model
+from gaitcal.model.subject_model import build_linkage
 from tests.derivatives import assert_derivative, perturbed_parameters
 
 EXACT = 1e-13
@@ -206,13 +206,6 @@ def test_poses_and_jacobian_agree_with_pinocchio(free: tuple[str, ...]) -> None:
             place = data.oMf[linkage.model.getFrameId(name)]
             np.testing.assert_allclose(place.translation, origins[s, :, f], atol=EXACT)
             np.testing.assert_allclose(place.rotation, axes[s, :, :, f].T, atol=EXACT)
-
-
-def test_built_model_has_the_coordinates_in_order() -> None:
-    model = build_model(published_subject())
-    assert list(model.names)[1:] == list(COORDINATES)
-    assert model.nv == len(COORDINATES)
-    np.testing.assert_array_equal(model.gravity.linear, [0.0, -GRAVITY, 0.0])  # y is up
 
 
 def test_published_subject_stands_as_documented() -> None:

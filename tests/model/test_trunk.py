@@ -15,11 +15,10 @@ from gaitcal.io.still import still_window
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.nominal import nominal_model
 from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
 from gaitcal.model.subject_model import Subject
 from gaitcal.model.trunk import MIDLINE, Trunk, neck_above_shoulders, trunk_of
-from tests.model.people import PEOPLE, frozen_above
+from tests.model.people import PEOPLE
 
 ROUNDING = 1e-12
 LUMBAR = np.array([0.4, 1.0, -0.2])
@@ -146,11 +145,3 @@ def test_derived_shoulders_of_real_people_are_near_the_measured(name: str, data_
         assert 1e3 * np.linalg.norm(derived.shoulders[side] - centre) < SHOULDER_MM
     turn = measured.frame.rotation.T @ derived.frame.rotation
     assert np.rad2deg(np.arccos((np.trace(turn) - 1.0) / 2.0)) < TURNED_DEG
-
-
-def test_a_set_without_acromia_follows_trunk_and_arms(data_dir: Path) -> None:
-    person = PEOPLE["plug-in-gait"]
-    model = nominal_model(person.static(data_dir), without_acromia(person.markers), person.subject)
-    assert not frozen_above(model)
-    assert {"C7", "T10", "CLAV", "STRN"} <= set(model.markers.labels)
-    assert model.landmarks["jugular_notch"][0] == "head_trunk"

@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from gaitcal.calibration.combined import CombinedProblem, combined_fit
 from gaitcal.calibration.reduced_problem import ReducedProblem
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import symmetric_set
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
 from gaitcal.motion.motion import SharedMotions, track_nodes
@@ -149,10 +147,6 @@ def test_no_step_that_raises_the_cost_converges(damping: float) -> None:
         assert descend(_Step(), np.zeros(2), settings).ending is Ending.NO_DESCENT
 
 
-def test_one_that_is_not_to_persist_does_not_damp() -> None:
-    assert descend(_Saddle(), np.ones(2), DescentSettings(persistent=False)).ending is Ending.SLOW
-
-
 def test_what_is_not_finite_is_told() -> None:
     end = descend(_Rosenbrock(), np.array([np.nan, 1.0]), DescentSettings())
     assert end.ending is Ending.NOT_FINITE
@@ -195,13 +189,6 @@ def test_a_far_start_says_so(uphill: tuple[MotionProblem, Array]) -> None:
     _, _, found = step_together([problem], parameters, KNEE, [start], p)
     assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
     assert SharedMotions([problem], parameters, KNEE).evaluate(np.concatenate([p, start.ravel()])).cost == found.cost
-
-
-def test_the_combined_fit_says_so(uphill: tuple[MotionProblem, Array]) -> None:
-    problem, start = uphill
-    model = published_model()
-    found = combined_fit([CombinedProblem(problem, start)], model.parameters, KNEE, symmetric_set(), model.subject)
-    assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
 
 
 def test_the_reduced_problem_says_so(uphill: tuple[MotionProblem, Array]) -> None:

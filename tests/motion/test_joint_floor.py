@@ -52,7 +52,6 @@ def test_every_joint_finds_its_own_place() -> None:
     start = tracked_motion(problem, published_subject())
     assert (start.errors.rms() or 0.0) > 100 * EXACT
     floor = joint_floor(problem, published_subject(), start.q)
-    assert floor is not None
     sides = [f"{joint}_{side}" for joint in ("hip", "knee", "ankle", "shoulder", "elbow") for side in "rl"]
     assert set(floor.joints) == {*sides, "back"}
     assert max(floor.joints.values()) < EXACT
@@ -72,7 +71,6 @@ def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
     fit = JointSearch([problem], true, JP_NAMES, [nodes]).run()
     best = motion_of(problem, fit.parameters, fit.nodes[0])
     floor = joint_floor(problem, fit.parameters, best.q)
-    assert floor is not None
     least, middle, most = (
         squares(d, problem) for d in (rigid_floor(problem).distance, floor.errors.distance, best.errors.distance)
     )
@@ -82,7 +80,6 @@ def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
         assert rigid < (floor.rms() or 0.0) < reached
     # wherever the descent begins, it ends at the same place
     elsewhere = joint_floor(problem, true, tracked_motion(problem, true).q)
-    assert elsewhere is not None
     assert elsewhere.rms() == pytest.approx(floor.rms(), rel=0.02)
 
 
@@ -100,7 +97,6 @@ def test_two_markers_a_segment_lead_nowhere() -> None:
     problem = noisy(problem, seed, 0.005).with_weight(weight)
     linkage = tracked_motion(problem, true)
     floor = joint_floor(problem, true, linkage.q)
-    assert floor is not None
     for joint, reached in floor.joints.items():
         parent, child = ends(joint)
         assert reached < (linkage.errors.rms(parent, child) or 0.0), joint
@@ -117,7 +113,6 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
     _, true, problem, nodes = seeded_trial(5, frames=14, nodes=8, root=segments[0], segments=segments)
     problem = noisy(problem, 6, 0.003)
     floor = joint_floor(problem, true, problem.basis.evaluate(nodes))
-    assert floor is not None
     chain = chain_of(segments[0], segments, JP_NAMES)
     q = problem.basis.evaluate(nodes)
     kept = problem.data.weight > 0
@@ -150,7 +145,6 @@ def test_a_marker_shares_its_weight_among_its_joints() -> None:
     data = MarkerData(placed, data.measured[kept], data.weight[kept] / share)
     hip = replace(problem, chain=chain, data=data, labels=labels)
     alone = joint_floor(hip, parameters, q[:, [problem.chain.coordinates.index(name) for name in chain.coordinates]])
-    assert floor is not None and alone is not None
     assert floor.joints["hip_r"] == pytest.approx(alone.joints["hip_r"], rel=1e-6)
     thigh = np.array([s == "thigh_r" for s in floor.errors.segments])
     own = np.array([s == "thigh_r" for s in alone.errors.segments])
@@ -166,7 +160,6 @@ def test_a_segment_without_markers_has_no_joint() -> None:
     weight[np.isin(problem.data.segment, [shank, arm])] = 0.0
     problem = problem.with_weight(weight)
     floor = joint_floor(problem, parameters, problem.basis.evaluate(nodes))
-    assert floor is not None
     assert not {"knee_r", "ankle_r", "shoulder_l", "elbow_l"} & set(floor.joints)
     assert {"hip_r", "hip_l", "back", "elbow_r"} <= set(floor.joints)
     assert "foot_r" not in floor.segments and floor.rms("foot_r") is None
@@ -183,7 +176,6 @@ def test_long_trials_are_looked_at_in_steps() -> None:
     problem, nodes = random_trial(rng, parameters, frames=1000, root="thigh_r", segments=segments)
     problem = noisy(problem, 10)
     floor = joint_floor(problem, parameters, problem.basis.evaluate(nodes))
-    assert floor is not None
     seen = np.flatnonzero(np.isfinite(floor.errors.distance).all(axis=1))
     assert len(seen) == MOST_FRAMES and seen[0] == 0 and seen[-1] == 999
     assert set(np.diff(seen)) <= {3, 4}

@@ -97,14 +97,6 @@ def test_spikes_move_nothing(clean: MotionProblem, loss: Loss) -> None:
     assert found.outliers[~struck].mean() < 0.01
 
 
-@pytest.mark.parametrize("loss", Loss)
-def test_clean_markers_are_kept(clean: MotionProblem, loss: Loss) -> None:
-    found = robust_tracking(clean, published_model().parameters, loss)
-    assert found.scale == pytest.approx(NOISE_M, rel=0.15)
-    difference = clean.basis.evaluate(found.tracked.nodes) - plain(clean)
-    assert np.abs(difference).max() < 0.01
-
-
 def test_weight_zero_stays_zero(clean: MotionProblem) -> None:
     weight = clean.data.weight.copy()
     weight[0, :100] = 0.0

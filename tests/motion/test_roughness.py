@@ -33,7 +33,6 @@ def penalised(rng: np.random.Generator, *, frames: int = 40, nodes: int = 9) -> 
 
 def whole(problem: MotionProblem) -> Array:
     """(nn * nq, nn * nq) the penalty's matrix, node by node."""
-    assert problem.penalty is not None
     return np.kron(problem.penalty.roughness.matrix.toarray(), problem.penalty.coupling)
 
 

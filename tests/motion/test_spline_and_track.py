@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 from gaitcal.model.chain import ChainConstants, axis_rotation
 from gaitcal.model.parameters import gait_parameters
 from gaitcal.motion import motion
-from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
@@ -146,15 +144,6 @@ def test_tracking_ends_where_gauss_newton_does_not() -> None:
     assert found.cost <= without.cost * (1 + 1e-9)
 
 
-def test_well_placed_markers_need_no_curvature() -> None:
-    rng, parameters, problem, _ = seeded_trial(42, frames=60, nodes=10)
-    measured = problem.data.measured + rng.normal(0, 0.002, problem.data.measured.shape)
-    problem = replace(problem, data=replace(problem.data, measured=measured))
-    constants = problem.constants(parameters)
-    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    assert not track_nodes(problem, constants, start).curved
-
-
 SAME = 1e-5
 """m, rad: how near to the minimum tracking ends at its own tolerance."""
 FEW = 14
@@ -217,19 +206,6 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
     assert (lean.steps, lean.converged) == (plain.steps, plain.converged)
     np.testing.assert_allclose(lean.nodes, plain.nodes, rtol=0, atol=1e-9)
     assert lean.cost == pytest.approx(plain.cost, rel=1e-6, abs=1e-18)
-
-
-def test_no_factor_is_held_while_the_next_matrix_is_formed(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng, parameters, problem, true = seeded_trial(6)
-    constants, alive = problem.constants(parameters), weakref.WeakSet[BandFactor]()
-    made, formed = BandFactor.__init__, MotionProblem.equations
-    held: list[int] = []
-    monkeypatch.setattr(BandFactor, "__init__", lambda self, *a, **k: (alive.add(self), made(self, *a, **k))[1])
-    monkeypatch.setattr(MotionProblem, "equations", lambda *a, **k: (held.append(len(alive)), formed(*a, **k))[1])
-    monkeypatch.setattr(motion, "LARGE_BYTES", 0)
-    track_nodes(problem, constants, true + rng.normal(0, 0.3, true.shape), DescentSettings(keep_within=0.0))
-    assert len(held) > 2
-    assert not any(held)
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def shown(
 
 
 def at_rest(page: Page) -> Page:
-    page.run(f"gaitcal.clock.play(false); gaitcal.state.set({{ seconds: 0.3 }}); {STEADY}")
+    page.run(f"gaitcal.clock.play(false); gaitcal.state.set({{ seconds: 0.3, spread: 'strides' }}); {STEADY}")
     return page
 
 

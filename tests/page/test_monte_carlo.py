@@ -18,7 +18,7 @@ from gaitcal.published.protocol import MonteCarloSettings, Plan, ReactionFrame, 
 from gaitcal.published.statistics import expect, levels_of, statistics
 from gaitcal.published.study import MonteCarloStudy
 from tests.fake_result import HOSTILE, fake_calibration
-from tests.page.walked_blocks import headings, rows_of, tables, walked, words
+from tests.page.walked_blocks import headings, rows_of, tables, words
 from tests.published.test_statistics import made_up
 
 RMS = 1.5
@@ -90,18 +90,13 @@ def test_a_marker_error_beyond_the_study_is_said() -> None:
     assert sum("and more than that" in row for row in rows_of(tables(blocks, "Right")[0])) == 2
 
 
-def test_boxes_are_the_percentiles_of_the_draws(study: MonteCarloStudy) -> None:
-    found = [b for b in walked(monte_carlo_blocks(study)) if b["kind"] == "boxes"]
-    assert len(found) == 2 * 2 * 8, "size and direction, either frame, seven torques and the markers"
-    knee = next(b for b in found if b["title"] == "Knee adduction")
-    assert knee["groups"][0]["label"] == "Joint positions and axes"
+def test_percentiles_are_those_of_the_draws(study: MonteCarloStudy) -> None:
+    found = tables(monte_carlo_blocks(study), "Knee adduction, %BW·H")
+    assert len(found) == 2 * 2, "size and direction, either frame"
     row = levels_of(study.statistics, Varied.JP, "knee_adduction_l", ReactionFrame.LAB).iloc[0]
-    box = knee["groups"][0]["boxes"][0]
-    assert box["label"] == "25 %"
-    assert [box[k] for k in ("low", "q1", "median", "q3", "high")] == pytest.approx(
-        [row[f"p{p}"] for p in (10, 25, 50, 75, 90)], abs=1e-4
-    )
-    assert all(b["kind"] != "boxes" for b in monte_carlo_blocks(study)), "boxplots stand behind a fold"
+    assert rows_of(found[0])["Joint positions and axes, 25 %"] == [
+        number(row[f"p{p}"], 2) for p in (10, 25, 50, 75, 90)
+    ]
 
 
 def test_parameters_are_ranked_by_their_part_of_the_variance(

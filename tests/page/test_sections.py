@@ -43,8 +43,8 @@ def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everyth
     for preset in ("fit", "provenance"):
         page = opened(visit, everything, preset)
         assert page.console == []
-        assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Error sources", "Pair"]
-        assert page.run(f"document.querySelectorAll('{of} table').length") == 8, "five tables, those of three pictures"
+        assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Pair"]
+        assert page.run(f"document.querySelectorAll('{of} table').length") == 7, "five tables, those of two pictures"
         assert len(text(page, ".of-trial figure.traced")) == 3, "curves are of a trial"
         assert page.run("document.querySelectorAll('#sections > figure.traced').length") == 0
         assert page.run("document.querySelectorAll('#sections img').length") == 0
@@ -103,23 +103,10 @@ def test_intervals_show_the_change_and_tell_the_values(visit: Visit, everything:
     assert [low - zero, high - zero] == pytest.approx([-4.9 * percent, -2.7 * percent], abs=0.01)
 
 
-def test_bars_are_as_long_as_their_totals(visit: Visit, everything: Path) -> None:
-    page = opened(visit, everything, "joints")
-    lengths = page.run(
-        """[...[...document.querySelectorAll('#sections > figure.picture')].at(-1).querySelectorAll('svg.lane')]
-        .map(l => [...l.querySelectorAll('rect')].reduce((s, r) => s + parseFloat(r.getAttribute('width')), 0))"""
-    )
-    bars = [length for length in lengths if length]
-    assert bars[1] / bars[0] == pytest.approx(0.5, abs=1e-3)
-    assert bars[2] / bars[0] == pytest.approx(0.034 / 0.042, abs=1e-3)
-
-
 def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "trust")
     words = text(page, ".of-trial .traced figcaption")
-    assert "Peak 39.4 N in the valid frames; asked of simulations 40.0 N, never above it." in words[0], (
-        "60 N do not count"
-    )
+    assert "Peak 39.4 N in the valid frames." in words[0], "60 N do not count"
     duration = page.run("gaitcal.trial.duration")
     page.run("document.querySelector('.traced').scrollIntoView()")  # it is drawn when it is seen
     page.run(until("document.querySelector('.traced .cursor') !== null"))
@@ -206,21 +193,22 @@ def test_steps_leave_out_a_stride_that_is_off(visit: Visit, everything: Path) ->
     assert page.run(count) == before - 1
 
 
-def test_two_pages_first_then_everything_of_all_trials(visit: Visit, everything: Path) -> None:
+def test_three_pages_first_then_everything_of_all_trials(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "joints")
     page.send("Emulation.setEmulatedMedia", media="print")
     try:
         page.send("Emulation.setDeviceMetricsOverride", width=695, height=1017, deviceScaleFactor=1, mobile=False)
         page.run("gaitcal.print.build()")
         heights = page.run("[...document.querySelectorAll('#print .leaf')].map(leaf => leaf.scrollHeight)")
-        assert len(heights) == 2 and all(height <= A4_HEIGHT + PIXELS for height in heights)
+        assert len(heights) == 3 and all(height <= A4_HEIGHT + PIXELS for height in heights)
         assert page.run("document.documentElement.scrollWidth") <= 695 + PIXELS
         assert page.run("[...document.body.children].filter(e => e.offsetParent || e.offsetHeight).map(e => e.id)") == [
             "print"
         ]
-        assert len(text(page, "#print .leaf:first-child .curve-panel")) == 4
+        assert text(page, "#print .leaf:first-child .leaf-steps > h2") == ["Steps and phases"]
+        assert text(page, "#print .leaf:first-child .leaf-strides > h2") == ["Which strides count"]
         assert len(text(page, "#print .leaf:nth-child(2) .curve-panel")) == 4
-        assert text(page, "#print .leaf:nth-child(2) .leaf-steps > h2") == ["Steps and phases"]
+        assert len(text(page, "#print .leaf:nth-child(3) .curve-panel")) == 4
         assert len(text(page, "#print .appendix .of-trial")) == len(PRESETS) * len(REFUSED)
         page.run("gaitcal.print.clear()")
     finally:
@@ -237,3 +225,29 @@ def test_printing_writes_pages_and_leaves_the_screen_as_it_was(visit: Visit, eve
     assert page.run("document.querySelectorAll('#curves .curve-panel').length") == panels
     assert not page.run("document.documentElement.classList.contains('on-paper')")
     assert page.console == []
+
+
+NO_WEBGL = """(({ prototype }) => { const real = prototype.getContext; prototype.getContext = function (kind, ...more) {
+    return kind.startsWith('webgl') ? null : real.call(this, kind, ...more); } })(HTMLCanvasElement)"""
+
+
+def test_without_webgl_everything_but_the_body_is_there(visit: Visit, everything: Path) -> None:
+    """Verdict, curves, tables, every preset, the clock and print."""
+    blank = visit("about:blank")
+    script = blank.send("Page.addScriptToEvaluateOnNewDocument", source=NO_WEBGL)["identifier"]
+    try:
+        page = visit(everything, 1280, 900, fresh=True)
+        assert "no WebGL" in text(page, "#failure")[0]
+        assert "Refused" in text(page, "#verdict .judged")[0] and len(text(page, "#verdict-lines li")) == 3
+        page.run(until("gaitcal.curves.panels.some((panel) => panel.plot && panel.span)"))
+        page.run("gaitcal.clock.play(false); gaitcal.clock.seek(0.3); gaitcal.curves.readings()")
+        assert any(text(page, ".curve-reading"))
+        for preset in ("fit", "joints", "trust", "provenance", "clinician"):
+            page.run(f"gaitcal.state.set({{ preset: '{preset}', joint: null }})")
+            assert preset == "clinician" or text(page, "#sections table")
+        page.press("j")
+        page.run("gaitcal.print.build(); gaitcal.print.clear(); true")
+        assert page.console == []
+    finally:
+        blank.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+        visit("about:blank", fresh=True)

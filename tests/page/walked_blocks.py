@@ -13,9 +13,7 @@ KINDS = {
     "table": {"head", "rows", "caption", "fold", "total"},
     "cards": {"cards"},
     "intervals": {"unit", "rows"},
-    "bars": {"unit", "rows"},
-    "boxes": {"unit", "title", "groups"},
-    "curves": {"kinds", "limits"},
+    "curves": {"kinds"},
     "pair": {"left", "right"},
     "fold": {"title", "blocks"},
 }

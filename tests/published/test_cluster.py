@@ -62,7 +62,7 @@ def worker(start: Start, address: str) -> subprocess.Popen[str]:
 
 @pytest.mark.slow
 def test_same_table_with_a_worker_killed_at_work(case: MonteCarloCase, tmp_path: Path, start: Start) -> None:
-    plan = Plan(levels=(100,), draws=40)
+    plan = Plan(levels=(100,), draws=15)
     address = scheduler(start)
     workers = [worker(start, address) for _ in range(2)]
     killed: list[int] = []

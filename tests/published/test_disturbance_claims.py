@@ -114,11 +114,3 @@ def test_the_four_sets_have_the_published_bounds_and_inertial_parameters_alone_w
         (Path("kept/published"), MonteCarloSettings(seed=3), Plan(draws=7)),
         (Path("kept/inertial50"), MonteCarloSettings(seed=3, inertial_percent=50.0), Plan((Varied.IP,), (100,), 7)),
     ]
-
-
-@pytest.mark.slow
-def test_draws_reach_every_claim() -> None:
-    found = _disturb(ReproductionSettings(draws=3, jobs=1), None, lambda _: None)
-    claims = disturbance_claims(found)
-    assert all(c.ours for c in claims)
-    assert _of(claims, "leave the markers alone") == {Verdict.HOLDS}

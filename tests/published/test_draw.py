@@ -10,7 +10,7 @@ import pytest
 
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY
-from gaitcal.model.parameters import IP_NAMES, JP_NAMES, Parameters, gait_parameters, leg_parameters
+from gaitcal.model.parameters import IP_NAMES, Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
@@ -30,7 +30,7 @@ from gaitcal.published.draw import (
     torque_column,
 )
 from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, ReactionFrame, RefitSettings, Varied
-from tests.derivatives import Array, perturbed_parameters, random_trial
+from tests.derivatives import Array, perturbed_parameters
 from tests.motion.test_marker_equations import dense
 
 TORQUE = 1e-9
@@ -150,14 +150,6 @@ def test_inertial_draws_need_no_refit_and_move_no_marker(context: MonteCarloCont
     assert (laboratory > 0).all()
 
 
-def test_draws_do_not_depend_on_each_other(context: MonteCarloContext, case: MonteCarloCase) -> None:
-    cells = [(varied, 100, k) for varied in Varied for k in range(2)]
-    forward = {cell: draw(context, *cell).values for cell in cells}
-    fresh = MonteCarloContext(case, MonteCarloSettings())
-    for cell in reversed(cells):
-        np.testing.assert_array_equal(draw(fresh, *cell).values, forward[cell])
-
-
 def test_only_valid_frames_count(case: MonteCarloCase) -> None:
     valid = np.zeros(len(case.time), dtype=bool)
     valid[60:90] = True
@@ -249,12 +241,6 @@ def test_noise_is_the_published_sinusoid() -> None:
     assert np.abs(noise).max() > 0.0045
 
 
-def test_parameter_choices() -> None:
-    assert ParameterChoice.LEG.names == (*leg_parameters("r"), *leg_parameters("l"))
-    assert ParameterChoice.GAIT.names == (*gait_parameters("r"), *gait_parameters("l"))
-    assert ParameterChoice.ALL.names == JP_NAMES
-
-
 def test_a_stream_depends_on_seed_set_level_and_number() -> None:
     first = sample(Varied.JP, 100, 7).joint
     again = sample(Varied.JP, 100, 7).joint
@@ -273,32 +259,8 @@ def test_a_stream_depends_on_seed_set_level_and_number() -> None:
     assert not np.isclose(first, 2 * half).any()
 
 
-def test_the_stream_is_the_one_that_stores_were_made_with() -> None:
-    """Other numbers would need another `study.FORMAT`."""
-    joint = sample(Varied.JP, 100, 0).joint
-    assert joint is not None
-    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0, 100, 0)))
-    np.testing.assert_array_equal(joint, MonteCarloSettings().joint_bounds * rng.uniform(-1.0, 1.0, len(joint)))
-
-
 NODES = 3e-7
 """m, rad: the last step of a re-fit is below 1e-6, what is left a fraction of it."""
-
-
-def test_other_measured_markers_keep_the_pattern() -> None:
-    rng = np.random.default_rng(5)
-    problem, true = random_trial(rng, perturbed_parameters(rng), frames=40, nodes=8)
-    constants = problem.constants(perturbed_parameters(rng))
-    measured = problem.data.measured + rng.normal(0, 0.01, problem.data.measured.shape)
-    other = problem.with_measured(measured)
-    made = MotionProblem(
-        name=problem.name, chain=problem.chain, basis=problem.basis, data=other.data, labels=problem.labels
-    )
-    assert other._assembler is problem._assembler
-    found, expected = (p.equations(true, constants, curved=True) for p in (other, made))
-    np.testing.assert_array_equal(found.band, expected.band)
-    np.testing.assert_array_equal(found.node_gradient, expected.node_gradient)
-    assert found.cost == expected.cost != problem.cost(true, constants)
 
 
 @pytest.mark.parametrize("level", [25, 100])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -30,38 +28,21 @@ def start(folder: Path) -> subprocess.Popen[bytes]:
 
 
 def wait_for_chunks(folder: Path, count: int, process: subprocess.Popen[bytes]) -> None:
-    for _ in range(1200):
+    for _ in range(6000):  # a busy machine needs minutes
         if len(list(folder.glob("draws/*.parquet"))) >= count or process.poll() is not None:
             return
         time.sleep(0.05)
-    pytest.fail(f"no {count} chunks within a minute")
-
-
-def content(folder: Path) -> str:
-    return hashlib.sha256((folder / "montecarlo.csv").read_bytes()).hexdigest()
-
-
-@pytest.mark.slow
-def test_killed_again_and_again(case: MonteCarloCase, tmp_path: Path) -> None:
-    whole = monte_carlo(case, tmp_path / "whole", plan=PLAN, workers=Workers())
-    killed, moments = tmp_path / "killed", random.Random(11)
-    for _ in range(3):
-        process = start(killed)
-        wait_for_chunks(killed, len(list(killed.glob("draws/*.parquet"))) + 1, process)
-        time.sleep(moments.uniform(0.0, 0.2))
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    held = len(Store(killed).read(PLAN))
-    assert 0 < held < PLAN.total  # otherwise it was not killed at work
-    assert start(killed).wait(120) == 0
-    pd.testing.assert_frame_equal(Store(killed).read(PLAN), whole.draws, check_exact=True)
-    assert content(killed) == content(tmp_path / "whole")
+    process.kill()
+    process.wait()
+    pytest.fail(f"no {count} chunks within five minutes")
 
 
 @pytest.mark.slow
-def test_workers_end_with_their_parent_and_chunks_are_whole(tmp_path: Path) -> None:
-    process = start(tmp_path)
-    wait_for_chunks(tmp_path, 1, process)
+def test_killed_and_interrupted_and_taken_up_again(case: MonteCarloCase, tmp_path: Path) -> None:
+    """By SIGKILL, after which no worker is left, and by Ctrl-C: whole chunks stay, and the end is that of one run."""
+    folder = tmp_path / "killed"
+    process = start(folder)
+    wait_for_chunks(folder, 1, process)
     workers = children(process.pid)
     process.send_signal(signal.SIGKILL)
     process.wait()
@@ -72,8 +53,19 @@ def test_workers_end_with_their_parent_and_chunks_are_whole(tmp_path: Path) -> N
         time.sleep(0.1)
     else:
         pytest.fail("worker processes outlive their parent by ten seconds")
-    kept = Store(tmp_path).read()
-    assert len(kept) % CHUNK == 0
+    killed = len(Store(folder).read())
+    process = start(folder)
+    wait_for_chunks(folder, killed // CHUNK + 1, process)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(300) != 0
+    interrupted = len(Store(folder).read())
+    assert 0 < killed < interrupted < PLAN.total  # otherwise it was not stopped at work
+    assert killed % CHUNK == interrupted % CHUNK == 0
+    resumed = monte_carlo(case, folder, plan=PLAN, workers=Workers(), chunk_draws=CHUNK)
+    whole = monte_carlo(case, tmp_path / "whole", plan=PLAN, workers=Workers(), chunk_draws=CHUNK)
+    assert resumed.computed == PLAN.total - interrupted
+    pd.testing.assert_frame_equal(resumed.draws, whole.draws, check_exact=True)
+    assert (folder / "montecarlo.csv").read_bytes() == (tmp_path / "whole/montecarlo.csv").read_bytes()
 
 
 def children(parent: int) -> list[int]:
@@ -88,14 +80,3 @@ def children(parent: int) -> list[int]:
         if int(fields[1]) == parent and "LokyProcess" in words:
             found.append(int(path.parent.name))
     return found
-
-
-@pytest.mark.slow
-def test_control_c_leaves_whole_chunks(tmp_path: Path) -> None:
-    process = start(tmp_path)
-    wait_for_chunks(tmp_path, 2, process)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60) != 0
-    found = Store(tmp_path).read()
-    assert len(found) >= 2 * CHUNK
-    assert len(found) % CHUNK == 0

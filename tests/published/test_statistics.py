@@ -262,11 +262,6 @@ def test_boxes_are_the_percentiles() -> None:
     assert axes[0, 0].get_ylim()[0] == 0.0
 
 
-def test_a_study_of_one_set_has_one_column() -> None:
-    table = statistics(made_up(draws=30, sets=("ip",)))
-    assert len(boxplot_figure(table, ReactionFrame.LAB, "mean", "r").axes) == len(TORQUES) + 1
-
-
 def test_contributions_are_written_into_the_cells(context: MonteCarloContext) -> None:
     contributions = variance_contributions(context)
     figure = contribution_figure(contributions)

@@ -24,20 +24,17 @@ from gaitcal.published.reproduce import (
     Reproduction,
     ReproductionSettings,
     SensitivityDraws,
-    table_frame,
     write_tables,
 )
 from gaitcal.published.reproduce import reproduce as run
 from gaitcal.published.tables import (
     Cell,
     discussion_rows,
-    speed_factor,
     spread,
     table_four_rows,
     table_one_rows,
     table_three_rows,
     table_two_rows,
-    time_rows,
 )
 from tests.published.conftest import FEW_SEEDS
 
@@ -146,17 +143,6 @@ def test_csv_schema(files: Path) -> None:
     assert all(name in readme for name in names - {"README.txt"})
 
 
-@pytest.mark.slow
-def test_same_seed_same_bytes(
-    reproduction: Reproduction, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # of each sensitivity its own test says which draws it has
-    monkeypatch.setattr(reproduce, "sensitivities", lambda *_: reproduction.sensitivities)
-    write_tables(run(TINY), tmp_path)
-    for name in ("tables.csv", "draws.csv", "manifest.json"):
-        assert (tmp_path / name).read_bytes() == (files / name).read_bytes()
-
-
 def test_every_sensitivity_has_claims_and_may_be_left_out(
     reproduction: Reproduction, clean: SeedResult, draws: list[SeedResult], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,14 +157,6 @@ def test_every_sensitivity_has_claims_and_may_be_left_out(
     assert {c.verdict for c in of_them} == {Verdict.NOT_RUN}
     others = [row for row in reproduction.tables if row.table != "sensitivity"]
     assert without.tables == others  # nothing else depends on them
-
-
-def test_times_stand_beside_the_published(clean: SeedResult) -> None:
-    rows = {(r.row, r.column): r for r in time_rows([clean])}
-    assert rows["phase 1, isolated trials", "longest"].published == 380
-    assert rows["phase 2", "shortest"].published == 11
-    slow = replace(clean, joints={p: replace(r, seconds=7.0) for p, r in clean.joints.items()})
-    assert speed_factor([slow]) == pytest.approx(10.0)
 
 
 def test_command_prints_and_writes(
@@ -228,17 +206,6 @@ def test_data_folder_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             tmp_path / "out", Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
         )
     assert not (tmp_path / "out").exists()
-
-
-def test_cells_without_a_figure_are_dashes(reproduction: Reproduction, capsys: pytest.CaptureFixture[str]) -> None:
-    command.print_reproduction(Console(quiet=True, verbose=False), reproduction)
-    assert capsys.readouterr().out == ""
-    frame = table_frame(reproduction.tables)
-    assert frame.loc[frame["row"] == "experimental, phase 2", "ours"].eq("").all()
-
-
-def test_no_recordings_no_rows(tmp_path: Path) -> None:
-    assert people_rows(tmp_path) == []
 
 
 @pytest.mark.slow

@@ -63,7 +63,6 @@ def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibratio
 def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> None:
     """The left leg is not valid in the middle of its stride; the right leg knows nothing of that."""
     trial = whole.trial("walk")
-    assert trial.loads is not None
     reactions = trial.loads.reactions
     stride = {side: cycles[0] for side, cycles in strides_of(trial.events).items()}
     time, left = trial.body.time, np.ones(len(trial.body.time), dtype=bool)
@@ -93,16 +92,6 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     assert of_left["se"].notna().all()
 
 
-def test_every_row_names_person_and_session(whole: Calibration) -> None:
-    model = replace(whole.model, subject=replace(whole.model.subject, session="2026-03-01"))
-    table = cycles(replace(whole, model=model))
-    assert set(zip(table["person"], table["session"], strict=True)) == {("S07", "2026-03-01")}
-    assert tuple(table.columns) == CYCLE_COLUMNS
-    assert CYCLE_COLUMNS[:10] == (
-        *("person", "session", "trial", "side", "stride", "percent", "variable", "value", "se", "valid"),
-    )
-
-
 def test_what_was_written_is_read_back_also_by_pandas_alone(whole: Calibration, tmp_path: Path) -> None:
     """A person called `001` stays one, in whatever folder; another file is told in a line."""
     model = replace(whole.model, subject=replace(whole.model.subject, name="001"))
@@ -116,18 +105,6 @@ def test_what_was_written_is_read_back_also_by_pandas_alone(whole: Calibration, 
     for wrong in ("other.csv", "none.csv"):
         with pytest.raises(InputError, match="table of strides"):
             read_cycles(tmp_path / wrong)
-
-
-def test_the_ensemble_of_one_calibration_is_the_mean_of_its_valid_strides(whole: Calibration) -> None:
-    table = cycles(whole)
-    found = ensemble(table)
-    right = found[(found["side"] == "r") & (found["variable"] == "hip_flexion_moment")].set_index("percent")
-    own = table[(table["side"] == "r") & (table["variable"] == "hip_flexion_moment") & (table["valid"] == 1)]
-    by_hand = own.groupby("percent")["value"]
-    pd.testing.assert_series_equal(right["mean"].dropna(), by_hand.mean(), check_names=False, check_index_type=False)
-    pd.testing.assert_series_equal(
-        right["n"][right["n"] > 0], by_hand.count(), check_names=False, check_index_type=False, check_dtype=False
-    )
 
 
 def test_xarray_has_the_same_numbers_under_named_dimensions(whole: Calibration) -> None:
@@ -153,11 +130,6 @@ def test_without_xarray_a_line_says_what_to_install(whole: Calibration, monkeypa
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match="pip install xarray"):
         cycles_to_xarray(cycles(whole))
-
-
-def test_a_trial_without_strides_has_no_rows(whole: Calibration) -> None:
-    table = cycle_table(whole.model, [t for t in whole.trials if t.joint])
-    assert tuple(table.columns) == CYCLE_COLUMNS and table.empty
 
 
 def test_relative_angles_are_those_of_the_static_posture_less(whole: Calibration) -> None:

@@ -149,15 +149,6 @@ def test_powers_of_a_result_are_torques_times_velocities(made: Path) -> None:
     assert (powers["hip_power_r_se"] > 0).all()
 
 
-def test_strides_of_powers_are_in_the_table_of_strides(made: Path) -> None:
-    strides, powers = table(made / "cycles.csv"), table(made / "powers/walk.csv")
-    ankle = strides[(strides["variable"] == "ankle_power") & (strides["side"] == "r") & (strides["stride"] == 1)]
-    assert len(ankle) == 101 and ankle["se"].notna().all()
-    assert ankle["value"].max() <= powers["ankle_power_r"].max() + ROUNDED
-    assert {"hip_flexion_power", "lumbar_power", "knee_power"} <= set(strides["variable"])
-    assert not any(name.startswith(("shoulder", "elbow")) for name in strides["variable"])
-
-
 def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
     """Told where the model has changed since."""
     with pytest.MonkeyPatch.context() as patch:
@@ -174,17 +165,6 @@ def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
     with (result / "model.toml").open("a", encoding="utf-8") as model:
         model.write("# edited\n")
     assert "walk; run dynamics again" in run("export", result, "--format", "cycles").output.replace("\n", " ")
-
-
-def test_vectors_of_an_earlier_version_have_no_error_of_their_own_strides(result: Path) -> None:
-    for path in (result / "moment_vectors").iterdir():
-        old = table(path)
-        old[[name for name in old.columns if not name.endswith("_se_stride")]].to_csv(path, index=False)
-    (result / "manifest.json").unlink()  # with the hashes of the files as they were
-    found = exported(result, "--moments", "jcs", "--convention", "gaitcal")
-    moments = found["variable"].str.endswith("_moment")
-    assert found["se_stride"][moments].isna().all() and found["se_stride"][~moments].notna().any()
-    assert found["se"][moments].notna().any()
 
 
 def test_wrong_words_are_told(result: Path) -> None:

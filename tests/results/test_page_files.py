@@ -5,32 +5,21 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import Result
-from typer.testing import CliRunner
 
-from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, listed, self_hash, sha256_of
 from gaitcal.page.page_data import peak_page_rows, read_page_data
-from gaitcal.page.scene_file import load_scene
 from gaitcal.results.calibration import OTHER_MODEL, PAGE, SCENE, read_page, result_page, write_results
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
+from tests.commands import run
 from tests.kept import kept_result
 
-RUNNER = CliRunner()
 PAGE_DATA = "page.json"
-
-
-def run(*words: object) -> Result:
-    return RUNNER.invoke(app, list(map(str, words)), catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +42,6 @@ def trial(folder: Path, name: str) -> Path:
 def results(page: Path) -> list[dict[str, Any]]:
     """What the page holds."""
     found = re.search(r'<script type="application/json" id="results">(.*?)</script>', page.read_text(encoding="utf-8"))
-    assert found is not None
     held: list[dict[str, Any]] = json.loads(found.group(1))
     return held
 
@@ -112,25 +100,6 @@ def test_two_runs_write_the_same_bytes(made: Path, tmp_path: Path) -> None:
     assert pages[0].replace(one["made"], "") == pages[1].replace(two["made"], "")
 
 
-@pytest.mark.slow
-def test_no_drawing_library_is_loaded(made: Path, tmp_path: Path) -> None:
-    """A fifth of a second of every command, and most of a calibration when it drew."""
-    words: Sequence[Sequence[str]] = (
-        ("calibrate", str(made / "study/study.toml"), "--out", str(tmp_path / "result"), "-q"),
-        ("dynamics", str(tmp_path / "result"), str(made / "study/walk2.csv"), "-q"),
-        ("view", str(tmp_path / "result"), "--html", str(tmp_path / "page.html"), "-q"),
-    )
-    code = f"""
-import sys
-from gaitcal.cli import program
-for words in {words!r}:
-    program.app(list(words), standalone_mode=False)
-print([name for name in ("matplotlib", "jinja2", "meshcat") if name in sys.modules])
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (0, "[]\n"), done.stderr
-
-
 # ---------------------------------------------------------------------------------------------------- further trials
 
 
@@ -142,7 +111,6 @@ def test_the_page_of_further_trials_has_those_of_every_run(folder: Path) -> None
     run("dynamics", result, trial(folder, "walk3"), "-q")
     assert trials(page) == [["walk2", "walk3"]]
     after = read_page(result / "dynamics")
-    assert before.data is not None and after.data is not None
     assert after.data["trials"][0] == before.data["trials"][0]
     assert after.scene.trials[0].origins.tobytes() == before.scene.trials[0].origins.tobytes()
     run("dynamics", result, folder / "study/walk2.csv", "-q")
@@ -243,7 +211,3 @@ def test_a_sheet_of_other_trials_than_its_scene_is_refused(folder: Path) -> None
     (result / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
     with pytest.raises(InputError, match="tells of other trials"):
         run("view", result, "--html", folder / "own.html")
-
-
-def test_the_scene_is_as_it_was_before_there_were_sheets(made: Path) -> None:
-    assert load_scene(made / "result" / SCENE).trials[0].name == "walk"

@@ -8,37 +8,23 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-import gaitcal.results.cycles as cycles_module
 import gaitcal.results.trials as trials_module
 from gaitcal.cli import calibrate as dynamics_command
 from gaitcal.cli import montecarlo as montecarlo_command
 from gaitcal.cli import other_programs
-from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.io.result_folder import listed, locked, sha256_of
 from gaitcal.results.saved import load_result
-from gaitcal.results.table_file import read_csv
 from gaitcal.session import calibrate as person_calibrate
 from gaitcal.study import study as study_module
 from gaitcal.study.study import Study
+from tests.commands import content, run
 from tests.kept import kept_result
 
-RUNNER = CliRunner()
 DRAWS = ("--vary", "jp", "--levels", 100, "--draws", 2, "--jobs", 1)
 CHANGED = "changed while this ran; nothing was written, run again"
-
-
-def run(*words: object) -> Result:
-    return RUNNER.invoke(app, list(map(str, words)), catch_exceptions=False)
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +92,7 @@ def test_no_other_command_comes_between_reading_and_writing(folder: Path, monkey
     assert list(summary["trials"]) == ["walk", "walk2"]
 
 
-@pytest.mark.parametrize("name", ["model.toml", "uncertainty.npz", "marker_set.toml"])
+@pytest.mark.parametrize("name", ["model.toml", "marker_set.toml"])
 def test_dynamics_of_a_model_that_changes_meanwhile(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = content(folder / "result/dynamics")
     path = folder / "result" / name
@@ -149,7 +135,7 @@ def test_inputs_that_change_while_calibrating_are_told(folder: Path, monkeypatch
     assert manifest["inputs_changed_while_it_ran"] == ["walk.csv"]
 
 
-@pytest.mark.parametrize("name", ["walk.csv", "study.toml", "static.csv"])
+@pytest.mark.parametrize("name", ["walk.csv", "study.toml"])
 def test_inputs_that_change_while_they_are_read(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder / "study" / name
     change = edit if name == "study.toml" else last_digit
@@ -219,32 +205,6 @@ def test_a_damaged_further_trial_is_named_until_it_is_made_again(folder: Path) -
     with pytest.raises(InputError, match=r"summary\.json: is damaged.*move the folder away"):
         run("dynamics", result, second_trial(folder))
     assert content(result / "dynamics") == before
-
-
-@pytest.mark.slow
-def test_the_table_of_strides_has_those_of_every_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rows of kept trials stay as they were written; of a damaged table they are left out, and told."""
-    result = folder / "result"
-    table = result / "dynamics/cycles.csv"
-    assert read_csv(table)[1] == read_csv(result / "cycles.csv")[1], "the same comment lines"
-    row = {"side": "r", "stride": 1, "percent": 0, "variable": "knee_angle", "value": 0.1, "se": np.nan, "valid": 1}
-    row |= {"se_stride": np.nan, "turn": np.nan}
-    monkeypatch.setattr(
-        cycles_module,
-        "cycle_columns",
-        lambda model, trials, static: {
-            name: [({"person": "p", "session": "", "trial": t.name} | row)[name] for t in trials]
-            for name in CYCLE_COLUMNS
-        },
-    )
-    run("dynamics", result, folder / "study/walk.csv")
-    first = table.read_text(encoding="utf-8")
-    run("dynamics", result, second_trial(folder))
-    assert table.read_text(encoding="utf-8") == f"{first}p,,walk2,r,1,0,knee_angle,0.1,,1,,\n"
-    table.write_text(f"{first}p,,walk,r,9,0,knee_angle,0.1,,1,,\n", encoding="utf-8")
-    told = "walk: cycles.csv is damaged, or was edited: its rows of this trial are left out"
-    assert told in run("dynamics", result, second_trial(folder)).stdout
-    assert set(read_csv(table)[0]["trial"]) == {"walk2"}
 
 
 def test_what_commands_change_in_a_result_is_listed_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,6 +36,8 @@ from tests.figures.told import charts, panel_figure, told
 from tests.kept import copied_person, kept_person
 from tests.page.page_words import page_words
 
+pytestmark = pytest.mark.slow
+
 SAME_ANGLE, SAME_PLACE = 0.05, 0.05
 """deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; the documented 0.02 deg of leg angles are RMS."""
 SAME_TORQUE = 1.0
@@ -75,7 +77,6 @@ def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) ->
             assert curve.compared.sum() == known.trial("gait").loads.reactions.valid_for(name).sum()  # type: ignore[union-attr]
 
 
-@pytest.mark.slow
 def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -> None:
     """Joints 10 mm and 10 deg off, and segments whose true axes are others than those of the static trial."""
     study = Study.load(kept_person(kept, seed=3, perturb=True))
@@ -103,7 +104,6 @@ def test_files_hold_the_truth_at_the_frames_of_the_result(known: Calibration, tm
     assert {p.name for p in (tmp_path / "truth").iterdir()} == {"parameters.csv", "gait_motion.csv", "gait_moments.csv"}
     motion = pd.read_csv(tmp_path / "truth/gait_motion.csv", comment="#")
     body, study = known.trial("gait").body, known.study
-    assert study.truth is not None
     np.testing.assert_allclose(motion["time"], body.time)
     true = np.rad2deg(study.truth.motions["gait"].values["hip_flexion_r"])
     np.testing.assert_allclose(motion["hip_flexion_r"], true, **DIGITS)
@@ -111,7 +111,6 @@ def test_files_hold_the_truth_at_the_frames_of_the_result(known: Calibration, tm
     np.testing.assert_allclose(motion["hip_flexion_r_error"], found - true, rtol=1e-6, atol=1e-9)
     moments = pd.read_csv(tmp_path / "truth/gait_moments.csv", comment="#")
     loads = known.trial("gait").loads
-    assert loads is not None
     valid = loads.reactions.valid_for("knee_adduction_l")
     assert 0 < valid.sum() < len(valid)
     np.testing.assert_array_equal(moments["knee_adduction_l_error"].notna(), valid)
@@ -212,7 +211,6 @@ def test_another_static_trial_is_not_compared(known: Calibration, kept: Path, tm
 def test_true_curves_of_other_times(known: Calibration) -> None:
     """None of the frames: no curve, and the page says why. Some of them: the page says how many."""
     truth = known.study.truth
-    assert truth is not None
 
     def compared(**changes: TrueCurves) -> Calibration:
         motions = {"gait": changes.get("motion", truth.motions["gait"])}
@@ -253,25 +251,3 @@ def test_sums_tell_legs_from_arms_and_count_what_is_undetermined(known: Calibrat
     page = page_words(known)
     assert "Two markers track upper arm r" in page
     assert "but for what its study file says: force_filter_hz: none" in page and "nodes" not in settings_sentence(known)
-
-
-def test_intervals_and_directions() -> None:
-    """What `within` and the angle of an axis are, on numbers made by hand."""
-    from gaitcal.session.truth_comparison import _angle, _distance
-    from gaitcal.session.truth_errors import CurveTruth
-
-    curve = CurveTruth(
-        name="hip_flexion_r",
-        truth=np.array([0.0, 0.0, 0.0, np.nan]),
-        fitted=np.array([1.9, -2.0, 50.0, 7.0]),
-        nominal=np.array([3.0, -4.0, 0.0, 0.0]),
-        error_bar=np.ones(4),
-        counts=np.array([True, True, False, True]),
-    )
-    assert curve.within.tolist() == [True, False]
-    assert curve.rms == pytest.approx(np.sqrt((1.9**2 + 2.0**2) / 2))
-    assert curve.nominal_rms == pytest.approx(np.sqrt(12.5))
-    for directions in (("front", "trans"), ("trans", "sag")):
-        assert _angle(directions, np.array([0.0, 0.0]), np.array([0.0, 5.0])) == pytest.approx(5.0)
-        assert _angle(directions, np.array([20.0, 0.0]), np.array([17.0, 0.0])) == pytest.approx(3.0)
-    assert _distance(np.array([0.0, 3.0]), np.array([4.0, 0.0])) == 5.0

@@ -141,7 +141,6 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
 
 def test_forces_that_leave_the_swing_alone_do_not_say_that_no_torque_is_valid() -> None:
     trial = fake_calibration().trial("walk")
-    assert trial.loads is not None
     reactions = trial.loads.reactions
     everywhere, nowhere = np.ones_like(reactions.valid_legs), np.zeros_like(reactions.valid_legs)
     swing = "no stance has torques; those of the swing remain"

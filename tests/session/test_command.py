@@ -5,21 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from gaitcal.cli.application import app
 from gaitcal.errors import InputError, UsageError
 from gaitcal.study.study import Study
+from tests.commands import run
 from tests.session.folders import other_person, recordings, write
 
 WHO = ("--mass", "69.4", "--height", "1.70", "--sex", "male")
-
-
-def run(*words: object) -> Result:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
 
 
 @pytest.fixture

@@ -2,51 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal import cli
 from gaitcal.study.study import Study
+from tests.commands import Done, content, gaitcal
 from tests.synthetic_studies import write_synthetic_study
-
-
-@dataclass(frozen=True)
-class Ending:
-    """How a run of the command line ended."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Ending]
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """The command line in this process."""
-
-    def call(*arguments: object) -> Ending:
-        monkeypatch.setattr(sys, "argv", ["gaitcal", *map(str, arguments)])
-        capsys.readouterr()
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as ending:
-            code = int(ending.code or 0)
-        printed = capsys.readouterr()
-        return Ending(code, printed.out, printed.err)
-
-    return call
 
 
 @pytest.fixture(scope="module")
@@ -133,11 +99,11 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
 """What is done to the study, and what the line has to name; mistakes in the study file: `tests/study`."""
 
 
-def assert_refused(ending: Ending, named: tuple[str, ...]) -> None:
-    assert ending.code == 1, ending
-    assert ending.out == ""
-    lines = ending.err.splitlines()
-    assert len(lines) == 1, ending.err
+def assert_refused(ending: Done, named: tuple[str, ...]) -> None:
+    assert ending.returncode == 1, ending
+    assert ending.stdout == ""
+    lines = ending.stderr.splitlines()
+    assert len(lines) == 1, ending.stderr
     assert lines[0].startswith("gaitcal: ")
     for part in named:
         assert part in lines[0]
@@ -151,49 +117,28 @@ def former_result(folder: Path) -> dict[str, bytes]:
         '{"gaitcal": "0", "kind": "calibration", "files": ["summary.json"]}', encoding="utf-8"
     )
     (folder / "summary.json").write_text("{}", encoding="utf-8")
-    return content_of(folder)
-
-
-def content_of(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return content(folder)
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_fault_is_told_in_one_line(fault: str, study: Path, run: Run) -> None:
+def test_fault_is_told_in_one_line(fault: str, study: Path) -> None:
     spoil, named = FAULTS[fault]
     spoil(study)
     result = study.parent.parent / "result"
     before = former_result(result)
-    assert_refused(run("calibrate", study, "--out", result), named)
-    assert content_of(result) == before
+    assert_refused(gaitcal("calibrate", study, "--out", result), named)
+    assert content(result) == before
     assert sorted(p.name for p in study.parent.parent.iterdir()) == ["result", "study"]
 
 
-@pytest.mark.slow
-def test_sound_study_passes(study: Path, run: Run) -> None:
-    result = study.parent.parent / "result"
-    former_result(result)
-    ending = run("calibrate", study, "--out", result)
-    assert (ending.code, ending.err) == (0, "")
-    assert (result / "result.html").exists()
-
-
-@pytest.mark.slow
-def test_rename_of_markers_that_some_trials_wear(study: Path, run: Run) -> None:
+def test_rename_of_markers_that_some_trials_wear(study: Path) -> None:
     for name in ("static.csv", "walk.csv"):
         change_table(study.parent / name, lambda t: t.rename(columns={f"R.ASIS_{a}": f"RASIS_{a}" for a in "xyz"}))
     change_table(study.parent / "static.csv", lambda t: t.rename(columns={f"R.Heel_{a}": f"RHEE_{a}" for a in "xyz"}))
     replace(study, 'set = "published"', 'set = "published"\nrename = { "RASIS" = "R.ASIS", "RHEE" = "R.Heel" }')
-    assert run("calibrate", study, "--out", study.parent / "result", "-q") == Ending(0, "", "")
+    assert gaitcal("check", study, "-q") == Done(0, "", "")
 
 
-def test_output_is_looked_at_before_the_work(study: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_is_looked_at_before_the_work(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Study, "load", lambda _: pytest.fail("the study was read first"))
-    assert_refused(run("calibrate", study, "--out", study.parent / "walk.csv" / "result"), ("walk.csv", "written"))
-
-
-def test_as_a_process_of_its_own(study: Path, tmp_path: Path) -> None:
-    replace(study, "mass_kg", "mass_gk")
-    command = [sys.executable, "-m", "gaitcal.cli", "calibrate", str(study), "--out", str(tmp_path / "result")]
-    done = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=300)
-    assert_refused(Ending(done.returncode, done.stdout, done.stderr), ("study.toml", "mass_gk", "mass_kg"))
+    assert_refused(gaitcal("calibrate", study, "--out", study.parent / "walk.csv" / "result"), ("walk.csv", "written"))

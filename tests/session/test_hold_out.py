@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gaitcal import cli
-from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.model.nominal import published_model
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.joint_parameters import FOLDS, fold_of_frame, hold_out, without
@@ -19,6 +16,7 @@ from gaitcal.session.session import MovingTrial, prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.motion import marker_noise
+from tests.commands import gaitcal
 from tests.faults.spoilt import sound_study
 from tests.synthetic_studies import write_synthetic_study
 
@@ -89,24 +87,12 @@ def test_a_merely_freer_model_is_not(study: Study) -> None:
 
 
 @pytest.mark.slow
-def test_command_reports_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = write_synthetic_study(tmp_path / "study")
-    result = tmp_path / "result"
-    monkeypatch.setattr(sys, "argv", ["gaitcal", "calibrate", str(path), "--out", str(result), "--hold-out"])
-    with pytest.raises(SystemExit) as ending:
-        cli.main()
-    assert not ending.value.code
-    assert "walk, pelvis and legs: on time blocks left out of the fit (4 folds)" in capsys.readouterr().out
+def test_command_reports_it(tmp_path: Path) -> None:
+    path, result = write_synthetic_study(tmp_path / "study"), tmp_path / "result"
+    done = gaitcal("calibrate", path, "--out", result, "--hold-out")
+    assert "walk, pelvis and legs: on time blocks left out of the fit (4 folds)" in done.stdout, done.stderr
     told = json.loads((result / "summary.json").read_text(encoding="utf-8"))["trials"]["walk"]
     assert set(told["hold_out_mm"]) == {"nominal", "calibrated", "folds"}
     assert told["pelvis_and_legs_hold_out_mm"]["calibrated"] == pytest.approx(
         told["hold_out_mm"]["calibrated"], abs=1.0
     )
-
-
-def test_absent_unless_asked_for(study: Study) -> None:
-    done = calibrate(study)
-    assert done.trial("knee_r").held_out is None
-    assert parameters_for(done.joint, "knee_r", done.model.parameters) is not None

@@ -18,6 +18,7 @@ from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, nominal_of
+from tests.kept import kept_real
 from tests.real_studies import write_study
 
 SAME_RAD, SAME_RMS = 2e-3, 1e-3
@@ -113,8 +114,8 @@ def test_where_the_pelvis_is_seen_nothing_is_held(uf3: Study) -> None:
 
 
 @pytest.mark.slow
-def test_joint_parameters_are_those_of_the_trials_with_the_pelvis(uf3: Study) -> None:
-    whole, part = gc.calibrate(uf3), gc.calibrate(bare(uf3, "knee_r", "ankle_r"))
+def test_joint_parameters_are_those_of_the_trials_with_the_pelvis(kept: Path, data_dir: Path, uf3: Study) -> None:
+    whole, part = kept_real(kept, "uf3", data_dir), gc.calibrate(bare(uf3, "knee_r", "ankle_r"))
     assert part.verdict.judgement is whole.verdict.judgement
     names = [n for n in whole.standard_errors if n.startswith(("knee_r", "talocrural_r", "subtalar_r"))]
     assert len(names) >= 15

@@ -43,7 +43,6 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
 def test_each_step_has_its_own_model_and_motion(tmp_path: Path) -> None:
     done = calibrated(tmp_path / "study", "published")
     trial = done.trial("walk")
-    assert trial.loads is not None
     wrench = trial.loads.reactions.wrench
 
     def torques(parameters: Parameters, motion: Motion) -> np.ndarray:
@@ -61,10 +60,8 @@ def test_each_step_has_its_own_model_and_motion(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
     trial = done.trial("walk")
-    assert trial.loads is not None and trial.loads.errors is not None
     spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0
     plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
-    assert done.joint is not None
     problem = replace(with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"])
     errors = ErringForces(
         problem,

@@ -50,13 +50,6 @@ def test_bare_folders(name: str, data_dir: Path) -> None:
     assert str(data_dir) not in draft_text(made, data_dir / name), "paths are relative"
 
 
-def test_plates_weigh_a_person_whose_files_say_nothing(data_dir: Path) -> None:
-    made = draft_of(read_folder(data_dir / "functional_c3d"), Options())
-    mass = made.person["mass_kg"]
-    assert mass.value == pytest.approx(66.0, abs=0.5)
-    assert "weighed by the plates under static.c3d" in mass.reason and not mass.certain
-
-
 def test_recordings_of_nobody_who_stands(data_dir: Path) -> None:
     made = draft_of(read_folder(data_dir / "c3d_formats"), Options())
     assert made.fault and made.trials == ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.motion import marker_noise
-from gaitcal.synthetic.subject import synthesize
+from tests.kept import kept_person
 
 Spoil = Callable[[Recording, np.random.Generator], Array]
 Sought = tuple[Array, tuple[str, ...]]
@@ -85,9 +86,9 @@ def joint_parameters(study: Study, loss: str) -> Sought:
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def study(kept: Path) -> Study:
     """One isolated trial, the knee's, of a synthetic person, with marker noise of up to 3 mm."""
-    whole = Study.load(synthesize(tmp_path_factory.mktemp("made") / "study", seed=2, perturb=True))
+    whole = Study.load(kept_person(kept, seed=3, perturb=True))
     rng = np.random.default_rng(2)
     kept = tuple(t for t in whole.trials if t.role is Role.STATIC or t.name == "knee_r")
     knee = replace(whole, trials=kept, settings=whole.settings.model_copy(update={"ip": "none"}))

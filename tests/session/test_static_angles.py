@@ -75,13 +75,12 @@ def test_nothing_moves_when_the_zero_does() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("label", ["L.Heel", "R.Shank.Rear"])
-def test_a_marker_metres_away_in_the_static_trial_turns_no_ankle(label: str) -> None:
+def test_a_marker_metres_away_in_the_static_trial_turns_no_ankle() -> None:
     """The zero of the ankles is counted from the same static trial as the model, without its stray marker."""
     sound = sound_study()
     walk = tuple(t for t in sound.trials if t.name in ("static", "walk"))
     sound = replace(sound, trials=walk, settings=CalibrationSettings(ip="none"))
-    away = with_trial(sound, "static", moved(label, lambda x: x + [3.0, 0.0, 1.0]))
+    away = with_trial(sound, "static", moved("L.Heel", lambda x: x + [3.0, 0.0, 1.0]))
     clean, spoilt = (calibrate(study, checked=()) for study in (sound, away))
     for name in ANKLES:
         assert np.rad2deg(abs(spoilt.static_angles[name] - clean.static_angles[name])) < STRAY_DEG, name

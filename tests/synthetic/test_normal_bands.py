@@ -63,18 +63,6 @@ def test_the_bands_have_the_signs_of_people(walking: ModuleType) -> None:
             assert sign * means[percent] > 0.05
 
 
-def test_peaks_are_told_in_standard_deviations_of_the_band(walking: ModuleType, walk: Any) -> None:
-    bands = walking.normal_bands()
-    steep = bands | {"ankle_angle": bands["ankle_angle"].assign(sd=1.0)}
-    one, other = (
-        {(p.name, p.side): p for p in walking.peaks(walk, chosen)}["ankle plantarflexor", "r"]
-        for chosen in (bands, steep)
-    )
-    assert one.value == pytest.approx(walk.moments["ankle_angle_r"].min())
-    assert one.normal == pytest.approx(bands["ankle_angle"]["mean"].min())
-    assert other.off == pytest.approx(one.value - one.normal)
-
-
 def test_every_centre_of_pressure_is_in_its_sole(walking: ModuleType, walk: Any) -> None:
     for foot in range(2):
         away = walking.outside_sole(walk, foot)[walk.loaded[:, foot]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ from gaitcal.synthetic.subject import synthesize, synthetic_model
 from gaitcal.synthetic.truth import in_static_frames, inertial_parameters_in, joint_parameters_in, segment_frames
 from gaitcal.synthetic.walk import CLEARANCE, GAIT_CYCLE
 from tests.derivatives import perturbed_parameters
-from tests.kept import kept_person
+from tests.kept import kept_calibration, kept_person
 
 
 def test_a_linkage_told_in_its_own_frames_is_itself() -> None:
@@ -83,7 +84,7 @@ def test_a_drawn_person_is_within_the_published_bounds() -> None:
 
 @pytest.mark.slow
 def test_feet_just_touch_the_floor(kept: Path) -> None:
-    study = Study.load(kept_person(kept, seed=4, perturb=True))
+    study = Study.load(kept_person(kept, seed=3, perturb=True))
     for trial in study.trials:
         feet = [k for k, label in enumerate(trial.recording.labels) if re.search("Heel|Toe|Midfoot", label)]
         # in gait, the nominal person's feet do, and others go where these go
@@ -101,6 +102,7 @@ def test_same_seed_same_files(kept: Path, tmp_path: Path) -> None:
         assert (folders[0] / file).read_bytes() == (folders[1] / file).read_bytes(), file
 
 
+@pytest.mark.slow
 def test_truth_is_told_in_the_frames_of_the_static_trial(kept: Path) -> None:
     """Without perturbation the nominal model of the static trial is the truth, but for printed digits and the arms:
     with the published hips, which are not those that the files are told in.
@@ -120,50 +122,32 @@ def test_truth_is_told_in_the_frames_of_the_static_trial(kept: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("protocol", "within"),
-    [
-        ({}, 0.1),  # priors and what cameras err by at least leave 0.06 deg of the subtalar axis
-        (  # which would place hips by Bell's regression, in whose frames the truth is not told
-            {
-                "mode": "simultaneous",
-                "prior": "none",
-                "gait_parameters": "leg",
-                "hip_centre": "harrington",
-                "nodes": WALK_NODES,
-            },
-            0.05,
-        ),
-    ],
-)
-def test_noise_free_files_give_the_truth_back(kept: Path, protocol: dict[str, str | int], within: float) -> None:
-    """Wrong nominal values, no noise: C3D's 32-bit millimetres limit what can be found."""
-    file = kept_person(kept, seed=4, perturb=True)
+def test_noise_free_files_give_the_truth_back(kept: Path) -> None:
+    """Wrong nominal values, no noise, the published cost: C3D's 32-bit millimetres limit what can be found."""
+    file = kept_person(kept, seed=3, perturb=True)
     study = Study.load(file)
-    settings = study.settings.model_copy(update=protocol)
-    calibration = calibrate(Study(**{**study.__dict__, "settings": settings}))
-    found = parameter_table(calibration).set_index("name")
+    # by Bell's regression hips would be placed elsewhere, and the truth is not told in those frames
+    protocol = {"mode": "simultaneous", "prior": "none", "gait_parameters": "leg", "hip_centre": "harrington"}
+    settings = study.settings.model_copy(update={**protocol, "nodes": WALK_NODES})
+    found = parameter_table(calibrate(replace(study, settings=settings))).set_index("name")
     truth = pd.read_csv(file.parent / "truth.csv").set_index("name")["value"]
     legs = found[found["segment"].str.match("pelvis|thigh|shank|talus|foot") & ~found.index.str.startswith("back")]
     legs = legs[(legs["status"] == "fitted") & legs["kind"].str.startswith("joint")]
     assert len(legs) == 54
-    assert np.abs(legs["fitted"] - truth.loc[legs.index]).max() < within
+    assert np.abs(legs["fitted"] - truth.loc[legs.index]).max() < 0.05
 
 
 @pytest.mark.slow
 def test_noisy_files_bring_hip_and_knee_nearer_the_truth(kept: Path) -> None:
-    """Table I's noise; total mass as weighed; the same bits again.
+    """Table I's noise; total mass as weighed.
 
     Not of the published size throughout. Medians of eight people (`python -m scripts.validation truth`, part recovery):
     hip 5.6 -> 2.3 mm, knee 5.0 -> 1.0 mm and 6.3 -> 0.4 deg, ankle 6.5 -> 3.2 mm, but its axes 6.2 -> 6.6 deg
     (published, one draw: 3.4 deg): a slow wave of up to 10 mm on three foot markers looks like rotation of the foot.
     """
-    file = kept_person(kept, seed=5, noise=True, perturb=True)
-    study = Study.load(file)
-    tables = [parameter_table(calibrate(study)) for _ in range(2)]
-    pd.testing.assert_frame_equal(tables[0], tables[1], check_exact=True)
+    file = kept_person(kept, seed=3, noise=True, perturb=True)
     truth = pd.read_csv(file.parent / "truth.csv").set_index("name")["value"]
-    found = tables[0].set_index("name")
+    found = parameter_table(kept_calibration(kept)).set_index("name")
     for joint, kind in (
         ("hip", "joint position"),
         ("knee", "joint position"),

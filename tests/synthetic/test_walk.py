@@ -14,7 +14,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import spline_basis
-from gaitcal.synthetic.motion import GAIT_FRAMES, TrueMotion, gait_motion, ground_on_feet, isolated_motion, two_strides
+from gaitcal.synthetic.motion import TrueMotion, gait_motion, ground_on_feet, isolated_motion, two_strides
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.walk import (
     DOUBLE_SUPPORT,
@@ -118,14 +118,6 @@ def test_two_strides_have_a_whole_stride_of_each_foot() -> None:
     for foot in range(2):
         own = motion.phase - 0.5 * foot
         assert sum(own[0] < k < own[-1] for k in range(-3, 4)) == 2
-
-
-def test_the_published_stride_is_that_of_the_longer_walk() -> None:
-    (_, study), (_, longer) = walk("study"), walk("nominal")
-    assert study.phase is not None and longer.phase is not None
-    assert len(study.phase) == GAIT_FRAMES
-    same = np.array([np.interp(study.phase, longer.phase, column) for column in longer.q.T]).T
-    assert np.abs(study.q - same)[:, 3:].max() < np.deg2rad(1.5)
 
 
 def test_accelerations_are_those_of_the_curves() -> None:

@@ -64,7 +64,7 @@ Gaitcal.presets = (host, { state }) => {
     }
     Gaitcal.get("panel").setAttribute("aria-labelledby", `preset-${preset}`);
     Gaitcal.get("main").dataset.preset = preset;
-    for (const id of ["switches", "curves", "steps"]) Gaitcal.get(id).hidden = preset !== "clinician";
+    for (const id of ["switches", "curves"]) Gaitcal.get(id).hidden = preset !== "clinician";
   };
   for (const [k, tab] of tabs.entries()) tab.addEventListener("click", () => state.set({ preset: names[k] }));
   host.addEventListener("keydown", moved);

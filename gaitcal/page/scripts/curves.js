@@ -51,7 +51,9 @@ Gaitcal.Curves = class {
     const known = new Set(trials.flatMap(({ packed }) => packed.curves.map(({ base, kind }) => `${base}/${kind}`)));
     const has = ({ base, kind }) => known.has(`${base}/${kind}`);
     const joints = Gaitcal.conventions().joints.map((joint) => Gaitcal.jointGroup(joint, has));
-    this.groups = [...joints, Gaitcal.groundGroup(has)]
+    const ground = Gaitcal.groundGroup(has);
+    const place = ({ joint }) => Gaitcal.ROWS.indexOf(joint);
+    this.groups = Gaitcal.besidePelvis(joints.sort((a, b) => place(a) - place(b)), ground)
       .filter(({ subjects }) => subjects.length)
       .map((group) => Gaitcal.curveGroup(group, this));
     this.panels = this.groups.flatMap(({ panels }) => panels);
@@ -128,8 +130,9 @@ Gaitcal.Curves = class {
   }
 
   resized() {
-    if (this.host.clientWidth === this.wide) return;
-    this.wide = this.host.clientWidth;
+    const size = `${this.host.clientWidth} ${window.innerHeight}`;
+    if (size === this.size) return;
+    this.size = size;
     this.redraw();
   }
 
@@ -254,9 +257,9 @@ Gaitcal.Curves = class {
     const second = state.second && strides.sheets[1 - state.result];
     const shown = {
       none: !percent,
-      sd: means,
+      sd: means && !(state.errors && has("se")),
       se: state.errors && has("se"),
-      thin: percent && !means && many,
+      thin: percent && many,
       nominal: state.nominal && has("nominal"),
       truth: state.truth && has("truth"),
       norm: state.norm && percent && sheet.bands.length > 0,
@@ -303,46 +306,51 @@ Gaitcal.Curves = class {
   }
 };
 
-// The curves of one joint, and how they stand: powers in the last column, whatever else there is. Three angles stand above
-// their moments; fewer beside them; what has angles or forces alone is a row.
+// The rows of the sheet, from top to bottom.
+Gaitcal.ROWS = ["pelvis", "hip", "knee", "ankle", "trunk", "arm"];
+
+// The curves of one joint: a row of angles in columns 1 to 3 (flexion, adduction, rotation), moments in 4 and 5, power in 6.
+// A moment about the third axis, and powers by axis, stand there when the row is enlarged.
 Gaitcal.jointGroup = ({ joint, title, power, rows }, has) => {
-  const subjects = rows.flatMap((base, i) => {
-    const own = ["angle", "moment"].map((kind) => ({ base, kind, joint })).filter(has);
-    const alone = own.length === 1 && own[0].kind === "moment";
-    const total = { base: power, kind: "power", joint };
-    const detail = { base, kind: "power", joint, detail: true };
-    return [
-      ...own.map((subject) => ({ ...subject, alone })),
-      ...(i === 0 && power && has(total) ? [total] : []),
-      ...(power !== base && has(detail) ? [detail] : []),
-    ];
-  });
-  const count = (kind) => subjects.filter((subject) => subject.kind === kind).length;
-  const layout = count("moment") + count("power") === 0 ? "flow" : count("angle") > 2 ? "planes" : "columns";
-  return { joint, title, subjects, layout };
+  const total = [{ base: power, kind: "power", joint, column: 6 }].filter(has);
+  const own = rows.flatMap((base, i) =>
+    [{ base, kind: "angle", joint, column: i + 1 }, { base, kind: "moment", joint, column: i + 4 }].filter(has));
+  const third = (subject) => subject.column === 6 && total.length > 0;
+  const details = rows.filter((base) => base !== power).map((base) => ({ base, kind: "power", joint, detail: true }));
+  const beyond = own.filter(third).map((subject) => ({ ...subject, third: true }));
+  return { joint, title, subjects: [...own.filter((one) => !third(one)), ...total, ...beyond, ...details.filter(has)] };
 };
 
 Gaitcal.groundGroup = (has) => {
-  const bases = ["vertical", "forward", "sideways"].map((way) => `ground_reaction_${way}`);
-  const subjects = bases.map((base) => ({ base, kind: "force", joint: null })).filter(has);
-  return { joint: "ground", title: "Ground reactions", subjects, layout: "flow" };
+  const bases = ["vertical", "forward", "sideways"].map((way, i) =>
+    ({ base: `ground_reaction_${way}`, kind: "force", joint: null, column: i + 4 }));
+  return { joint: "ground", title: "Ground reactions", subjects: bases.filter(has) };
 };
 
-Gaitcal.curveGroup = ({ joint, title, subjects, layout }, curves) => {
+// Ground reactions beside the pelvis, where there is one: the first row of both sheets.
+Gaitcal.besidePelvis = (groups, ground) => {
+  const [first] = groups;
+  if (first?.joint !== "pelvis" || !first.subjects.length) return [...groups, ground];
+  const subjects = [...first.subjects, ...ground.subjects];
+  return [{ ...first, title: ground.subjects.length ? "Pelvis, ground" : first.title, subjects }, ...groups.slice(1)];
+};
+
+Gaitcal.curveGroup = ({ joint, title, subjects }, curves) => {
   const folded = joint === "arm";
   const panels = subjects.map((subject) => new Gaitcal.Panel(subject, curves));
   const cells = html("div.curve-cells", panels.map((panel) => panel.root));
   const heading = html("h3", title);
-  const root = html(folded ? "details.curve-group" : "section.curve-group", { class: layout, "data-joint": joint },
+  const root = html(folded ? "details.curve-group" : "section.curve-group", { "data-joint": joint },
     folded ? html("summary", heading) : heading, cells);
   return { joint, root, cells, panels };
 };
 
-// Panels of curves as they stand on paper: kinematics on one page, kinetics on the other.
+// Panels of curves as they stand on paper: kinematics on one page, kinetics on the other, what is not in the sheet last.
 Gaitcal.curvePapers = (panels) => {
   const whole = panels.filter(({ subject }) => !subject.detail && subject.joint !== "arm");
-  const paper = (title, ...kinds) =>
+  const sheet = whole.sort((a, b) => Boolean(a.subject.third) - Boolean(b.subject.third));
+  const paper = (title, angles) =>
     html(`section.curve-paper.${title.toLowerCase()}`, html("h2", title), html("div.curve-cells",
-      kinds.flatMap((kind) => whole.filter(({ subject }) => subject.kind === kind)).map(({ root }) => root)));
-  return html("div.curve-papers", paper("Kinematics", "angle"), paper("Kinetics", "moment", "power", "force"));
+      sheet.filter(({ subject }) => (subject.kind === "angle") === angles).map(({ root }) => root)));
+  return html("div.curve-papers", paper("Kinematics", true), paper("Kinetics", false));
 };

@@ -45,7 +45,10 @@ Gaitcal.Page = class {
     Gaitcal.verdict(get("verdict"), this);
     this.curves = new Gaitcal.Curves(get("curves"), this);
     Gaitcal.steps(get("steps"), this);
+    Gaitcal.counting(get("counting"), this);
     Gaitcal.sections(get("sections"), this);
+    this.events = Gaitcal.events(this);
+    this.comments = Gaitcal.comments(get("comments"), this);
     this.print = Gaitcal.print(get("print"), this);
   }
 

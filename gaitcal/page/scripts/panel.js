@@ -5,7 +5,7 @@ Gaitcal.Panel = class {
   constructor(subject, curves) {
     const { strides, state } = curves;
     Object.assign(this, { subject, curves, strides, state, plot: null, dirty: true, visible: false });
-    const { base, kind, joint } = subject;
+    const { base, kind, joint, column, detail, third } = subject;
     const sided = (part) =>
       Object.fromEntries(["r", "l", ""].map((side) => [side, html(part, { class: `side-${side || "none"}` })]));
     this.title = joint
@@ -16,7 +16,7 @@ Gaitcal.Panel = class {
     this.place = html("div.curve-plot");
     this.root = html("div.curve-panel",
       {
-        "data-base": base, "data-kind": kind, class: subject.detail ? "detail" : subject.alone ? "alone" : "",
+        "data-base": base, "data-kind": kind, "data-column": column, class: detail ? "detail" : third ? "third" : "",
         tabindex: 0, role: "figure", keydown: (event) => this.pressed(event), focus: () => curves.point(this),
       },
       html("div.curve-head", this.title, this.unit),
@@ -75,15 +75,17 @@ Gaitcal.Panel = class {
       return { x, y, colour: colour(side), width: weight === "thin" ? 0.8 : 0.7, alpha: 0.45 };
     };
     const main = lines.filter(({ isMain }) => isMain);
-    const spread = (part, alpha) =>
-      main
-        .filter((line) => !line.second && line[part])
-        .map((line) => ({ x: line.x, ...Gaitcal.around(stroke(line, line.value).y, line[part]), colour: colour(line.side), alpha }));
+    // The error of the mean where it is known, else the deviation of strides.
+    const spread = main.flatMap((line) => {
+      const part = state.errors && line.se ? "se" : "sd";
+      const band = { x: line.x, colour: colour(line.side), alpha: part === "se" ? 0.3 : 0.16 };
+      return line.second || !line[part] ? [] : [{ ...band, ...Gaitcal.around(stroke(line, line.value).y, line[part]) }];
+    });
     const models = (part, more) => main.filter((line) => line[part]).map((line) => stroke(line, line[part], more));
     const norms = traces.bands.map(({ mean, sd }) => Gaitcal.normBand(Gaitcal.PERCENTS, mean, sd, colours));
     return {
       x: traces.x, y: traces.y, colours, density: curves.density, incrs: percent ? [25, 50, 100] : Gaitcal.STEPS,
-      bands: [...norms, ...spread("sd", 0.16), ...(state.errors ? spread("se", 0.3) : [])],
+      bands: [...norms, ...spread],
       lines: [
         ...lines.filter((line) => !line.valid.every(Boolean)).map(pale),
         ...lines.filter(({ weight }) => weight === "thin").map((line) => stroke(line, line.value, { width: 0.9, alpha: 0.55 })),

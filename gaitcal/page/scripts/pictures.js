@@ -1,4 +1,4 @@
-// Pictures of intervals, bars and boxes: lanes below each other over one axis, as SVG in percent of the width, so that
+// Pictures of intervals: lanes below each other over one axis, as SVG in percent of the width, so that
 // they fit any screen and paper in the page's own colours. Each stands before a table of the same numbers, unseen.
 
 // Values to percent of the width.
@@ -125,73 +125,5 @@ Gaitcal.BLOCKS.intervals = ({ unit, rows }, blocks) => {
       { t: Gaitcal.titled(row), unit },
       ...Object.keys(columns).map((field) => Gaitcal.numeral(row[field], axis.digits)),
     ]),
-  });
-};
-
-// As long as the total; pieces by their share, with the number that the key gives them.
-Gaitcal.BLOCKS.bars = ({ unit, rows }, blocks) => {
-  const names = [...new Set(rows.flatMap((row) => row.parts.map((part) => part.name)))];
-  const axis = new Gaitcal.Axis(rows.map((row) => row.total), { unit, zero: true });
-  const shares = (row) => {
-    const sum = (parts) => parts.reduce((all, part) => all + Math.max(0, part.value), 0);
-    return names.map((name) => sum(row.parts.filter((part) => part.name === name)) / (sum(row.parts) || 1));
-  };
-  const number = (k, x, y) => svg(`text.number.part${k % 8}`, { x, y, "text-anchor": "middle" }, String(k + 1));
-  const lane = (row) => {
-    let end = 0;
-    const pieces = shares(row).map((share, k) => {
-      const [from, width] = [end, share * row.total];
-      end += width;
-      const part = width / (axis.high - axis.low);
-      const place = { x: axis.at(from), y: 3, width: `${(100 * part).toFixed(3)}%`, height: 16 };
-      const title = svg("title", `${Gaitcal.visible(names[k])} ${Math.round(100 * share)} %`);
-      return [
-        part >= 0.001 && svg(`rect.piece.part${k % 8}`, place, title),
-        part > 0.04 && number(k, axis.at(from + width / 2), 15.5),
-      ];
-    });
-    return axis.lane(22, pieces);
-  };
-  const key = names.map((name, k) =>
-    Gaitcal.keyOf([svg(`rect.piece.part${k % 8}`, { width: 20, height: 14 }), number(k, 10, 11.5)], Gaitcal.visible(name)),
-  );
-  const lanes = rows.map((row) => [Gaitcal.sideLabel(row), lane(row)]);
-  return Gaitcal.picture(blocks.subject, lanes, axis.foot(), key, {
-    head: [blocks.subject || "What", `Total, ${axis.unit}`, ...names.map((name) => `${Gaitcal.visible(name)}, %`)],
-    rows: rows.map((row) => [
-      Gaitcal.titled(row),
-      Gaitcal.numeral(row.total, axis.digits),
-      ...shares(row).map((share) => Gaitcal.numeral(100 * share, 0)),
-    ]),
-  });
-};
-
-// Low to high as a line, the middle half as a box, the median across it.
-Gaitcal.BLOCKS.boxes = ({ unit, title, groups }, blocks) => {
-  const all = groups.flatMap((group) => group.boxes);
-  const axis = new Gaitcal.Axis(all.flatMap((box) => [box.low, box.high]), { unit });
-  const lane = ({ low, q1, median, q3, high, side }) => {
-    const kind = Gaitcal.sideClass(side);
-    return axis.lane(20,
-      axis.line(`whisker.${kind}`, low, high, 10, 10),
-      [low, high].map((end) => axis.line(`whisker.${kind}`, end, end, 6, 14)),
-      svg(`rect.box.${kind}`, { x: axis.at(q1), y: 3, width: axis.width(q1, q3), height: 14 }),
-      axis.line("median", median, median, 2, 18),
-    );
-  };
-  const lanes = groups.flatMap((group) => [
-    ...(group.label ? [[html("strong", Gaitcal.visible(group.label)), axis.lane(20)]] : []),
-    ...group.boxes.map((box) => [Gaitcal.sideLabel(box), lane(box)]),
-  ]);
-  const name = (group, box) => [Gaitcal.visible(group.label), Gaitcal.titled(box)].filter(Boolean).join(": ");
-  const foot = axis.foot(title ? `${Gaitcal.visible(title)}, ${axis.unit}` : axis.unit);
-  return Gaitcal.picture(title ?? blocks.subject, lanes, foot, [], {
-    caption: title,
-    head: [axis.unit, "Lowest", "Lower quartile", "Median", "Upper quartile", "Highest"],
-    rows: groups.flatMap((group) =>
-      group.boxes.map((box) => [
-        name(group, box),
-        ...[box.low, box.q1, box.median, box.q3, box.high].map((value) => Gaitcal.numeral(value, axis.digits)),
-      ])),
   });
 };

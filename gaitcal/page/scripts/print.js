@@ -1,4 +1,5 @@
-// The page on paper: verdict and kinematics; kinetics and steps; then everything that any preset tells, as appendix.
+// The page on paper, in the order of `gaitcal report`: verdict, strides and steps; kinematics; kinetics; then everything that
+// any preset tells, as appendix.
 Gaitcal.PAPER_WIDTH = 690; // px between the margins of a sheet (print.css)
 
 // {build(), clear()}
@@ -34,6 +35,12 @@ Gaitcal.print = (host, page) => {
       Gaitcal.verdictLines(sheet),
     ];
     return html("header.leaf-head", html("div", about), body());
+  };
+  // Which strides count: what is ticked on the screen is said in words.
+  const strides = () => {
+    const copy = Gaitcal.get("counting").cloneNode(true);
+    for (const box of copy.querySelectorAll("input")) box.replaceWith(box.checked ? "✓ " : "✕ ");
+    return html("div.leaf-strides", [...copy.childNodes]);
   };
   const appendix = (sheet) => {
     const scope = { page, cursors: [], wide: Gaitcal.PAPER_WIDTH };
@@ -77,13 +84,15 @@ Gaitcal.print = (host, page) => {
     const copies = (selector) => found(selector).map((part) => part.cloneNode(true));
     const moved = (selector) => found(selector).filter((part) => part.querySelector(".curve-panel"));
     const [words, tables] = [true, false].map((text) =>
-      Gaitcal.stepsParts(page).filter((part) => (part.tagName === "P") === text));
+      Gaitcal.stepsParts(page).filter((part) => (part.tagName === "DETAILS") === text));
     host.classList.add("for-print");
+    const comment = (section) => page.comments.of(section);
     host.append(
-      html("section.leaf", head(sheet), copies(".curve-legend"), moved(".kinematics")),
-      html("section.leaf", moved(".kinetics"),
-        html("div.leaf-steps", tables, html("div.words", words, copies(".curve-notes")))),
-      html("section.appendix", copies(".curve-peaks"), appendix(sheet)),
+      html("section.leaf", head(sheet), comment("summary"), strides(),
+        html("div.leaf-steps", tables, html("div.words", words)), comment("spatiotemporal")),
+      html("section.leaf", copies(".curve-legend"), moved(".kinematics"), comment("kinematics"), copies(".curve-notes")),
+      html("section.leaf", moved(".kinetics"), comment("kinetics")),
+      html("section.appendix", comment("joints"), copies(".curve-peaks"), appendix(sheet)),
     );
     unfold();
   };

@@ -32,7 +32,7 @@ Gaitcal.State = class extends Gaitcal.Chosen {
     const usual = {
       result: 0, trial: Gaitcal.firstTrial(results[0]), seconds: 0, playing: false, speed: 1, window: null,
       preset: "clinician", layers: new Set(sheet ? Gaitcal.PRESETS.clinician.layers : Gaitcal.LAYERS), joint: null,
-      axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time", spread: "strides",
+      axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time", spread: "mean",
       unit: "Nm/kg", signs: "clinical", acting: "internal",
       nominal: false, norm: true, errors: true, truth: true, second: results.length > 1, off: new Set(),
     };

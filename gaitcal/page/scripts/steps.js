@@ -34,16 +34,21 @@ Gaitcal.stepsOf = ({ results, state }, result) => {
 };
 
 Gaitcal.stepsTable = (rows) => {
-  const leg = (average, digits) => [
-    average ? Gaitcal.plusMinus(average.mean, average.sd, digits) : "–",
-    String(average?.n ?? 0),
-  ];
+  // How many strides the first measure has stands above, of others that differ beside them.
+  const leg = (average, digits, usual) =>
+    average
+      ? { t: Gaitcal.plusMinus(average.mean, average.sd, digits), note: average.n !== usual && `(${average.n})` }
+      : "–";
+  const [n, m] = [rows[0]?.right?.n ?? 0, rows[0]?.left?.n ?? 0];
+  const known = rows.some(({ norm }) => norm?.length);
+  const ofNorm = ({ norm, digits }) => (known ? [norm?.length ? Gaitcal.plusMinus(...norm, digits) : "–"] : []);
   const table = {
-    head: ["Over strides", { t: "Right", side: "r" }, "n", { t: "Left", side: "l" }, "n", "Asymmetry, %"],
-    rows: rows.map(({ title, unit, digits, right, left, symmetry, error }) => [
-      { t: `${title},`, unit: unit === "%" ? "% of stride" : unit },
-      ...leg(right, digits),
-      ...leg(left, digits),
+    head: ["Mean ± SD (strides)", { t: `Right (${n})`, side: "r" }, { t: `Left (${m})`, side: "l" }, ...(known ? ["Norm"] : []), "R − L, %"],
+    rows: rows.map(({ title, unit, digits, right, left, norm, symmetry, error }) => [
+      { t: `${title},`, unit },
+      leg(right, digits, n),
+      leg(left, digits, m),
+      ...ofNorm({ norm, digits }),
       symmetry === null ? "–" : Gaitcal.plusMinus(symmetry, error, 1),
     ]),
   };
@@ -54,7 +59,8 @@ Gaitcal.STEP_WORDS =
   "Mean ± SD over the strides of all walks that are on, each counting the same, also those of which a recording shows " +
   "a part; n strides. Strides that turn are left out, and legs that are refused, with steps and supports beside them. " +
   "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the one that " +
-  "ends with the named foot. Asymmetry: 100 (right − left) / mean of both ± its standard error, with strikes known to a frame at best; the width is one of both feet.";
+  "ends with the named foot. R − L: asymmetry, 100 (right − left) / mean of both ± its standard error, with strikes known " +
+  "to a frame at best; the width is one of both feet.";
 
 // With its heading: of the chosen result, and of the second one beside it.
 Gaitcal.stepsParts = (page) => {
@@ -64,7 +70,8 @@ Gaitcal.stepsParts = (page) => {
     const heading = results.length > 1 ? [html("h3", Gaitcal.named(name))] : [];
     return rows.length ? [...heading, Gaitcal.stepsTable(rows)] : [];
   });
-  return tables.length ? [html("h2", "Steps and phases"), ...tables, html("p.soft", Gaitcal.STEP_WORDS)] : [];
+  const words = Gaitcal.fold("Which strides, and what is measured", html("p.soft", Gaitcal.STEP_WORDS));
+  return tables.length ? [html("h2", "Steps and phases"), ...tables, words] : [];
 };
 
 Gaitcal.steps = (host, page) => {

@@ -58,10 +58,14 @@ Gaitcal.timeline = (page) => {
   const draw = (track, side, events, valid) => {
     const bar = (kind, [from, to], y, height) =>
       svg(`rect.${kind}`, { x: share(from), width: share(to - from), y, height });
-    const mark = ({ kind, time }) =>
-      Gaitcal.isStrike(kind)
-        ? svg("line.strike", { x1: share(time), x2: share(time), y1: 0, y2: 12 })
-        : svg("circle.off", { cx: share(time), cy: 7, r: 3 });
+    const mark = (event) => {
+      const x = share(event.time);
+      const made = Gaitcal.isStrike(event.kind)
+        ? svg("line.strike", { x1: x, x2: x, y1: 0, y2: 12 })
+        : svg("circle.off", { cx: x, cy: 7, r: 3 });
+      return page.events?.on() ? page.events.movable(made, event) : made;
+    };
+    track.setAttribute("role", page.events?.on() ? "group" : "img");
     track.replaceChildren(
       bar("window", [0, 0], 0, 16),
       ...Gaitcal.stances(page.sheet, side, page.trial.duration).map((span) => bar("stance", span, 4, 6)),
@@ -134,7 +138,7 @@ Gaitcal.timeline = (page) => {
   state.on(["seconds"], pose);
   state.on(["window"], windowed);
   open();
-  return { begin, end };
+  return { begin, end, open, at, share };
 };
 
 Gaitcal.isStrike = (kind) => kind.endsWith("strike");

@@ -30,7 +30,7 @@ Gaitcal.Traces = class {
     const draw = (laid, weight) => this.add(result, laid, { side, second, weight, n: all.length });
     if (all.length > 1 && (second || state.spread === "mean")) {
       const laid = all.map((one) => one.laid);
-      if (!second) for (const one of laid.slice(0, Gaitcal.MOST_THIN)) draw(one, "pale");
+      if (!second) for (const one of laid.slice(0, Gaitcal.MOST_THIN)) draw(one, "thin");
       draw(Gaitcal.averaged(laid), "mean");
       return;
     }

@@ -1,4 +1,4 @@
-// A trial's own curves over its time, with limits and the clock's cursor: pelvis residuals, marker errors.
+// A trial's own curves over its time, with the clock's cursor: pelvis residuals, marker errors.
 
 Gaitcal.TRIAL_CURVES = {
   residual_force: "Force at the pelvis that nothing explains",
@@ -9,15 +9,14 @@ Gaitcal.TRIAL_CURVES = {
 Gaitcal.UNITS = { "N m": "N·m" };
 
 // The figure of one curve of a trial of a sheet; what moves its line to a time goes to `cursors`.
-// `limit`: what is asked of it; `wide`: px of the paper that it is drawn for.
-Gaitcal.trialCurve = (trial, curve, limit, { cursors, page, wide }) => {
+// `wide`: px of the paper that it is drawn for.
+Gaitcal.trialCurve = (trial, curve, { cursors, page, wide }) => {
   const time = Gaitcal.floats(trial.time);
   const value = new Gaitcal.Lengths(curve.value).all();
   const nominal = curve.nominal && new Gaitcal.Lengths(curve.nominal).all();
   const valid = new Uint8Array(Gaitcal.bytes(trial.masks[curve.valid]));
   const unit = Gaitcal.UNITS[curve.unit] ?? Gaitcal.visible(curve.unit);
   const title = Gaitcal.TRIAL_CURVES[curve.kind] ?? Gaitcal.visible(curve.kind);
-  const limited = Number.isFinite(limit);
   const duration = time.at(-1) || 1;
   const counted = value.map((one, i) => (valid[i] ? one : NaN));
   const highest = (values) => values.filter(Number.isFinite).reduce((a, b) => Math.max(a, b), 0);
@@ -26,20 +25,15 @@ Gaitcal.trialCurve = (trial, curve, limit, { cursors, page, wide }) => {
   const words = () => {
     const known = counted.filter(Number.isFinite);
     if (!known.length) return `${title}: no valid frame.`;
-    const peak = `Peak ${Gaitcal.numeral(highest(known))} ${unit} in the valid frames`;
-    if (!limited) return `${peak}.`;
-    const above = known.filter((one) => one > limit).length / known.length;
-    const share = above ? `above it in ${Gaitcal.numeral(100 * above, above < 0.1 ? 1 : 0)} % of them` : "never above it";
-    return `${peak}; asked of simulations ${Gaitcal.numeral(limit)} ${unit}, ${share}.`;
+    return `Peak ${Gaitcal.numeral(highest(known))} ${unit} in the valid frames.`;
   };
   const drawing = (density) => {
     const colours = Gaitcal.pageColours();
-    const { accent, poor } = colours;
+    const { accent } = colours;
     const lines = [
       nominal && { x: time, y: nominal, colour: colours.nominal, width: 1, dash: [6, 2] },
       { x: time, y: value, colour: accent, width: 0.9, alpha: 0.55 },
       { x: time, y: counted, colour: accent, width: 1.8 },
-      limited && { x: time, y: value.map(() => limit), colour: poor, width: 1.2, dash: [2, 3] },
     ].filter(Boolean);
     const top = 1.06 * (highest(lines.flatMap(({ y }) => [...y])) || 1);
     return { x: [0, duration], y: [0, top], lines, colours, density, font: 11, unit: " s" };
@@ -71,18 +65,17 @@ Gaitcal.trialCurve = (trial, curve, limit, { cursors, page, wide }) => {
 
 Gaitcal.TRIAL_HEIGHT = 148; // px
 
-Gaitcal.BLOCKS.curves = ({ kinds, limits }, { scope }) => {
+Gaitcal.BLOCKS.curves = ({ kinds }, { scope }) => {
   const { trial } = scope;
   const curves = kinds.flatMap((kind) => (trial?.curves ?? []).filter((curve) => curve.kind === kind));
   if (!curves.length) return null;
   const key = (kind, words) => Gaitcal.keyOf(svg(`line.${kind}`, { x1: 1, x2: 25, y1: 7, y2: 7 }), words);
-  const figures = curves.map((curve) => Gaitcal.trialCurve(trial, curve, limits?.[curve.kind], scope));
+  const figures = curves.map((curve) => Gaitcal.trialCurve(trial, curve, scope));
   return html("div.traces",
     html("p.key", { "aria-hidden": "true" },
       key("counted", "calibrated model"),
       key("unsure", "the same, in frames that do not count"),
-      curves.some((curve) => curve.nominal) && key("nominal", "nominal model"),
-      curves.some(({ kind }) => Number.isFinite(limits?.[kind])) && key("limit", "asked of simulations"),
+      curves.some((curve) => curve.nominal) && key("nominal", "before calibration"),
     ),
     figures,
   );

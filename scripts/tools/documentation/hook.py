@@ -68,6 +68,13 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     return filled(markdown)
 
 
+def on_post_page(output: str, **_: Any) -> str:
+    """A page that is opened as a file asks for no list of versions, which a browser would not give it."""
+    alone = "if(location.protocol==='file:'){const c=document.getElementById('__config'),o=JSON.parse(c.textContent);"
+    alone += "delete o.version;c.textContent=JSON.stringify(o)}"
+    return re.sub(r'(<script id="__config".*?</script>)', rf"\1<script>{alone}</script>", output, flags=re.DOTALL)
+
+
 def on_files(files: Files, config: Any) -> Files:
     """MkDocs has listed the pages."""
     for e in all_explanations():
