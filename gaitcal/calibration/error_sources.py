@@ -27,12 +27,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array, IntArray, stretches
-from gaitcal.calibration.joint_prior import prior_root
+from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.calibration.soft_tissue_artefact import SQUARES
 from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.model.chain import ChainConstants, forward, jacobian
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, Parameters
 from gaitcal.motion.banded import eliminate
 from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.trial_problem import MotionProblem
@@ -85,6 +85,22 @@ class ErrorSources:
 def nominal_errors(names: Sequence[str] = JP_NAMES, prior: JointPrior | None = None) -> ErrorSources:
     """How far nominal joint parameters may be wrong, a column a cause (`joint_prior.py`; anatomy's unless given)."""
     return ErrorSources(tuple(names), prior_root(names, prior), tuple(f"nominal/{name}" for name in names))
+
+
+def left_of_prior(joint: str, errors: ErrorSources | None, prior: JointPrior | None = None) -> float:
+    """Standard error of a joint's parameters over that before any trial, of positions or of directions, whichever is
+    larger; 0 where errors are not known.
+    """
+    if errors is None:
+        return 0.0
+    now, found = errors.standard_errors, []
+    for kind in Kind:
+        names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.kind is kind]
+        if names:
+            before = np.sqrt(np.diag(prior_of(names, prior)[1]))
+            after = np.array([now.get(name, size) for name, size in zip(names, before, strict=True)])
+            found.append(float(np.linalg.norm(after) / np.linalg.norm(before)))
+    return max(found)
 
 
 def errors_by_source(

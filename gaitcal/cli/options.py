@@ -101,6 +101,9 @@ ModelSeed = Annotated[int, typer.Option("--seed", min=0, help="For --draws: seed
 Inputs = Annotated[
     Path | None, typer.Option(help="For c3d: where the recordings lie, if not beside DIR or in this folder.")
 ]
+Replace = Annotated[
+    bool, typer.Option("--replace", help="For c3d: in place of what another program computed under the same names.")
+]
 Signs = Annotated[
     str | None, typer.Option("--convention", help="For cycles: signs, opensim (unless given) or clinical.")
 ]

@@ -12,8 +12,9 @@ from rich.text import Text
 
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cli.console import Console, frameless_table
+from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.errors import UsageError, nearest
+from gaitcal.errors import InputError, UsageError, nearest
 from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, Verdict, joints_csv
 from gaitcal.export.muscle_paths import (
     MuscleChange,
@@ -93,10 +94,12 @@ def export_model(
     inputs: Path | None,
     console: Console,
     convention: Convention | None = None,
+    *,
+    replace: bool = False,
 ) -> None:
     """Write the fitted model of a result in other programs' formats, its recordings as C3D files, its strides.
 
-    `convention`: of the strides; None: as in `cycles.csv`.
+    `convention`: of the strides; None: as in `cycles.csv`. `replace`: of recordings, `write_recordings`.
     """
     allowed = (*WRITERS, C3D, STRIDES)
     chosen = [name.strip() for name in formats.split(",") if name.strip()]
@@ -110,6 +113,8 @@ def export_model(
     if convention is not None and STRIDES not in chosen:
         message = f"found a convention without the format it is for; allowed: with --format {STRIDES}"
         raise UsageError(message, field="--convention, --moments, --external, --units")
+    if replace and C3D not in chosen:
+        raise UsageError("found without the format it is for; allowed: with --format c3d", field="--replace")
     strides = convention or Convention()
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
@@ -121,7 +126,7 @@ def export_model(
             write(model, stage / file)
         if C3D in chosen:
             step("recordings as C3D files")
-            recordings, whole = write_recordings(result, inputs, stage)
+            recordings, whole = write_recordings(result, inputs, stage, instead=replace)
             whole.require_unchanged()
             of_recordings = whole.sha256
         tables: dict[str, int] = {}
@@ -207,6 +212,9 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
     if options.muscles and not opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
+    if saved.uncertainty.joint is None:
+        message = "its joint parameters were not calibrated: there is nothing to put into a model"
+        raise InputError(message, source=result, code=Code.NO_RESULT)
     transfer = Transfer.prepared(
         saved.model,
         options.model,

@@ -213,6 +213,7 @@ def export(
     formats: told.Formats = "osim,urdf,mjcf",
     out: told.ExportFolder = None,
     inputs: told.Inputs = None,
+    replace: told.Replace = False,
     convention: told.Signs = None,
     moments: told.Moments = None,
     external: told.External = False,
@@ -234,7 +235,8 @@ def export(
         export_into(result, chosen, console)
         return
     require_into(names=names, parameters=parameters != "joints", muscles=muscles, draws=draws)
-    export_model(result, formats, out, inputs, console, convention_of(convention, moments, units, external=external))
+    told_as = convention_of(convention, moments, units, external=external)
+    export_model(result, formats, out, inputs, console, told_as, replace=replace)
 
 
 @command

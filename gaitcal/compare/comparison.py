@@ -34,12 +34,10 @@ class ComparisonRow:
     """One quantity in both models."""
 
     quantity: str
-    unit: str
-    """mm, deg, kg, or 1 for a count."""
+    unit: str  # mm, deg, kg, or 1 for a count
     ours: float
     theirs: float
-    difference: float
-    """theirs - ours."""
+    difference: float  # theirs - ours
 
 
 @dataclass(frozen=True)
@@ -47,11 +45,9 @@ class _Registered:
     """How well a peer's body could be laid on our segment."""
 
     segment: str
-    markers: int
-    """Our markers on the segment."""
+    markers: int  # Our markers on the segment
     common: int
-    found: Registration | None
-    """None with fewer than three common markers, or all on one line."""
+    found: Registration | None  # None with fewer than three common markers, or all on one line
 
 
 def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
@@ -120,24 +116,17 @@ def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]
         if axis is not None:
             crossing = axis.crossing(2)[:2]
             out |= {(f"{name}, {d}", "mm"): 1e3 * x for d, x in zip(DIRECTIONS[:2], crossing, strict=True)}
-            angles = _flexion_angles(axis)
-            out |= {(f"{name}, {d}", "deg"): angle for d, angle in zip(("front", "trans"), angles, strict=True)}
+            out |= _turns(name, axis, 2, ("front", "trans"))
     if leg.subtalar_in_foot is not None:
-        name, angles = f"subtalar_{side} axis in foot_{side}", _inversion_angles(leg.subtalar_in_foot)
-        out |= {(f"{name}, {d}", "deg"): angle for d, angle in zip(("trans", "sag"), angles, strict=True)}
+        out |= _turns(f"subtalar_{side} axis in foot_{side}", leg.subtalar_in_foot, 0, ("trans", "sag"))
     return out
 
 
-def _flexion_angles(axis: Axis) -> tuple[float, float]:
-    """`front` and `trans`, deg."""
-    x, y, z = axis.direction
-    return float(np.degrees(np.arctan2(-y, z))), float(np.degrees(np.arcsin(np.clip(x, -1.0, 1.0))))
-
-
-def _inversion_angles(axis: Axis) -> tuple[float, float]:
-    """`trans` and `sag`, deg."""
-    x, y, z = axis.direction
-    return float(np.degrees(np.arctan2(-z, x))), float(np.degrees(np.arcsin(np.clip(y, -1.0, 1.0))))
+def _turns(name: str, axis: Axis, along: int, planes: tuple[str, str]) -> dict[tuple[str, str], float]:
+    """Deg by which an axis is turned from coordinate axis `along`, about the two others in their order."""
+    back, main, next_one = (axis.direction[(along + k) % 3] for k in (-1, 0, 1))
+    angles = np.arctan2(-back, main), np.arcsin(np.clip(next_one, -1.0, 1.0))
+    return {(f"{name}, {plane}", "deg"): float(np.degrees(a)) for plane, a in zip(planes, angles, strict=True)}
 
 
 def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registered:

@@ -9,7 +9,7 @@ of them happen to be.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,27 +44,23 @@ CURVE_HEADER = (
 class Figure:
     """A figure of n strides, and the errors at the place where each stride has it."""
 
-    values: Array
-    """(n,); NaN where not known."""
-    shared: Array
-    """(n,)."""
-    frames: Array
-    """(n,)."""
+    values: Array  # (n,); NaN where not known
+    shared: Array  # (n,)
+    frames: Array  # (n,)
 
 
 def curve_table(a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet], common: Common) -> pd.DataFrame:
     """`curve_differences.csv`: every percent of every variable that both sessions have, with `CURVE_COLUMNS`."""
     parts = []
     for key in (key for key in a if key in b):
-        one, other = a[key], b[key]
-        n_a, n_b = (np.isfinite(s.values).sum(axis=0) for s in (one, other))
-        mean_a, mean_b = mean_over(one.values), mean_over(other.values)
-        by_strides = stride_part(_spread(key, a, b), n_a, n_b)
-        shared = shared_variance(
-            common,
-            (_mean(one, one.shared), _mean(other, other.shared)),
-            (_mean(one, one.frames), _mean(other, other.frames)),
+        both = a[key], b[key]
+        n_a, n_b = (np.isfinite(s.values).sum(axis=0) for s in both)
+        mean_a, mean_b = (mean_over(s.values) for s in both)
+        spread = spread_of(
+            [s.values for s in both], _beside(key, [{k: s.values for k, s in c.items()} for c in (a, b)])
         )
+        by_strides = stride_part(spread, n_a, n_b)
+        shared = _shared(common, *both)
         se = np.sqrt(np.nan_to_num(by_strides) + np.nan_to_num(shared))
         apart = mean_b - mean_a
         known = np.isfinite(by_strides) & np.isfinite(apart)
@@ -92,49 +88,60 @@ def curve_figures(a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet], common
     """Peaks, ranges and means of every variable that both sessions have."""
     figures = [{key: _figures(key[1], found) for key, found in sets.items()} for sets in (a, b)]
     for key in (key for key in a if key in b):
-        other_leg = ("l" if key[0] == "r" else "r", key[1])
-        for measure, of_a in figures[0][key].items():
-            of_b = figures[1][key][measure]
-            n_a, n_b = (int(np.isfinite(f.values).sum()) for f in (of_a, of_b))
-            if not n_a or not n_b:
+        for measure in figures[0][key]:
+            both = figures[0][key][measure], figures[1][key][measure]
+            if not all(np.isfinite(f.values).any() for f in both):
                 continue
-            beside = [f[other_leg][measure].values[:, None] for f in figures if other_leg in f]
-            spread = spread_of([of_a.values[:, None], of_b.values[:, None]], beside)
-            shared = shared_variance(
-                common,
-                (_known(of_a, of_a.shared), _known(of_b, of_b.shared)),
-                (_known(of_a, of_a.frames), _known(of_b, of_b.frames)),
-            )
-            yield Difference(
-                kind=kind_of(key[1]).words,
-                side=key[0],
-                name=key[1],
-                measure=measure,
-                unit=unit_of(key[1]),
-                a=float(np.nanmean(of_a.values)),
-                b=float(np.nanmean(of_b.values)),
-                se_strides=float(np.sqrt(stride_part(spread, np.array([n_a]), np.array([n_b])))[0]),
-                se_shared=float(np.sqrt(np.nan_to_num(shared))),
-                strides_a=n_a,
-                strides_b=n_b,
-            )
+            beside = [{k: of[measure].values for k, of in sets.items() if measure in of} for sets in figures]
+            values, shared = [f.values for f in both], _shared(common, *both)
+            yield _difference(kind_of(key[1]).words, key, measure, unit_of(key[1]), values, beside, shared=shared)
 
 
-def _spread(key: Key, a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet]) -> Spread:
-    other_leg = ("l" if key[0] == "r" else "r", key[1])
-    beside = [sets[other_leg].values for sets in (a, b) if other_leg in sets]
-    return spread_of([a[key].values, b[key].values], beside)
+def _shared(common: Common, a: StrideSet | Figure, b: StrideSet | Figure) -> Array:
+    """c^2 of the means over strides that count."""
+    return shared_variance(common, (_mean(a, a.shared), _mean(b, b.shared)), (_mean(a, a.frames), _mean(b, b.frames)))
 
 
-def _mean(found: StrideSet, errors: Array) -> Array:
-    """(101,) mean over strides that count."""
-    return mean_over(np.where(np.isfinite(found.values), errors, np.nan))
+def _beside(key: Key, sessions: Sequence[Mapping[Key, Array]]) -> list[Array]:
+    """The values of the other leg, in the sessions that have them."""
+    other = ("l" if key[0] == "r" else "r", key[1])
+    return [values[other] for values in sessions if other in values]
 
 
-def _known(figure: Figure, errors: Array) -> Array:
-    """Mean over strides that have the figure."""
-    out: Array = mean_over(np.where(np.isfinite(figure.values), errors, np.nan)[:, None])[0]
-    return out
+def _difference(
+    kind: str,
+    key: Key,
+    measure: str,
+    unit: str,
+    both: Sequence[Array],
+    sessions: Sequence[Mapping[Key, Array]],
+    *,
+    shared: Array | float = 0.0,
+    least: float = 0.0,
+) -> Difference:
+    """Of figures of strides (n,) in A and in B; `shared`: variance; `least`: standard deviation of strides at least."""
+    spread = spread_of([values[:, None] for values in both], [values[:, None] for values in _beside(key, sessions)])
+    spread = Spread(variance=np.maximum(spread.variance, least**2), freedom=spread.freedom)
+    n_a, n_b = (int(np.isfinite(values).sum()) for values in both)
+    return Difference(
+        kind=kind,
+        side=key[0],
+        name=key[1],
+        measure=measure,
+        unit=unit,
+        a=float(np.nanmean(both[0])),
+        b=float(np.nanmean(both[1])),
+        se_strides=float(np.sqrt(stride_part(spread, np.array([n_a]), np.array([n_b])))[0]),
+        se_shared=float(np.sqrt(np.nan_to_num(shared))),
+        strides_a=n_a,
+        strides_b=n_b,
+    )
+
+
+def _mean(found: StrideSet | Figure, errors: Array) -> Array:
+    """(m,) of curves, () of figures: mean of errors over strides whose value counts."""
+    wide = np.where(np.isfinite(found.values), errors, np.nan)
+    return mean_over(wide) if wide.ndim == 2 else np.asarray(mean_over(wide[:, None])[0])
 
 
 def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
@@ -143,67 +150,39 @@ def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
     out: dict[str, Figure] = {}
     for phase in PHASES[kind]:
         inside = percent[None] <= found.stance[:, None] if phase == "stance" else percent[None] >= found.stance[:, None]
-        top, place = _extreme(found.values, inside, largest=True)
-        bottom, low = _extreme(found.values, inside, largest=False)
-        out[f"largest in {phase}"] = _at(found, top, place)
+        out[f"largest in {phase}"] = _extreme(found, inside, largest=True)
         if kind is not Kind.FORCE:
-            out[f"smallest in {phase}"] = _at(found, bottom, low)
+            out[f"smallest in {phase}"] = _extreme(found, inside, largest=False)
     if kind is Kind.ANGLE:
         whole = np.ones_like(found.values, dtype=bool)
-        top, place = _extreme(found.values, whole, largest=True)
-        bottom, low = _extreme(found.values, whole, largest=False)
-        ends = _at(found, top, place), _at(found, bottom, low)
-        out["range"] = Figure(
-            top - bottom, np.hypot(ends[0].shared, ends[1].shared), np.hypot(ends[0].frames, ends[1].frames)
-        )
+        top, low = (_extreme(found, whole, largest=largest) for largest in (True, False))
+        ends = np.hypot(top.shared, low.shared), np.hypot(top.frames, low.frames)
+        out["range"] = Figure(top.values - low.values, *ends)
         seen = np.isfinite(found.values).mean(axis=1) >= LEAST_VALID
         mean = np.where(seen, mean_over(found.values.T), np.nan)
         out["mean"] = Figure(mean, mean_over(found.shared.T), mean_over(found.frames.T))
     return out
 
 
-def _extreme(values: Array, inside: BoolArray, *, largest: bool) -> tuple[Array, Array]:
-    """(n,) the largest or smallest value of a phase, NaN where too little of it is known; and its percent."""
-    known = np.isfinite(values) & inside
+def _extreme(found: StrideSet, inside: BoolArray, *, largest: bool) -> Figure:
+    """The largest or smallest value of each stride in a phase, NaN where too little of it is known."""
+    known = np.isfinite(found.values) & inside
     enough = (known.sum(axis=1) > 0) & (known.sum(axis=1) >= LEAST_VALID * inside.sum(axis=1))
-    signed = np.where(known, values if largest else -values, -np.inf)
-    place = signed.argmax(axis=1)
-    found = values[np.arange(len(values)), place]
-    return np.where(enough, found, np.nan), place
-
-
-def _at(found: StrideSet, values: Array, place: Array) -> Figure:
-    rows = np.arange(len(values))
-    return Figure(values, found.shared[rows, place], found.frames[rows, place])
+    place = np.where(known, found.values if largest else -found.values, -np.inf).argmax(axis=1)
+    at = np.arange(len(place)), place
+    return Figure(np.where(enough, found.values[at], np.nan), found.shared[at], found.frames[at])
 
 
 def measure_differences(a: Session, b: Session) -> Iterator[Difference]:
     """Every measure of each leg that both sessions have."""
     sets = [_values(session.measures) for session in (a, b)]
-    for (side, name), of_a in sets[0].items():
-        of_b = sets[1].get((side, name))
-        if of_b is None:
-            continue
-        unit, other_leg = MEASURES[name], ("l" if side == "r" else "r", name)
-        beside = [values[other_leg][:, None] for values in sets if other_leg in values]
-        spread = spread_of([of_a[:, None], of_b[:, None]], beside)
-        floored = Spread(variance=np.maximum(spread.variance, LEAST_SD[unit] ** 2), freedom=spread.freedom)
-        yield Difference(
-            kind="spatiotemporal",
-            side=side,
-            name=name,
-            measure="mean",
-            unit=unit,
-            a=float(of_a.mean()),
-            b=float(of_b.mean()),
-            se_strides=float(np.sqrt(stride_part(floored, np.array([len(of_a)]), np.array([len(of_b)])))[0]),
-            se_shared=0.0,
-            strides_a=len(of_a),
-            strides_b=len(of_b),
-        )
+    for key in (key for key in sets[0] if key in sets[1]):
+        unit = MEASURES[key[1]]
+        both = [values[key] for values in sets]
+        yield _difference("spatiotemporal", key, "mean", unit, both, sets, least=LEAST_SD[unit])
 
 
-def _values(table: pd.DataFrame) -> dict[tuple[str, str], Array]:
+def _values(table: pd.DataFrame) -> dict[Key, Array]:
     """Side and measure -> the values of its strides that count."""
     counting = (table["valid"] == 1.0) & table["value"].notna() & ~(table["turn"].abs() > TURNING)
     rows = table[counting & table["variable"].isin(list(MEASURES))]

@@ -58,7 +58,7 @@ from scipy.stats import t as student
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import in_both_views, prior_root
-from gaitcal.compare.stride_sets import Common, Session
+from gaitcal.compare.stride_sets import Common, Session, mean_over
 from gaitcal.dynamics.axis_errors import PALPATED_DEG
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted, parameter_words
@@ -68,25 +68,21 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.parameters import Kind as ParameterKind
 from gaitcal.study.joint_prior import JointPrior
 
-MDC = 1.96
-"""Standard errors: the normal distribution's 97.5 % point."""
-ENOUGH = 8
-"""Degrees of freedom from which the leg's own strides tell their spread."""
+MDC = 1.96  # Standard errors: the normal distribution's 97.5 % point
+ENOUGH = 8  # Degrees of freedom from which the leg's own strides tell their spread
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
     """How strides vary."""
 
-    variance: Array
-    """(m,) v; NaN where no session has two strides."""
-    freedom: Array
-    """(m,) degrees of freedom."""
+    variance: Array  # (m,) v; NaN where no session has two strides
+    freedom: Array  # (m,) degrees of freedom
 
 
 def pooled(groups: Sequence[Array]) -> Spread:
     """Of strides in groups (n, m), each about its own mean."""
-    squares = np.array([_squares(group) for group in groups])
+    squares = np.array([np.nansum((group - mean_over(group)) ** 2, axis=0) for group in groups])
     freedom = np.array([np.maximum(np.isfinite(group).sum(axis=0) - 1, 0) for group in groups]).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         return Spread(variance=np.where(freedom > 0, squares.sum(axis=0) / freedom, np.nan), freedom=freedom)
@@ -127,33 +123,20 @@ def shared_variance(common: Common, shared: tuple[Array, Array], frames: tuple[A
     return np.asarray(a**2 + b**2)
 
 
-def _squares(values: Array) -> Array:
-    known = np.isfinite(values)
-    count = np.maximum(known.sum(axis=0), 1)
-    mean = np.where(known, values, 0.0).sum(axis=0) / count
-    out: Array = np.where(known, (values - mean) ** 2, 0.0).sum(axis=0)
-    return out
-
-
 @dataclass(frozen=True, kw_only=True)
 class Difference:
     """A figure in both sessions; in `unit`, as all that follows it."""
 
-    kind: str
-    """angle, moment, power, force, spatiotemporal, joint position, joint orientation."""
-    side: str
-    """`r`, `l`; empty for what belongs to neither leg."""
-    name: str
-    """Variable of `cycles.csv` or `spatiotemporal.csv`, or joint parameter."""
+    kind: str  # angle, moment, power, force, spatiotemporal, joint position, joint orientation
+    side: str  # `r`, `l`; empty for what belongs to neither leg
+    name: str  # Variable of `cycles.csv` or `spatiotemporal.csv`, or joint parameter
     measure: str
     """Which figure of a curve: `largest in swing`, `range`; `mean` of a measure of strides; empty for a parameter."""
     unit: str
     a: float
     b: float
-    se_strides: float
-    """Standard error by how strides differ; NaN where nothing tells it, 0 where it has no part."""
-    se_shared: float
-    """By errors that all strides of a session share, as far as they do not cancel."""
+    se_strides: float  # Standard error by how strides differ; NaN where nothing tells it, 0 where it has no part
+    se_shared: float  # By errors that all strides of a session share, as far as they do not cancel
     strides_a: int
     strides_b: int
 
@@ -227,10 +210,8 @@ def difference_table(differences: Iterable[Difference]) -> pd.DataFrame:
     return table.astype(dict.fromkeys(numbers, float)).round(dict.fromkeys(numbers, DIGITS))
 
 
-TOLD = 12
-"""Variables that are told in words; the table has all."""
-BY_CHANCE = 0.05
-"""Of differences that are none, the part that exceeds a minimal detectable change of 95 %."""
+TOLD = 12  # Variables that are told in words; the table has all
+BY_CHANCE = 0.05  # Of differences that are none, the part that exceeds a minimal detectable change of 95 %
 _PARAMETERS = ("joint position", "joint orientation")
 
 
@@ -306,8 +287,7 @@ def _others(d: Difference, beyond: Sequence[Difference]) -> str:
     return f" ({same} more of its figures exceed)" if same else ""
 
 
-PLACED = 0.006
-"""m, of a landmark along each axis."""
+PLACED = 0.006  # m, of a landmark along each axis
 NOMINAL, SKIN, FOUND = "nominal/", "skin/", "skin/found"
 """How columns of an `ErrorSources` begin, and the skin's one that moves no joint."""
 

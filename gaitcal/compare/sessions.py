@@ -7,11 +7,18 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from gaitcal.codes import Code
 from gaitcal.compare.curve_differences import curve_figures, curve_table, measure_differences
 from gaitcal.compare.difference import Difference, difference_table, lines_of, parameter_differences, ranked
-from gaitcal.compare.stride_sets import Common, Key, Session, StrideSet, common_to, identity, stride_sets
-from gaitcal.errors import InputError
+from gaitcal.compare.stride_sets import (
+    Common,
+    Key,
+    NotComparableError,
+    Session,
+    StrideSet,
+    common_to,
+    identity,
+    stride_sets,
+)
 from gaitcal.gait.moments import counted
 from gaitcal.model.subject_model import Subject
 
@@ -20,18 +27,13 @@ from gaitcal.model.subject_model import Subject
 class SessionComparison:
     """What two sessions differ in."""
 
-    names: tuple[str, str]
-    """Of A and B."""
+    names: tuple[str, str]  # Of A and B
     subjects: tuple[Subject, Subject]
     common: Common
-    warnings: tuple[str, ...]
-    """What to know before any figure: refused or doubtful results, signs of another person."""
-    notes: tuple[str, ...] = ()
-    """What else was done, a sentence each."""
-    found: tuple[Difference, ...]
-    """Those that exceed what could be missed first, the largest of them before others."""
-    curves: pd.DataFrame
-    """`curve_differences.csv`: every percent of every curve."""
+    warnings: tuple[str, ...]  # What to know before any figure: refused or doubtful results, signs of another person
+    notes: tuple[str, ...] = ()  # What else was done, a sentence each
+    found: tuple[Difference, ...]  # Those that exceed what could be missed first, the largest of them before others
+    curves: pd.DataFrame  # `curve_differences.csv`: every percent of every curve
 
     @property
     def differences(self) -> pd.DataFrame:
@@ -61,10 +63,8 @@ def compare_sessions(a: Session, b: Session, common: Common | None = None) -> Se
     """
     person = identity(a, b)
     if person.denied:
-        raise InputError(
-            f"these are not two results of one person: {'; '.join(person.denied)}",
-            source=f"{a.name}, {b.name}",
-            code=Code.NOT_COMPARABLE,
+        raise NotComparableError(
+            f"these are not two results of one person: {'; '.join(person.denied)}", source=f"{a.name}, {b.name}"
         )
     joints_differ = common is None
     common = common or common_to(a, b)

@@ -25,30 +25,23 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_of, prior_root
-from gaitcal.codes import Code
 from gaitcal.compare.difference import own_causes, told_parameters
-from gaitcal.compare.stride_sets import Common, Session
-from gaitcal.errors import InputError
+from gaitcal.compare.stride_sets import Common, NotComparableError, Session
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.joint_prior import JointPrior
 
-SAME = 1e-9
-"""What is the same in both sessions is it but for rounding."""
-RANK = 1e-6
-"""Part of the largest standard error, in units of the prior, below which a direction would be known exactly."""
+SAME = 1e-9  # What is the same in both sessions is it but for rounding
+RANK = 1e-6  # Part of the largest standard error, in units of the prior, below which a direction would be known exactly
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointKnowledge:
     """What one session knows of n joint parameters."""
 
-    nominal: Array
-    """(n,) m, rad: p0."""
-    fitted: Array
-    """(n,) m, rad."""
-    covariance: Array
-    """(n, n) C."""
+    nominal: Array  # (n,) m, rad: p0
+    fitted: Array  # (n,) m, rad
+    covariance: Array  # (n, n) C
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,12 +49,9 @@ class SharedJoints:
     """Joint parameters of both sessions, from both."""
 
     names: tuple[str, ...]
-    a: Array
-    """(n,) m, rad, in the frames of A."""
-    b: Array
-    """(n,) the same in those of B."""
-    influences: tuple[ErrorSources, ErrorSources]
-    """Their errors by source, of A and of B."""
+    a: Array  # (n,) m, rad, in the frames of A
+    b: Array  # (n,) the same in those of B
+    influences: tuple[ErrorSources, ErrorSources]  # Their errors by source, of A and of B
 
     @property
     def errors(self) -> tuple[Array, Array]:
@@ -74,27 +64,20 @@ def require_fit_to_share(a: Session, b: Session) -> None:
     """InputError where a session is refused, or its joint parameters were not calibrated by itself."""
     for session in (a, b):
         if session.verdict == "refused":
-            raise InputError(
-                "is refused: it has no say in a shared model", source=session.name, code=Code.NOT_COMPARABLE
-            )
+            raise NotComparableError("is refused: it has no say in a shared model", source=session.name)
         if session.leans_on_cohort:
-            raise InputError(
-                "leans on priors of a cohort: calibrate it without to share a model",
-                source=session.name,
-                code=Code.NOT_COMPARABLE,
+            raise NotComparableError(
+                "leans on priors of a cohort: calibrate it without to share a model", source=session.name
             )
         if session.influence is None:
-            raise InputError(
-                "its joint parameters were not calibrated, which a shared model needs",
-                source=session.name,
-                code=Code.NOT_COMPARABLE,
+            raise NotComparableError(
+                "its joint parameters were not calibrated, which a shared model needs", source=session.name
             )
     (mean, spread), (other, wide) = (prior_of(JP_NAMES, session.prior) for session in (a, b))
     if (mean != other).any() or (spread != wide).any():
-        raise InputError(
+        raise NotComparableError(
             "their studies expect other joints ([calibration] joint_prior); calibrate both with one of them",
             source=f"{a.name}, {b.name}",
-            code=Code.NOT_COMPARABLE,
         )
 
 
@@ -110,9 +93,7 @@ def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
     known = set(told_parameters(b.influence))
     names = tuple(n for n in told_parameters(a.influence) if n in known and n.startswith(LEG_JOINTS))
     if not names:
-        raise InputError(
-            "no joint parameter was fitted in both", source=f"{a.name}, {b.name}", code=Code.NOT_COMPARABLE
-        )
+        raise NotComparableError("no joint parameter was fitted in both", source=f"{a.name}, {b.name}")
     return joined(names, knowledge(a, names), knowledge(b, names), common is Common.PERSON, a.prior)
 
 
@@ -121,14 +102,14 @@ def knowledge(session: Session, names: tuple[str, ...]) -> JointKnowledge:
     index = [JP_INDEX[name] for name in names]
     model, influence = session.model, session.influence
     if influence is None:
-        raise InputError("its joint parameters were not calibrated", source=session.name, code=Code.NOT_COMPARABLE)
+        raise NotComparableError("its joint parameters were not calibrated", source=session.name)
     rows = influence.parameters[[influence.free.index(name) for name in names]]
     sizes = np.linalg.svd(np.linalg.solve(prior_root(names, session.prior), rows), compute_uv=False)
     if rows.shape[1] < len(rows) or sizes[-1] <= RANK * sizes[0]:
         message = (
             "its joint errors are not those of the evidence of all trials (protocol = 'evidence'); calibrate again"
         )
-        raise InputError(message, source=session.name, code=Code.NOT_COMPARABLE)
+        raise NotComparableError(message, source=session.name)
     return JointKnowledge(
         nominal=model.nominal.joint[index], fitted=model.parameters.joint[index], covariance=rows @ rows.T
     )

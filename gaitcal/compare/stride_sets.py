@@ -8,7 +8,7 @@ turn, f, are the axes of the segments and, of loads, the masses.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -16,7 +16,9 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
+from gaitcal.codes import Code
 from gaitcal.dynamics.axis_errors import AxisErrors
+from gaitcal.errors import InputError
 from gaitcal.export.peer_model import our_leg
 from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of
 from gaitcal.gait.strides import TURNING
@@ -25,29 +27,26 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.joint_prior import JointPrior
 
 
+class NotComparableError(InputError):
+    """Two results cannot be set side by side as they are."""
+
+    code = Code.NOT_COMPARABLE
+
+
 @dataclass(frozen=True, kw_only=True)
 class Session:
     """A result folder's tables and model."""
 
-    name: str
-    """What it is called in words: its folder."""
+    name: str  # What it is called in words: its folder
     model: SubjectModel
-    model_key: str
-    """SHA-256 of the model: the same in two results of one calibration."""
-    statics: tuple[str, ...]
-    """SHA-256 of the files that its model was made of while the person stood."""
-    recordings: frozenset[str]
-    """SHA-256 of the files of its walks."""
-    influence: ErrorSources | None
-    """Errors of the joint parameters by source; None where they were not calibrated."""
-    strides: pd.DataFrame
-    """`cycles.csv`, with numbers for text."""
-    measures: pd.DataFrame
-    """`spatiotemporal.csv`, with numbers for text."""
-    verdict: str
-    """`trustworthy`, `doubtful` or `refused`; empty where none is told."""
-    reasons: tuple[str, ...] = ()
-    """Why, a sentence each."""
+    model_key: str  # SHA-256 of the model: the same in two results of one calibration
+    statics: tuple[str, ...]  # SHA-256 of the files that its model was made of while the person stood
+    recordings: frozenset[str]  # SHA-256 of the files of its walks
+    influence: ErrorSources | None  # Errors of the joint parameters by source; None where they were not calibrated
+    strides: pd.DataFrame  # `cycles.csv`, with numbers for text
+    measures: pd.DataFrame  # `spatiotemporal.csv`, with numbers for text
+    verdict: str  # `trustworthy`, `doubtful` or `refused`; empty where none is told
+    reasons: tuple[str, ...] = ()  # Why, a sentence each
     remarks: tuple[str, ...] = ()
     """What else to know of its files: edited, or made with another model than lies there now."""
     axis_deviations: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
@@ -56,10 +55,8 @@ class Session:
     """Torque -> source -> part of the variance of its error, 0 to 1."""
     prior: JointPrior | None = None
     """Of its joint parameters, by its settings; None: anatomy's. A cohort's is not in a result."""
-    leans_on_cohort: bool = False
-    """Its joint parameters were fitted with priors of a cohort."""
-    relative: bool = False
-    """Joint angles are counted from the static posture."""
+    leans_on_cohort: bool = False  # Its joint parameters were fitted with priors of a cohort
+    relative: bool = False  # Joint angles are counted from the static posture
 
 
 class Common(Enum):
@@ -85,8 +82,7 @@ def common_to(a: Session, b: Session) -> Common:
     return Common.STATIC if same_files and np.allclose(*nominal, rtol=0.0, atol=SAME) else Common.PERSON
 
 
-SAME = 1e-9
-"""m, rad: nominal joints that differ by less are the same."""
+SAME = 1e-9  # m, rad: nominal joints that differ by less are the same
 LENGTHS = ("thigh", "shank")
 NOT_ONE, DOUBTFUL = 0.15, 0.06
 """Relative difference of a length from which two results are not of one person, and from which that is doubtful: joint
@@ -98,8 +94,7 @@ class Identity:
     """Whether two results are of one person, in words."""
 
     doubts: tuple[str, ...]
-    denied: tuple[str, ...]
-    """What no two results of one person have."""
+    denied: tuple[str, ...]  # What no two results of one person have
 
 
 def identity(a: Session, b: Session) -> Identity:
@@ -140,29 +135,17 @@ def shared_part(session: Session, torque: str) -> float:
     return sum(shares.get(source, 0.0) for source in ("frames", "inertia")) / rest if rest > 0.0 else 0.0
 
 
-Key = tuple[str, str]
-"""Side and variable."""
+Key = tuple[str, str]  # Side and variable
 
 
 @dataclass(frozen=True, kw_only=True)
 class StrideSet:
     """n strides of one variable, in its unit, at 0 to 100 %; NaN where a sample is not valid."""
 
-    values: Array
-    """(n, 101)."""
-    own: Array
-    """(n, 101) standard error by the stride's own markers."""
-    shared: Array
-    """(n, 101) c."""
-    frames: Array
-    """(n, 101) f, at most c."""
-    stance: Array
-    """(n,) percent at which the foot leaves the ground; NaN where not known."""
-
-    @property
-    def count(self) -> int:
-        """Strides with a valid sample."""
-        return int(np.isfinite(self.values).any(axis=1).sum())
+    values: Array  # (n, 101)
+    shared: Array  # (n, 101) c
+    frames: Array  # (n, 101) f, at most c
+    stance: Array  # (n,) percent at which the foot leaves the ground; NaN where not known
 
 
 def stride_sets(session: Session) -> dict[Key, StrideSet]:
@@ -184,7 +167,6 @@ def stride_sets(session: Session) -> dict[Key, StrideSet]:
         of_rows = [stance.get((trial, str(side), stride), np.nan) for _, _, trial, stride in wide.index[rows]]
         out[str(side), str(variable)] = StrideSet(
             values=arrays["value"][rows],
-            own=own,
             shared=shared,
             frames=np.zeros_like(shared),
             stance=np.array(of_rows, dtype=np.float64),
@@ -210,13 +192,8 @@ def _with_frames(session: Session, sets: dict[Key, StrideSet]) -> dict[Key, Stri
             name = coordinate_of(variable)
             part = shared_part(session, name if name.startswith(("pelvis", "lumbar")) else f"{name}_{side}")
             frames = np.sqrt(part) * found.shared
-        out[side, variable] = StrideSet(
-            values=found.values,
-            own=found.own,
-            shared=found.shared,
-            frames=np.minimum(np.broadcast_to(frames, found.shared.shape), found.shared),
-            stance=found.stance,
-        )
+        everywhere = np.minimum(np.broadcast_to(frames, found.shared.shape), found.shared)
+        out[side, variable] = replace(found, frames=everywhere)
     return out
 
 

@@ -38,8 +38,7 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.error_sources import ErrorSources, left_of_prior
 from gaitcal.export.osim_correspondence import (
     LegJoint,
     leg_joints,
@@ -63,7 +62,7 @@ from gaitcal.export.osim_registration import (
 from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.runtime import with_one_blas_thread
@@ -381,7 +380,8 @@ class Transfer:
 
     def _notes(self, moves: Sequence[JointMove]) -> Iterator[str]:
         for move in moves:
-            if move.verdict is Verdict.MOVED and (names := self.document.hangs_on(move.theirs)):
+            changed = any(end is not None and end.changed for end in (move.parent, move.child))
+            if changed and (names := self.document.hangs_on(move.theirs)):
                 yield f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with it"
             ends = [e for e in (move.parent, move.child) if e is not None and e.moved > FAR_M]
             if ends:
@@ -409,22 +409,6 @@ _STEP = 1e-6
 
 def _near(axis: Axis, point: Array, joint: str) -> Array:
     return axis.point if joint.startswith("hip") else axis.nearest(point)
-
-
-def left_of_prior(joint: str, errors: ErrorSources | None, prior: JointPrior | None = None) -> float:
-    """Standard error of a joint's parameters over that before any trial, of positions or of directions, whichever is
-    larger; 0 where errors are not known.
-    """
-    if errors is None:
-        return 0.0
-    now, found = errors.standard_errors, []
-    for kind in Kind:
-        names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.kind is kind]
-        if names:
-            before = np.sqrt(np.diag(prior_of(names, prior)[1]))
-            after = np.array([now.get(name, size) for name, size in zip(names, before, strict=True)])
-            found.append(float(np.linalg.norm(after) / np.linalg.norm(before)))
-    return max(found)
 
 
 def _in_parent(joint: str) -> bool:

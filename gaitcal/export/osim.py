@@ -44,10 +44,8 @@ from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Element, Joint,
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
 from gaitcal.model.subject_model import GRAVITY, SubjectModel, constant_motion
 
-GROUND = "ground"
-"""The laboratory: y up, x forward, z right."""
-DOCUMENT_VERSION = "40000"
-"""Of the oldest OpenSim 4; later versions read it unchanged."""
+GROUND = "ground"  # The laboratory: y up, x forward, z right
+DOCUMENT_VERSION = "40000"  # Of the oldest OpenSim 4; later versions read it unchanged
 
 # --------------------------------------------------------------------------------------------- joints and segments
 
@@ -57,15 +55,12 @@ class JointFrames:
     """One joint: where it sits in its two segments, and how it moves."""
 
     name: str
-    parent: str
-    """A segment, or `ground`."""
+    parent: str  # A segment, or `ground`
     child: str
-    in_parent: pin.SE3
-    """X_parent_J, constant."""
+    in_parent: pin.SE3  # X_parent_J, constant
     motions: tuple[Element, ...]
     """The coordinates in order from parent to child; each along or about an axis of the frame left by those before."""
-    to_child: pin.SE3
-    """X_J_child, constant."""
+    to_child: pin.SE3  # X_J_child, constant
 
     @property
     def in_child(self) -> pin.SE3:
@@ -77,12 +72,9 @@ class JointFrames:
 class SegmentInertia:
     """Mass, mass centre and principal moments, axes parallel to the segment's."""
 
-    mass: float
-    """kg; 0 for the talus."""
-    centre: Array
-    """(3,) m, in the segment frame."""
-    moments: Array
-    """(3,) kg m^2 about the mass centre."""
+    mass: float  # kg; 0 for the talus
+    centre: Array  # (3,) m, in the segment frame
+    moments: Array  # (3,) kg m^2 about the mass centre
 
 
 def joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:

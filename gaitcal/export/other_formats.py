@@ -57,13 +57,10 @@ from gaitcal.model.subject_model import GRAVITY, SubjectModel
 
 TALUS_MASS = 1e-12
 """kg, of a talus that carries a marker: its weight is 1e-11 N, far below what any result here resolves."""
-_TALUS_MOMENT = 1e-14
-"""kg m^2; MuJoCo accepts nothing below 1e-15."""
-_SITE_RADIUS = 0.008
-"""m, of the spheres that show markers."""
+_TALUS_MOMENT = 1e-14  # kg m^2; MuJoCo accepts nothing below 1e-15
+_SITE_RADIUS = 0.008  # m, of the spheres that show markers
 MARKER_PREFIX = "marker_"
-_UNLIMITED = 1e4
-"""N or N·m, m/s or rad/s: URDF demands a bound of effort and speed, we have none."""
+_UNLIMITED = 1e4  # N or N·m, m/s or rad/s: URDF demands a bound of effort and speed, we have none
 
 
 @dataclass(frozen=True)
@@ -71,10 +68,8 @@ class BodyJoint:
     """One coordinate as a joint of a MuJoCo body."""
 
     motion: Element
-    axis: Array
-    """(3,) unit axis in the body's frame at q = 0."""
-    point: Array
-    """(3,) m, on the axis, in the same frame."""
+    axis: Array  # (3,) unit axis in the body's frame at q = 0
+    point: Array  # (3,) m, on the axis, in the same frame
 
 
 def write_mjcf(model: SubjectModel, path: Path | str) -> None:

@@ -45,8 +45,7 @@ class PeerCoordinate:
     """One coordinate."""
 
     name: str
-    default: float
-    """rad or m."""
+    default: float  # rad or m
     low: float
     high: float
     locked: bool
@@ -57,8 +56,7 @@ class PeerAxis:
     """One of up to six elementary motions of a joint."""
 
     rotates: bool
-    axis: Array
-    """(3,) unit vector."""
+    axis: Array  # (3,) unit vector
     coordinate: str | None
     function: Function
 
@@ -68,8 +66,7 @@ class PeerJoint:
     """A joint between two bodies."""
 
     name: str
-    kind: str
-    """Tag of the element: CustomJoint, PinJoint, ..."""
+    kind: str  # Tag of the element: CustomJoint, PinJoint, ..
     parent: str
     child: str
     in_parent: pin.SE3
@@ -84,12 +81,9 @@ class PeerModel:
     """What was read."""
 
     source: str
-    masses: dict[str, float]
-    """Body -> kg, in the order of the file."""
-    joints: dict[str, PeerJoint]
-    """By child body."""
-    markers: dict[str, tuple[str, Array]]
-    """Label -> body and position (3,) m in it."""
+    masses: dict[str, float]  # Body -> kg, in the order of the file
+    joints: dict[str, PeerJoint]  # By child body
+    markers: dict[str, tuple[str, Array]]  # Label -> body and position (3,) m in it
 
     def joint_of(self, coordinate: str) -> PeerJoint | None:
         """The joint that has a coordinate of this name."""
@@ -227,33 +221,24 @@ def _third_difference(x: Array, y: Array) -> float:
     return float(y[0])
 
 
-KNEE_SWEEP = math.radians(60.0)
-"""Flexion over which a peer's knee axis is taken: what walking uses."""
-ANKLE_SWEEP = math.radians(20.0)
-"""To either side."""
-SUBTALAR_SWEEP = math.radians(10.0)
-"""To either side."""
+KNEE_SWEEP = math.radians(60.0)  # Flexion over which a peer's knee axis is taken: what walking uses
+ANKLE_SWEEP = math.radians(20.0)  # To either side
+SUBTALAR_SWEEP = math.radians(10.0)  # To either side
 
 
 @dataclass(frozen=True, kw_only=True)
 class LegGeometry:
     """Where the joints of one leg lie, each in the frames of the segments it connects; None where unknown."""
 
-    hip_in_pelvis: Array | None
-    """(3,) m."""
-    hip_in_thigh: Array | None
-    """(3,) m."""
+    hip_in_pelvis: Array | None  # (3,) m
+    hip_in_thigh: Array | None  # (3,) m
     knee_in_thigh: Axis | None
     knee_in_shank: Axis | None
-    ankle_in_shank: Axis | None
-    """The talocrural axis."""
+    ankle_in_shank: Axis | None  # The talocrural axis
     subtalar_in_foot: Axis | None
-    thigh_length: float | None
-    """m."""
-    shank_length: float | None
-    """m."""
-    ankle_axes_distance: float | None
-    """m, between talocrural and subtalar axis."""
+    thigh_length: float | None  # m
+    shank_length: float | None  # m
+    ankle_axes_distance: float | None  # m, between talocrural and subtalar axis
 
 
 def our_leg(parameters: Parameters, side: str) -> LegGeometry:
@@ -380,10 +365,8 @@ def _axis(axis: Axis | None, pose: pin.SE3 | None, positive: int) -> Axis | None
 class Axis:
     """A directed line."""
 
-    point: Array
-    """(3,) m, on the line."""
-    direction: Array
-    """(3,) unit vector."""
+    point: Array  # (3,) m, on the line
+    direction: Array  # (3,) unit vector
 
     def moved(self, pose: pin.SE3) -> Axis:
         """The same line in the frame in which `pose` is given."""
@@ -408,8 +391,7 @@ class Axis:
         return Axis(self.point, self.direction if self.direction[axis] >= 0.0 else -self.direction)
 
 
-SMALLEST_TURN = 1e-6
-"""rad; a displacement that turns less has no axis worth the name."""
+SMALLEST_TURN = 1e-6  # rad; a displacement that turns less has no axis worth the name
 
 
 def displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:

@@ -77,19 +77,14 @@ _WORDS = {
 class SavedMotion:
     """A whole-body motion, and the torques of its valid frames."""
 
-    q: Array
-    """(nf, nq) m, rad."""
-    velocity: Array
-    """(nf, nq) m/s, rad/s."""
+    q: Array  # (nf, nq) m, rad
+    velocity: Array  # (nf, nq) m/s, rad/s
     torques: Mapping[str, Array] | None
     """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is refused."""
-    valid: Mapping[str, BoolArray]
-    """Side -> (nf,) frames whose torques count."""
-    mass: float
-    """kg, of the body."""
+    valid: Mapping[str, BoolArray]  # Side -> (nf,) frames whose torques count
+    mass: float  # kg, of the body
     parameters: Parameters
-    frozen: tuple[str, ...] = ()
-    """Coordinates that the model holds at zero, which say nothing."""
+    frozen: tuple[str, ...] = ()  # Coordinates that the model holds at zero, which say nothing
 
 
 def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tuple[AddedPoint, ...]:

@@ -27,8 +27,7 @@ RIGHT, LEFT, WHOLE = "#0072B2", "#C62828", "#009E73"
 STEP = "#E69F00"
 NOMINAL, INK, FAINT, GRID = "#7f7f7f", "#222222", "#666666", "#e6e6e6"
 STANCE, STANCE_KEY = "#000000", "#e4e4e4"
-STANCE_ALPHA = 0.055
-"""Of one side; where both feet are down the two tints add up."""
+STANCE_ALPHA = 0.055  # Of one side; where both feet are down the two tints add up
 SIDE_COLOURS = {"r": RIGHT, "l": LEFT, "": WHOLE}
 SIDE_DASHES: dict[str, tuple[float, ...]] = {"r": (), "l": (5.0, 1.6), "": ()}
 """The left side is dashed too: a print in grey stays readable."""
@@ -36,8 +35,7 @@ SIDE_DASHES: dict[str, tuple[float, ...]] = {"r": (), "l": (5.0, 1.6), "": ()}
 TRUTH_DASHES: dict[str, tuple[float, ...]] = {"r": (1.3, 1.3), "l": (5.0, 1.3, 1.3, 1.3), "": (1.3, 1.3)}
 """The truth is black, and of no dashes that another line has."""
 
-FONT = "DejaVu Sans"
-"""Comes with matplotlib: the same figure on every machine."""
+FONT = "DejaVu Sans"  # Comes with matplotlib: the same figure on every machine
 SMALL, NORMAL, TITLE = 6.6, 7.2, 8.2
 LONGEST_NAME = 26
 
@@ -46,10 +44,8 @@ LONGEST_NAME = 26
 class Sizes:
     """Of letters, pt."""
 
-    small: float = SMALL
-    """Numbers at axes."""
-    normal: float = NORMAL
-    """Labels of axes, legends."""
+    small: float = SMALL  # Numbers at axes
+    normal: float = NORMAL  # Labels of axes, legends
     title: float = TITLE
 
 
@@ -62,19 +58,16 @@ class Key:
 
     label: str
     colour: str
-    dashes: tuple[float, ...] = ()
-    """Lengths of dashes and gaps, in line widths; none: a full line."""
+    dashes: tuple[float, ...] = ()  # Lengths of dashes and gaps, in line widths; none: a full line
     width: float = 1.6
-    kind: str = "line"
-    """`line`, `band` (see-through), `area`, `dot`, `ring` or `tick`."""
+    kind: str = "line"  # `line`, `band` (see-through), `area`, `dot`, `ring` or `tick`
 
 
 SIDE_KEYS = tuple(
     Key(label=SIDE_WORDS[side], colour=SIDE_COLOURS[side], dashes=SIDE_DASHES[side]) for side in ("r", "l")
 )
 """Right and left in the legend of curves."""
-TRUTH_WORDS = "truth (known: this person is made up)"
-"""In legends."""
+TRUTH_WORDS = "truth (known: this person is made up)"  # In legends
 
 
 def line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:
@@ -145,8 +138,7 @@ def limits(values: list[np.ndarray], least: float, margin: float = 0.06) -> tupl
 
 
 LEGEND_INCHES = 0.32
-LABEL_INCHES = 0.15
-"""Place of the vertical label of a panel, whatever the width of its numbers."""
+LABEL_INCHES = 0.15  # Place of the vertical label of a panel, whatever the width of its numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,16 +151,14 @@ class Size:
     right: float = 0.1
     bottom: float = 0.36
     top: float = 0.24
-    label: float = LABEL_INCHES
-    """From the left edge to the foot of the vertical label."""
+    label: float = LABEL_INCHES  # From the left edge to the foot of the vertical label
 
 
 @dataclass(frozen=True)
 class Panel:
     """One pair of axes."""
 
-    label: str
-    """What it shows, for readers who cannot see it."""
+    label: str  # What it shows, for readers who cannot see it
     draw: Callable[[Axes], None]
     size: Size = Size()
 
@@ -177,16 +167,13 @@ class Panel:
 class Chart:
     """Panels that belong together."""
 
-    name: str
-    """Stem of the file in `write_figures`: plain ASCII."""
+    name: str  # Stem of the file in `write_figures`: plain ASCII
     title: str
     panels: tuple[Panel, ...]
     keys: tuple[Key, ...]
     columns: int = 3
-    sizes: Sizes = SCREEN
-    """Of the letters of the legend."""
-    legend_row: float = LEGEND_INCHES
-    """Height of a row of the legend, inches."""
+    sizes: Sizes = SCREEN  # Of the letters of the legend
+    legend_row: float = LEGEND_INCHES  # Height of a row of the legend, inches
 
 
 def chart_figure(chart: Chart) -> Figure:

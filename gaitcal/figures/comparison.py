@@ -19,7 +19,6 @@ import pandas as pd
 from gaitcal.compare.difference import Difference, numbers_of, subject
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.figures.chart import FAINT, FONT, INK, SIDE_COLOURS, SIDE_DASHES, dress, limits, line_style, new_figure
-from gaitcal.figures.paper import variable_title
 from gaitcal.figures.report import SALT
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import Kind, kind_of
@@ -32,11 +31,9 @@ if TYPE_CHECKING:
 UNITS: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
 LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
 """Smallest range of a vertical axis, in these units."""
-SHOWN: Final = 40
-"""Rows of the table of figures; `differences.csv` has all."""
+SHOWN: Final = 40  # Rows of the table of figures; `differences.csv` has all
 COLUMNS: Final = 4
-PANEL: Final = (2.75, 1.75)
-"""inches."""
+PANEL: Final = (2.75, 1.75)  # inches
 STYLE: Final = """
 body{font:15px/1.45 system-ui,sans-serif;color:#1a1a1a;background:#fff;margin:0 auto;max-width:1160px;padding:20px}
 h1{font-size:24px;margin:0 0 4px}h2{font-size:18px;margin:26px 0 6px}
@@ -168,7 +165,7 @@ def _panel(axes: Axes, comparison: SessionComparison, convention: Convention, cu
 
     before, after = told("a", 0), told("b", 1)
     band = 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
-    positive, title = convention.senses(variable, side)[0], variable_title(variable, convention)
+    positive, title = convention.senses(variable, side)[0], convention.title(variable)
     dress(axes, ylabel=f"{UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)

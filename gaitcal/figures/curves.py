@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +29,6 @@ from gaitcal.figures.chart import (
     limits,
     line_style,
 )
-from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.moments import SIDE_WORDS, capitalised
 from gaitcal.gait.strides import Layout
 from gaitcal.model.coordinates import coordinate_words, split_side
@@ -46,14 +46,10 @@ class Trace:
     """One side of one signal over all frames of the trial."""
 
     side: str
-    value: Array
-    """(nf,); NaN where it must not be drawn."""
-    nominal: Array | None = None
-    """(nf,) with the nominal model."""
-    error: Array | None = None
-    """(nf,) standard error."""
-    truth: Array | None = None
-    """(nf,) where it is known; in frames that are not valid, too."""
+    value: Array  # (nf,); NaN where it must not be drawn
+    nominal: Array | None = None  # (nf,) with the nominal model
+    error: Array | None = None  # (nf,) standard error
+    truth: Array | None = None  # (nf,) where it is known; in frames that are not valid, too
 
 
 NORMAL_COLOUR = "#CC79A7"
@@ -102,46 +98,30 @@ class Curves:
         return self.normal if self.layout.by_cycle else {}
 
 
-def angle_chart(curves: Curves, stem: str) -> Chart:
-    """Joint angles of a whole-body trial."""
-    return Chart(
-        name=f"{stem}_angles",
-        title="Joint angles",
-        panels=_panels(curves, "deg", LEAST_ANGLE, lambda base: coordinate_words(base).angle),
-        keys=_keys("pelvis and trunk", curves),
-    )
+class CurveKind(Enum):
+    """What a chart is of: end of its name, title, unit, least range of the axis, and what the middle curves are of."""
+
+    ANGLE = ("angles", "Joint angles", "deg", LEAST_ANGLE, "pelvis and trunk")
+    MOMENT = ("moments", "Joint moments", "N·m/kg", LEAST_MOMENT, "trunk")
+    POWER = ("powers", "Joint powers", "W/kg", LEAST_POWER, "trunk")
+
+    def positive(self, base: str) -> str:
+        """Word for values of a coordinate above zero."""
+        words = coordinate_words(base)
+        return {CurveKind.ANGLE: words.angle, CurveKind.MOMENT: words.moment}.get(self, "generated")
 
 
-def moment_chart(curves: Curves, stem: str) -> Chart:
-    """Joint moments per body mass; frames that are not valid stay empty."""
-    return Chart(
-        name=f"{stem}_moments",
-        title="Joint moments",
-        panels=_panels(curves, "N·m/kg", LEAST_MOMENT, lambda base: coordinate_words(base).moment),
-        keys=_keys("trunk", curves),
-    )
-
-
-def power_chart(curves: Curves, stem: str) -> Chart:
-    """Joint powers per body mass."""
-    return Chart(
-        name=f"{stem}_powers",
-        title="Joint powers",
-        panels=_panels(curves, "W/kg", LEAST_POWER, lambda base: "generated"),
-        keys=_keys("trunk", curves),
-    )
-
-
-def _panels(curves: Curves, unit: str, least: float, positive: Callable[[str], str]) -> tuple[Panel, ...]:
-    """One panel a coordinate, right and left together; `positive`: word for values above zero."""
+def curve_chart(curves: Curves, kind: CurveKind, stem: str) -> Chart:
+    """One panel a coordinate, right and left together; frames that are not valid stay empty."""
+    ending, title, unit, least, middle = kind.value
     sides: dict[str, list[Trace]] = {}
     for name, trace in curves.traces.items():
         sides.setdefault(split_side(name)[0], []).append(trace)
-    return tuple(
+    panels = tuple(
         _panel(
             capitalised(coordinate_words(base).title),
             unit,
-            positive(base),
+            kind.positive(base),
             traces,
             curves.layout,
             least,
@@ -149,6 +129,16 @@ def _panels(curves: Curves, unit: str, least: float, positive: Callable[[str], s
         )
         for base, traces in sides.items()
     )
+    return Chart(name=f"{stem}_{ending}", title=title, panels=panels, keys=_keys(middle, curves))
+
+
+def normal_band(axes: Axes, mean: Array, sd: Array) -> tuple[Array, Array]:
+    """Draw healthy people's mean +- SD (101,) with dotted edges, and return the edges."""
+    percent, ends = np.arange(float(len(mean))), (mean - sd, mean + sd)
+    axes.fill_between(percent, *ends, color=NORMAL_COLOUR, alpha=0.25, linewidth=0)
+    for edge in ends:
+        axes.plot(percent, edge, color=NORMAL_COLOUR, linewidth=0.8, linestyle=":")
+    return ends
 
 
 def _panel(
@@ -168,12 +158,7 @@ def _panel(
             if layout.has(trace.side):
                 _stance(axes, layout, trace.side)
         if normal is not None:
-            ends = (normal[0] - normal[1], normal[0] + normal[1])
-            percent = np.arange(float(POINTS))
-            axes.fill_between(percent, *ends, color=NORMAL_COLOUR, alpha=0.25, linewidth=0)
-            for edge in ends:
-                axes.plot(percent, edge, color=NORMAL_COLOUR, linewidth=0.8, linestyle=":")
-            drawn += ends
+            drawn += normal_band(axes, *normal)
         for trace in traces:
             if layout.has(trace.side):
                 drawn += _trace(axes, layout, trace)

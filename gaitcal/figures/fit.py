@@ -56,10 +56,8 @@ class FitSummary:
     """Marker errors of one trial."""
 
     overall: RmsErrors
-    isolated: bool
-    """Whether it shows one joint alone, whose segments are not told."""
-    legs: tuple[RmsErrors, ...]
-    """Segments of pelvis and legs that have markers."""
+    isolated: bool  # Whether it shows one joint alone, whose segments are not told
+    legs: tuple[RmsErrors, ...]  # Segments of pelvis and legs that have markers
     rest: tuple[RmsErrors, ...]
     """Those of trunk and arms: on a scale of their own, which would squeeze the errors of legs to nothing."""
 
@@ -108,8 +106,7 @@ def _panel(fits: list[RmsErrors], label: str, title: str) -> Panel:
 
 
 PARAMETERS_ROW = 0.2
-OFFSET = {"r": -0.16, "l": 0.16, "": 0.0}
-"""Of the right and the left side of one row, in rows."""
+OFFSET = {"r": -0.16, "l": 0.16, "": 0.0}  # Of the right and the left side of one row, in rows
 
 
 def parameters_chart(groups: tuple[Group, ...], truth: Mapping[str, float] | None = None) -> Chart | None:
@@ -205,33 +202,42 @@ INVALID = "#f7e3c4"
 INVALID_KEY = Key(label="whole body not valid", colour=INVALID, kind="area")
 LEG_KEY = Key(label="moments of a leg not valid: right above, left below", colour=INVALID, kind="area")
 LIMIT_KEY = Key(label="asked of simulations", colour=INK, dashes=(2.0, 2.0), width=1.0)
-LEAST = 0.5
-"""Smallest range of a vertical axis, N/kg."""
+LEAST = 0.5  # Smallest range of a vertical axis, N/kg
 
 
-@dataclass(frozen=True, kw_only=True)
-class Forces:
-    """Ground reactions of one trial."""
+def forces_chart(time: Array, force: Array, valid_legs: BoolArray, stem: str) -> Chart:
+    """Three components over time, right and left foot.
 
-    time: Array
-    """(nf,) s."""
-    force: Array
-    """(nf, 2, 3) N/kg, right and left foot: forward, up, to the right."""
-    valid_legs: BoolArray
-    """(nf, 2) torques of the right and the left leg may be used."""
+    Parameters
+    ----------
+    time : (nf,) s.
+    force : (nf, 2, 3) N/kg, right and left foot: forward, up, to the right.
+    valid_legs : (nf, 2) torques of the right and the left leg may be used.
+    """
 
+    def panel(title: str, word: str, axis: int) -> Panel:
+        def draw(axes: Axes) -> None:
+            dress(axes, xlabel="time (s)", ylabel=f"N/kg ({word} +)", title=title)
+            for leg, part in ((0, (0.5, 1.0)), (1, (0.0, 0.5))):
+                _shade_invalid(axes, time, valid_legs[:, leg], part)
+            axes.axhline(0.0, color=FAINT, linewidth=0.5)
+            for k, side in enumerate(("r", "l")):
+                x, y = thinned(time, np.where(force[:, k, UPWARD] == 0.0, np.nan, force[:, k, axis]))
+                axes.plot(x, y, color=SIDE_COLOURS[side], linestyle=line_style(SIDE_DASHES[side]), linewidth=1.4)
+            axes.set_xlim(float(time[0]), float(time[-1]))
+            axes.set_ylim(*limits([force[:, :, axis], np.zeros(1)], LEAST))
 
-def forces_chart(forces: Forces, stem: str) -> Chart:
-    """Three components over time, right and left foot."""
+        return Panel(f"{title} ground reaction force on right and left foot, N/kg over time", draw)
+
     return Chart(
         name=f"{stem}_ground_reactions",
         title="Ground reaction forces",
-        panels=tuple(_forces_panel(title, word, forces, k) for title, word, k in AXES),
+        panels=tuple(panel(*of) for of in AXES),
         keys=(*SIDE_KEYS, LEG_KEY),
     )
 
 
-def shade_invalid(axes: Axes, time: Array, valid: BoolArray, part: tuple[float, float] = (0.0, 1.0)) -> None:
+def _shade_invalid(axes: Axes, time: Array, valid: BoolArray, part: tuple[float, float] = (0.0, 1.0)) -> None:
     """Tint the stretches in which torques are not known, over a part of the height of the axes."""
     for run in runs(~valid):
         axes.axvspan(
@@ -244,65 +250,34 @@ def shade_invalid(axes: Axes, time: Array, valid: BoolArray, part: tuple[float, 
         )
 
 
-def _forces_panel(title: str, word: str, forces: Forces, axis: int) -> Panel:
-    time, force = forces.time, forces.force[:, :, axis]
-
-    def draw(axes: Axes) -> None:
-        dress(axes, xlabel="time (s)", ylabel=f"N/kg ({word} +)", title=title)
-        for leg, part in ((0, (0.5, 1.0)), (1, (0.0, 0.5))):
-            shade_invalid(axes, time, forces.valid_legs[:, leg], part)
-        axes.axhline(0.0, color=FAINT, linewidth=0.5)
-        for k, side in enumerate(("r", "l")):
-            x, y = thinned(time, np.where(forces.force[:, k, UPWARD] == 0.0, np.nan, force[:, k]))
-            axes.plot(x, y, color=SIDE_COLOURS[side], linestyle=line_style(SIDE_DASHES[side]), linewidth=1.4)
-        axes.set_xlim(float(time[0]), float(time[-1]))
-        axes.set_ylim(*limits([force, np.zeros(1)], LEAST))
-
-    return Panel(f"{title} ground reaction force on right and left foot, N/kg over time", draw)
-
-
 SIZE = Size(width=3.6, height=2.1)
-MOST = 0.98
-"""Share of the frames that the vertical axis is made for; a spike at a trial's end would hide all others."""
+MOST = 0.98  # Share of the frames that the vertical axis is made for; a spike at a trial's end would hide all others
 
 
-@dataclass(frozen=True)
-class Stage:
-    """Pelvis residuals with one model."""
+def residuals_chart(
+    time: Array,
+    valid: BoolArray,
+    stages: Sequence[tuple[str, Array, Array]],
+    limit: tuple[float, float] | None,
+    stem: str,
+) -> Chart:
+    """Magnitude of residual force and moment; the first step grey, the last one in colour.
 
-    name: str
-    """Which, in words."""
-    force: Array
-    """(nf,) N, magnitude."""
-    moment: Array
-    """(nf,) N·m."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Residuals:
-    """Pelvis residuals of one trial with at least one valid frame."""
-
-    time: Array
-    """(nf,) s."""
-    valid: BoolArray
-    """(nf,) torques of the whole body may be used."""
-    stages: tuple[Stage, ...]
-    """From the nominal model to the last one."""
-    limit: tuple[float, float] | None = None
-    """N and N·m: what is commonly asked for; None: not known."""
-
-
-def residuals_chart(residuals: Residuals, stem: str) -> Chart:
-    """Magnitude of residual force and moment; the first step grey, the last one in colour."""
-    steps, time, valid = residuals.stages, residuals.time, residuals.valid
-    colours = [NOMINAL, *([STEP] * (len(steps) - 2)), WHOLE][-len(steps) :]
-    widths = [0.9, *([0.9] * (len(steps) - 2)), 1.6][-len(steps) :]
-    bounds = residuals.limit or (None, None)
+    Parameters
+    ----------
+    time : (nf,) s.
+    valid : (nf,) torques of the whole body may be used, in one frame at least.
+    stages : from the nominal model to the last one: its name, N and N·m (nf,), magnitudes.
+    limit : N and N·m, what is commonly asked for; None: not known.
+    """
+    colours = [NOMINAL, *([STEP] * (len(stages) - 2)), WHOLE][-len(stages) :]
+    widths = [0.9, *([0.9] * (len(stages) - 2)), 1.6][-len(stages) :]
+    bounds = limit or (None, None)
 
     def panel(title: str, unit: str, values: list[Array], bound: float | None) -> Panel:
         def draw(axes: Axes) -> None:
             dress(axes, xlabel="time (s)", ylabel=unit, title=title)
-            shade_invalid(axes, time, valid)
+            _shade_invalid(axes, time, valid)
             for value, colour, width in zip(values, colours, widths, strict=True):
                 x, y = thinned(time, np.where(valid, value, np.nan))
                 axes.plot(x, y, color=colour, linewidth=width)
@@ -324,12 +299,12 @@ def residuals_chart(residuals: Residuals, stem: str) -> Chart:
         name=f"{stem}_pelvis_residuals",
         title="Pelvis residuals",
         panels=(
-            panel("Residual force", "N", [s.force for s in steps], bounds[0]),
-            panel("Residual moment", "N·m", [s.moment for s in steps], bounds[1]),
+            panel("Residual force", "N", [s[1] for s in stages], bounds[0]),
+            panel("Residual moment", "N·m", [s[2] for s in stages], bounds[1]),
         ),
         keys=(
-            *(Key(label=s.name, colour=c, width=w) for s, c, w in zip(steps, colours, widths, strict=True)),
-            *((LIMIT_KEY,) if residuals.limit else ()),
+            *(Key(label=s[0], colour=c, width=w) for s, c, w in zip(stages, colours, widths, strict=True)),
+            *((LIMIT_KEY,) if limit else ()),
             INVALID_KEY,
         ),
         columns=2,

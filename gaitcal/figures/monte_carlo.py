@@ -37,8 +37,7 @@ FRAME_WORDS = {
 MEASURE_WORDS = {"rms": "RMS error", "mean": "Mean (signed) error"}
 SMALL, NORMAL = 7.0, 8.0
 DPI = 150
-SHOWN_SHARE = 1.0
-"""Per cent of a torque's variance from which a contribution is written into its cell."""
+SHOWN_SHARE = 1.0  # Per cent of a torque's variance from which a contribution is written into its cell
 
 
 def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rms", side: str = "l") -> Figure:

@@ -27,7 +27,7 @@ from gaitcal.figures.chart import (
     limits,
     line_style,
 )
-from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR
+from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR, normal_band
 from gaitcal.figures.report import HealthyBands
 from gaitcal.gait.conventions import Convention, MomentUnit
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
@@ -40,12 +40,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LETTERS: Final = Sizes(small=7.0, normal=8.0, title=8.0)
-LEGEND_ROW: Final = 0.175
-"""inches."""
-INCH: Final = 25.4
-"""mm."""
-TALLEST: Final = 80.0
-"""mm: a wide figure is no taller."""
+LEGEND_ROW: Final = 0.175  # inches
+INCH: Final = 25.4  # mm
+TALLEST: Final = 80.0  # mm: a wide figure is no taller
 ASPECT: Final = 0.68
 LINE, THIN, TOE_OFF = 1.4, 0.5, 0.6
 BAND: Final = 0.22
@@ -57,11 +54,9 @@ LEAST: Final = {Kind.ANGLE: LEAST_ANGLE, Kind.FORCE: 0.5}
 class Strides:
     """What is drawn."""
 
-    table: pd.DataFrame
-    """As `gaitcal.ensemble` gives it, of the strides in `cycles.csv`."""
+    table: pd.DataFrame  # As `gaitcal.ensemble` gives it, of the strides in `cycles.csv`
     subject: Subject
-    offs: Mapping[str, float]
-    """Side -> mean end of stance, % of the stride."""
+    offs: Mapping[str, float]  # Side -> mean end of stance, % of the stride
     healthy: HealthyBands = field(default_factory=dict)
 
 
@@ -87,13 +82,10 @@ class _Line:
     """One side of one variable."""
 
     side: str
-    mean: Array
-    """(101,)"""
-    spread: Array
-    """(101,) SD over strides, or the standard error of a single one."""
+    mean: Array  # (101,)
+    spread: Array  # (101,) SD over strides, or the standard error of a single one
     strides: int
-    healthy: tuple[Array, Array] | None
-    """Mean and SD (101,)."""
+    healthy: tuple[Array, Array] | None  # Mean and SD (101,)
 
     @property
     def label(self) -> str:
@@ -121,7 +113,7 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
         axes.axhline(0.0, color=FAINT, linewidth=THIN)
         drawn: list[Array] = []
         for line in bands:
-            drawn += _healthy(axes, line)
+            drawn += normal_band(axes, *line.healthy) if line.healthy else ()
         for line in lines:
             drawn += _mean(axes, line)
             if line.side in strides.offs:
@@ -175,17 +167,6 @@ def _different(lines: list[_Line]) -> list[_Line]:
         if not any(np.array_equal(np.array(line.healthy), np.array(o.healthy), equal_nan=True) for o in out):
             out.append(line)
     return out
-
-
-def _healthy(axes: Axes, line: _Line) -> list[Array]:
-    if line.healthy is None:
-        return []
-    mean, sd = line.healthy
-    percent = np.arange(float(len(mean)))
-    axes.fill_between(percent, mean - sd, mean + sd, color=NORMAL_COLOUR, alpha=0.25, linewidth=0)
-    for edge in (mean - sd, mean + sd):
-        axes.plot(percent, edge, color=NORMAL_COLOUR, linewidth=0.8, linestyle=":")
-    return [mean - sd, mean + sd]
 
 
 def _mean(axes: Axes, line: _Line) -> list[Array]:

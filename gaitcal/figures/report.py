@@ -20,12 +20,9 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.figures.chart import Chart, chart_figure
-from gaitcal.figures.curves import Curves, Trace, angle_chart, moment_chart, power_chart
+from gaitcal.figures.curves import CurveKind, Curves, Trace, curve_chart
 from gaitcal.figures.fit import (
     FitSummary,
-    Forces,
-    Residuals,
-    Stage,
     fit_chart,
     forces_chart,
     moment_change_chart,
@@ -179,22 +176,17 @@ def _blocks(content: object) -> Iterator[Mapping[str, Any]]:
 HealthyBands = Mapping[str, Mapping[str, tuple[Array, Array]]]
 """Variable of `cycles.csv` -> side -> mean and SD (101,) of healthy people, in its unit, for that person's size."""
 GROUND = ("ground_reaction_forward", GROUND_REACTION, "ground_reaction_sideways")
-DRAWN_POWERS = ("hip", "knee", "ankle", "lumbar")
-"""Joints, over all their axes."""
+DRAWN_POWERS = ("hip", "knee", "ankle", "lumbar")  # Joints, over all their axes
 
 
 @dataclass(frozen=True, kw_only=True)
 class Told:
     """What a result folder tells."""
 
-    sheet: Mapping[str, Any]
-    """`page.json`."""
-    summary: Mapping[str, Any]
-    """`summary.json`."""
-    parameters: Sequence[Mapping[str, Any]] = ()
-    """Rows of `parameters.csv`; none of further trials."""
-    truth: Mapping[str, float] = field(default_factory=dict)
-    """Parameter -> true value, of made-up people."""
+    sheet: Mapping[str, Any]  # `page.json`
+    summary: Mapping[str, Any]  # `summary.json`
+    parameters: Sequence[Mapping[str, Any]] = ()  # Rows of `parameters.csv`; none of further trials
+    truth: Mapping[str, float] = field(default_factory=dict)  # Parameter -> true value, of made-up people
     healthy: HealthyBands = field(default_factory=dict)
 
     @property
@@ -226,11 +218,11 @@ def report_charts(told: Told) -> list[Chart]:
 
 def _of_walk(told: Told, trial: SheetRecording, name: str) -> Iterator[Chart | None]:
     mass = told.mass
-    yield angle_chart(_curves(told, trial, trial.of("angle"), Kind.ANGLE, 1.0), name)
+    yield curve_chart(_curves(told, trial, trial.of("angle"), Kind.ANGLE, 1.0), CurveKind.ANGLE, name)
     if moments := trial.of("moment"):
-        yield moment_chart(_curves(told, trial, moments, Kind.MOMENT, 1.0 / mass), name)
+        yield curve_chart(_curves(told, trial, moments, Kind.MOMENT, 1.0 / mass), CurveKind.MOMENT, name)
     if powers := [curve for curve in trial.of("power") if curve.base in DRAWN_POWERS]:
-        yield power_chart(_curves(told, trial, powers, Kind.POWER, 1.0 / mass), name)
+        yield curve_chart(_curves(told, trial, powers, Kind.POWER, 1.0 / mass), CurveKind.POWER, name)
     yield _forces(told, trial, name)
     yield _residuals(trial, name)
     if changes := told.about(trial.name).get("torque_change_bwh"):
@@ -270,7 +262,7 @@ def _forces(told: Told, trial: SheetRecording, name: str) -> Chart | None:
     # Packed to 1/65534 of its range, no force is exactly none.
     unloaded = np.abs(force[:, :, 1]) <= np.abs(force[:, :, 1]).max() / 2**16
     force[np.broadcast_to(unloaded[:, :, None], force.shape)] = 0.0
-    return forces_chart(Forces(time=trial.time, force=force / told.mass, valid_legs=legs), name)
+    return forces_chart(trial.time, force / told.mass, legs, name)
 
 
 def _residuals(trial: SheetRecording, name: str) -> Chart | None:
@@ -278,11 +270,10 @@ def _residuals(trial: SheetRecording, name: str) -> Chart | None:
     if len(found) < 2 or not found["residual_force"].valid.any():
         return None
     force, moment = found["residual_force"], found["residual_moment"]
-    stages = [Stage("calibrated model", force.value, moment.value)]
+    stages = [("calibrated model", force.value, moment.value)]
     if force.nominal is not None and moment.nominal is not None:
-        stages.insert(0, Stage("nominal model", force.nominal, moment.nominal))
-    shown = Residuals(time=trial.time, valid=force.valid, stages=tuple(stages), limit=trial.limit())
-    return residuals_chart(shown, name)
+        stages.insert(0, ("nominal model", force.nominal, moment.nominal))
+    return residuals_chart(trial.time, force.valid, stages, trial.limit(), name)
 
 
 def _fits(told: Told, trials: list[SheetRecording]) -> list[FitSummary]:
@@ -339,8 +330,7 @@ def _row(entry: Mapping[str, Any]) -> Row:
     )
 
 
-DPI: Final = 300
-"""What journals ask for."""
+DPI: Final = 300  # What journals ask for
 FORMATS: Final = ("png", "svg", "pdf")
 _UNSIGNED: Final = {
     "png": {"Software": None},
@@ -348,8 +338,7 @@ _UNSIGNED: Final = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
 """Without date and program."""
-SALT: Final = "gaitcal"
-"""Identifiers of an SVG are made of its content and of this, not at random."""
+SALT: Final = "gaitcal"  # Identifiers of an SVG are made of its content and of this, not at random
 
 
 def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[str] = ("png", "svg")) -> list[Path]:

@@ -20,6 +20,7 @@ from gaitcal.errors import InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
 from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.event_clock import SAME_EVENT
+from gaitcal.gait.moments import counted
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d.reader import PER_METRE
 from gaitcal.io.c3d.writer import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d, write_c3d
@@ -56,10 +57,13 @@ class WrittenRecording:
     notes: tuple[str, ...]
 
 
-def write_recordings(folder: Path, inputs: Path | None, out: Path) -> tuple[tuple[WrittenRecording, ...], Snapshot]:
+def write_recordings(
+    folder: Path, inputs: Path | None, out: Path, *, instead: bool = False
+) -> tuple[tuple[WrittenRecording, ...], Snapshot]:
     """Write a C3D file for every moving trial of the result in `folder` into the folder `out`.
 
-    `inputs`: where the recordings lie, if not beside the result.
+    `inputs`: where the recordings lie, if not beside the result. `instead`: what another program computed under our
+    names makes room for ours; else ours have names of their own beside it.
 
     Raises
     ------
@@ -80,7 +84,7 @@ def write_recordings(folder: Path, inputs: Path | None, out: Path) -> tuple[tupl
         if "file" not in files.get(trial.name, {}):
             raise InputError(f"trial '{trial.name}' was not made from a file", source=folder, code=Code.CHANGED_FILE)
         paths = {kind: find_original(folder, name, inputs) for kind, name in files[trial.name].items()}
-        notes = _write(trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d")
+        notes = _write(trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d", instead=instead)
         source = files[trial.name]["file"]
         digest = sha256_of(paths["file"]) or ""
         file = f"{trial.name}.c3d"
@@ -88,7 +92,9 @@ def write_recordings(folder: Path, inputs: Path | None, out: Path) -> tuple[tupl
     return tuple(written), snapshot
 
 
-def _write(trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: Path) -> tuple[str, ...]:
+def _write(
+    trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: Path, *, instead: bool
+) -> tuple[str, ...]:
     """Write the C3D of one trial; `between` is a path for a file that is removed again. Returns what to tell."""
     recording = read_recording(paths["file"], forces=paths.get("forces"))
     notes: tuple[str, ...] = ()
@@ -102,7 +108,8 @@ def _write(trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: P
     rows = _rows(recording.time, trial.motion.time, paths["file"])
     per_metre = PER_METRE.get(original.unit("UNITS").strip().lower(), 1e3)
     turn = _turn_to_file(trial.markers, original.places()[rows] / per_metre, paths["file"])
-    points, named = _points(trial, original, rows, turn, per_metre)
+    kept = set(same.labels) if instead else set(original.labels)
+    points, named = _points(trial, original, rows, turn, per_metre, kept)
     events, told = _new_events(trial, recording, corrected="events" in paths)
     group = {
         "VERSION": [f"gaitcal {package_version('gaitcal')}"],
@@ -118,7 +125,11 @@ def _write(trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: P
     if not original.header.is_float:
         notes += ("the file was one of integers and is one of 32-bit floats now",)
     if named:
-        notes += (f"the file has points of such names; ours begin with {named}",)
+        hint = "" if instead else ", --replace writes them in place of the file's"
+        notes += (f"the file has points of such names; ours begin with {named}{hint}",)
+    if gone := [point.name for point in points if point.name in original.labels]:
+        rest = "what else it holds of another program's, also in other frames, is not ours"
+        notes += (f"{counted(len(gone), 'point')} of the file replaced ({', '.join(gone)}); {rest}",)
     return (*_said(trial, points), *notes, *told)
 
 
@@ -200,9 +211,9 @@ def _found(wanted: Array, among: Array) -> bool:
 
 
 def _points(
-    trial: SavedWalk, original: C3DOriginal, rows: IntArray, turn: Turn, per_metre: float
+    trial: SavedWalk, original: C3DOriginal, rows: IntArray, turn: Turn, per_metre: float, kept: set[str]
 ) -> tuple[list[AddedPoint], str]:
-    """Our points in every frame, axes and units of the file; and what their names begin with."""
+    """Our points in every frame, axes and units of the file; and the start of their names, so that none is `kept`."""
     motion = SavedMotion(
         q=trial.motion.q,
         velocity=trial.motion.velocity,
@@ -217,9 +228,8 @@ def _points(
     points = plug_in_gait_points(motion, angle, moment)
     heads = {label.partition(":")[0] for label in original.labels if ":" in label}
     head = f"{heads.pop()}:" if len(heads) == 1 else ""
-    taken = set(original.labels)
     starts = ("", PREFIX, *(f"{PREFIX}{n}" for n in range(2, 100)))
-    start = next(s for s in starts if not taken & {f"{head}{s}{point.name}" for point in points})
+    start = next(s for s in starts if not kept & {f"{head}{s}{point.name}" for point in points})
     out = []
     for point in points:
         values = np.full((original.frames, 3), np.nan)

@@ -15,11 +15,10 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.codes import Code
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.shared_model import SharedJoints, require_fit_to_share, shared_joints
-from gaitcal.compare.stride_sets import Common, Session, common_to
-from gaitcal.errors import ConvergenceError, InputError
+from gaitcal.compare.stride_sets import Common, NotComparableError, Session, common_to
+from gaitcal.errors import ConvergenceError
 from gaitcal.gait.cycles import typed
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.model.linkage import LEG_JOINTS
@@ -73,19 +72,13 @@ def compare_with_shared_model(
     one, other = named_apart(*(load_session(folder)[0] for folder in folders))
     common = common_to(one, other)
     if common is Common.MODEL:
-        raise InputError(
-            "both results have one model already", source=f"{one.name}, {other.name}", code=Code.NOT_COMPARABLE
-        )
+        raise NotComparableError("both results have one model already", source=f"{one.name}, {other.name}")
     plain = compare_sessions(one, other)
     require_fit_to_share(one, other)
     shared = None if common is Common.STATIC else shared_joints(one, other, common)
     files = tuple(map(Path, studies)) or tuple(folder / STUDY for folder in folders)
     if len(files) != len(folders):
-        raise InputError(
-            f"found {len(files)} study files; allowed: that of A, then that of B",
-            field="--study",
-            code=Code.NOT_COMPARABLE,
-        )
+        raise NotComparableError(f"found {len(files)} study files; allowed: that of A, then that of B", field="--study")
     progress("reading the recordings")
     read = [study_of_result(folder, file) for folder, file in zip(folders, files, strict=True)]
     if shared is None:
@@ -122,9 +115,7 @@ def fitted_together(a: Study, b: Study) -> SharedJoints:
     whole = replace(a, trials=(*a.trials, *named))
     joint = fit_joints(session_of(whole, nominal_of(whole))).joint
     if joint is None:
-        raise InputError(
-            "its settings leave joint parameters alone (jp = false)", source=a.source, code=Code.NOT_COMPARABLE
-        )
+        raise NotComparableError("its settings leave joint parameters alone (jp = false)", source=a.source)
     if late := [phase for phase in joint.phases if not phase.converged]:
         raise ConvergenceError(f"phase {late[0].name} of both sessions together did not converge: {late[0].message}")
     names = tuple(name for name in joint.free if name.startswith(LEG_JOINTS))
@@ -142,19 +133,13 @@ def study_of_result(folder: Path, file: Path) -> Study:
         It is not there, or its recordings are others.
     """
     if not file.is_file():
-        raise InputError(
-            f"not found; say with --study FILE which study {folder} was made from",
-            source=file,
-            code=Code.NOT_COMPARABLE,
-        )
+        raise NotComparableError(f"not found; say with --study FILE which study {folder} was made from", source=file)
     study, manifest = Study.load(file), read_object(folder / MANIFEST)
     known, names = set(table_of(manifest, "inputs_sha256").values()), set(table_of(manifest, "trials"))
     chosen = replace(study, trials=tuple(t for t in study.trials if t.name in names))
     read = {digest for name, digest in study.inputs.items() if not name.endswith(".toml")}
     if {t.name for t in chosen.trials} != names or not read & known:
-        raise InputError(
-            f"is not the study that {folder} was made from: other recordings", source=file, code=Code.NOT_COMPARABLE
-        )
+        raise NotComparableError(f"is not the study that {folder} was made from: other recordings", source=file)
     return chosen
 
 

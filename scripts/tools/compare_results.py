@@ -55,18 +55,17 @@ def _arrays(before: dict[str, np.ndarray], after: dict[str, np.ndarray], rtol: f
     if list(before) != list(after):
         return f"holds {sorted(set(before) ^ set(after))} on one side only"
     told: list[str] = []
-    apart_by: dict[str, float] = {}
+    apart: dict[str, float] = {}
     for name, a in before.items():
         b = after[name]
         if a.shape != b.shape:
             told.append(f"{name}: shape {a.shape} and {b.shape}")
-        elif not np.issubdtype(a.dtype, np.number):
-            if not (a == b).all():
-                told.append(f"{name}: other words")
-        elif a.size and (apart := _apart(a.astype(float), b.astype(float))) > rtol:
-            apart_by[name] = apart
-    worst = sorted(apart_by, key=lambda name: -apart_by[name])
-    told += [f"{name} apart by {apart_by[name]:.1e}" for name in worst[:3]]
+        elif np.issubdtype(a.dtype, np.number):
+            apart[name] = _apart(a.astype(float), b.astype(float)) if a.size else 0.0
+        elif not (a == b).all():
+            told.append(f"{name}: other words")
+    worst = sorted((name for name in apart if apart[name] > rtol), key=lambda name: -apart[name])
+    told += [f"{name} apart by {apart[name]:.1e}" for name in worst[:3]]
     return "; ".join(told) + (f" and {len(worst) - 3} more" if len(worst) > 3 else "")
 
 
@@ -131,9 +130,8 @@ def main(arguments: list[str] | None = None) -> int:
     for line in found:
         print(line)
     skipped = sum(path.suffix in NOT_COMPARED for path in chosen.before.rglob("*"))
-    print(
-        f"{len(found)} files differ by more than {chosen.rtol:g}; {skipped} pages, pictures and C3D files not compared"
-    )
+    apart = f"{len(found)} files differ by more than {chosen.rtol:g}"
+    print(f"{apart}; {skipped} pages, pictures and C3D files not compared")
     return 1 if found else 0
 
 

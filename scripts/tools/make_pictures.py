@@ -56,7 +56,7 @@ PICTURES = (
     Picture("page-trust", f"preset=trust{AT}"),
     Picture("model", f"preset=joints{AT}", (1280, 900), BODY),
     Picture("joint", "preset=joints&trial=gait&t=0.3&joint=knee_r", element=BODY),
-    Picture("error-sources", f"preset=trust{AT}", (1280, 2600), f"{HEADED}('What makes the error bar'))", tall=475),
+    Picture("error-sources", f"preset=trust{AT}", (1280, 2600), f"{HEADED}('Expected error of the peak'))", tall=475),
     Picture("page-phone", f"preset=clinician{AT}", (390, 844)),
     Picture(COHORT, "", (1280, 1000)),
 )

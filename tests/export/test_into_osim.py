@@ -290,6 +290,21 @@ def test_the_users_own_names(published: SubjectModel, tmp_path: Path) -> None:
         leg_joints(read_osim(path), names)
 
 
+def test_what_is_fixed_to_a_joints_frame_is_told(published: SubjectModel, tmp_path: Path) -> None:
+    """It moves with the joint, which it should not: what belongs to a bone is fixed to the bone."""
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    tree = ET.parse(path)
+    marker = next(m for m in tree.iter("Marker") if (m.findtext("socket_parent_frame") or "").endswith("thigh_r"))
+    socket = marker.find("socket_parent_frame")
+    assert socket is not None
+    socket.text = "/jointset/hip_r/thigh_r_offset"
+    tree.write(path)
+    told = f"{marker.get('name')}: fixed to a frame of joint hip_r, and moved with it"
+    assert told not in into_osim(published, path).notes
+    moved = published.parameters.with_joint(("hip_r.thigh.ant",), np.array([0.007]))
+    assert told in into_osim(replace(published, parameters=moved, nominal=moved), path).notes
+
+
 def test_a_model_of_one_leg(published: SubjectModel, tmp_path: Path) -> None:
     path = written(published, tmp_path / "m.osim", "opensim 4")
     tree = ET.parse(path)

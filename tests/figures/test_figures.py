@@ -13,7 +13,7 @@ from matplotlib.collections import PolyCollection
 from gaitcal.dynamics.expected_residual import residual_limits
 from gaitcal.figures.chart import SIDE_COLOURS, Panel, chart_figure, plain
 from gaitcal.figures.curves import NORMAL_KEY
-from gaitcal.figures.fit import Forces, forces_chart, parameters_chart
+from gaitcal.figures.fit import forces_chart, parameters_chart
 from gaitcal.figures.report import SheetRecording, report_charts, write_charts
 from gaitcal.gait.conventions import BAND_SIGNS, NormalBand
 from gaitcal.gait.cycles import POINTS
@@ -104,14 +104,14 @@ def lines_of(panel: Panel, width: float) -> dict[str, np.ndarray]:
     return {sides[str(line.get_color())]: np.asarray(line.get_ydata()) for line in lines if line.get_color() in sides}
 
 
-def test_forces_are_percent_of_body_weight_along_their_axes(whole: Calibration) -> None:
+def test_forces_are_drawn_along_their_axes(whole: Calibration) -> None:
     walk = whole.trial("walk")
     assert walk.loads is not None
     force = np.zeros((len(walk.body.time), 2, 3))
     force[:, 0] = 10.0, 100.0, -5.0
-    forces = Forces(time=walk.body.time, force=force, valid_legs=walk.loads.reactions.valid_legs)
-    for panel, percent in zip(forces_chart(forces, "w").panels, (100.0, 10.0, -5.0), strict=True):
-        assert np.unique(lines_of(panel, 1.4)["r"]) == pytest.approx(percent), panel.label
+    panels = forces_chart(walk.body.time, force, walk.loads.reactions.valid_legs, "w").panels
+    for panel, along in zip(panels, (100.0, 10.0, -5.0), strict=True):
+        assert np.unique(lines_of(panel, 1.4)["r"]) == pytest.approx(along), panel.label
 
 
 def test_moments_are_per_body_mass(whole: Calibration) -> None:

@@ -146,6 +146,7 @@ def test_a_phone_shows_person_and_controls_and_cuts_nothing_off(
     )
     assert cut == []
     page.run(f"gaitcal.state.set({{ layers: new Set(['body']) }}); {DRAWN}")
+    page.run(f"document.getElementById('pane').scrollIntoView({{ block: 'center' }}); {DRAWN}")  # below the curves
     picture = stage(page)
     assert ((picture[..., 0] > picture[..., 2] + 12) & (picture[..., 0] > 90)).mean() > 0.02, "skin is seen"
     if width < 760:

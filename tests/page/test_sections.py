@@ -44,7 +44,7 @@ def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everyth
         page = opened(visit, everything, preset)
         assert page.console == []
         assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Pair"]
-        assert page.run(f"document.querySelectorAll('{of} table').length") == 6, "five tables, that of a picture"
+        assert page.run(f"document.querySelectorAll('{of} table').length") == 7, "five tables, those of two pictures"
         assert len(text(page, ".of-trial figure.traced")) == 3, "curves are of a trial"
         assert page.run("document.querySelectorAll('#sections > figure.traced').length") == 0
         assert page.run("document.querySelectorAll('#sections img').length") == 0

@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 
 from gaitcal.cli.application import app
 from gaitcal.errors import UsageError
+from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d
 from gaitcal.io.event_table import EVENTS
 from gaitcal.io.formats import convert, read_recording
 from gaitcal.io.labels import FootMoment
@@ -66,7 +67,13 @@ def points(path: Path) -> tuple[dict[str, Any], Any]:
     file = ezc3d.c3d(str(path))
     values = file["data"]["points"][:3].transpose(1, 2, 0).copy()
     values[file["data"]["meta_points"]["residuals"][0] < 0] = np.nan
-    return dict(zip(file["parameters"]["POINT"]["LABELS"]["value"], values, strict=True)), file
+    return dict(zip(entries(file, "LABELS"), values, strict=True)), file
+
+
+def entries(file: Any, name: str) -> list[str]:
+    """A list of POINT, with what goes on in `NAME2`."""
+    group = file["parameters"]["POINT"]
+    return [text for key in (name, f"{name}2") if key in group for text in group[key]["value"]]
 
 
 def same(a: Any, b: Any) -> bool:
@@ -213,6 +220,34 @@ def test_a_text_recording_becomes_a_c3d(kept: Path, tmp_path: Path) -> None:
     assert same(found["RKneeAngles"][:, 0], motion["knee_angle_r"])
 
 
+@pytest.mark.parametrize("file", ["children/HC002D/straight.c3d", "pig_c3d/gait.c3d"])
+def test_points_of_a_vendors_names_take_their_place_and_nothing_else_moves(
+    file: str, data_dir: Path, tmp_path: Path
+) -> None:
+    """Our values and descriptions under the same names, the same count of points; all others bit for bit."""
+    source, target = data_dir / file, tmp_path / "out.c3d"
+    before, whole = points(source)
+    original = c3d_original(source, whole["data"]["points"].shape[2])
+    values = np.arange(3.0 * original.frames).reshape(-1, 3)
+    values[3] = np.nan
+    names = ["LKneeAngles", "RHipAngles"]
+    ours = [
+        AddedPoint(name=n, kind=PointKind.ANGLE, values=values + k, description=f"ours {k}")
+        for k, n in enumerate(names)
+    ]
+    supplement_c3d(original, target, [*ours, AddedPoint(name="new", kind=PointKind.ANGLE, values=values)])
+    after, written = points(target)
+    assert set(after) - set(before) == {"new"} and len(after) == len(before) + 1
+    for k, name in enumerate(names):
+        assert same(after[name], values + k) and not same(after[name], before[name])
+    assert all(same(after[name], before[name]) for name in before if name not in names)
+    assert entries(written, "DESCRIPTIONS")[list(after).index("RHipAngles")] == "ours 1"
+    assert entries(written, "ANGLES").count("RHipAngles") == entries(whole, "ANGLES").count("RHipAngles")
+    assert np.array_equal(whole["data"]["analogs"], written["data"]["analogs"])
+    old, new = read_recording(source), read_recording(target)
+    assert old.labels == new.labels and np.array_equal(old.markers, new.markers, equal_nan=True)
+
+
 @pytest.mark.slow
 def test_against_the_vendor(data_dir: Path, tmp_path: Path) -> None:
     """Plug-in Gait's own curves in the same file: every sign agrees (correlation over the frames of both legs)."""
@@ -237,6 +272,12 @@ def test_against_the_vendor(data_dir: Path, tmp_path: Path) -> None:
         for axis, floor in enumerate(floors):
             r = np.corrcoef(ours[both, axis], theirs[both, axis])[0, 1]
             assert r > floor, f"{name} {axis}"
+    assert isinstance(run("export", result, "--format", "osim", "--replace").exception, UsageError)
+    done = run("export", result, "--format", "c3d", "--inputs", data_dir / "pig_c3d", "--replace")
+    assert done.exit_code == 0 and "points of the file replaced" in done.output.replace("\n", " "), done.output
+    instead, _ = points(result / "export/gait.c3d")
+    assert set(instead) == {name.removeprefix("gc") for name in found}
+    assert all(same(instead[name], found.get(f"gc{name}", found.get(name))) for name in instead)
     for joint in ("Hip", "Knee", "Ankle"):
         ours, theirs = found[f"gcR{joint}Power"][:, 2], found[f"R{joint}Power"][:, 2]
         both = np.isfinite(ours) & np.isfinite(theirs)

@@ -17,6 +17,7 @@ from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.summary import summary, trial_summary
 from tests.fake_result import ERROR_SHARES, fake_calibration
 from tests.page.page_words import page_words
+from tests.page.walked_blocks import rows_of, walked
 
 
 def test_a_trial_and_its_segments_have_both_floors_and_ratios() -> None:
@@ -64,13 +65,18 @@ def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none() ->
 
 
 def test_the_page_tells_what_makes_each_error_bar() -> None:
-    words = "What makes the error bar"
+    words = "Expected error of the peak knee adduction moment"
     blocks = calibration_page_data(fake_calibration())["trials"][0]["sections"]["trust"]
-    (bars,) = (block for block in blocks if block["kind"] == "bars")
-    assert len(bars["rows"]) == 2 * len(LEG_COORDINATES), "all torques of both legs"
-    for row in bars["rows"]:
-        parts = {part["name"]: part["value"] / row["total"] for part in row["parts"]}
-        assert parts == pytest.approx({source.words: share for source, share in ERROR_SHARES.items()}, abs=1e-4)
+    found = [b for b in walked(blocks) if b["kind"] == "table" and "error alone, N·m/kg" in b["head"]]
+    assert len(found) == 2 * len(LEG_COORDINATES), "all torques of both legs"
+    told = {source.words: f"{100 * share:.0f}" for source, share in ERROR_SHARES.items()}
+    for table in found:
+        rows = rows_of(table)
+        assert rows.pop("all together")[1] == "100"
+        rest = rows.pop("all others", ["", "0"])
+        parts = {name: percent for name, (_, percent) in rows.items()}
+        assert parts == {name: told[name] for name in parts} and len(parts) >= 4
+        assert sum(int(percent) for percent in parts.values()) + int(rest[1]) == pytest.approx(100, abs=2)
     assert words in page_words(fake_calibration()) and words not in page_words(fake_calibration(errors=False))
 
 

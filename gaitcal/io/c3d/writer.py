@@ -257,7 +257,7 @@ def supplement_c3d(
 
     Parameters
     ----------
-    points : their names must be new.
+    points : one of the name of a point of the file takes its place.
     group : a group of parameters of that name, each a list of text.
     units : POINT parameter -> unit, such as `ANGLE_UNITS`, where the file has none.
 
@@ -266,10 +266,15 @@ def supplement_c3d(
     InputError
         The file cannot take them: its layout is damaged, or a limit of the format is met.
     """
-    header, content = original.header, original.content
+    header, content, labels = original.header, original.content, original.labels
     at = (content[0] - 1) * BLOCK
+    new = [point for point in points if point.name not in labels]
+    instead = {labels.index(point.name): point for point in points if point.name in labels}
     try:
-        section = _with_points(original.section, header.points, points, units or {})
+        section = _with_points(original.section, header.points, new, units or {})
+        told = section.list_of("POINT", "DESCRIPTIONS")
+        told = [instead[k].description if k in instead else text for k, text in enumerate(told)]
+        section = section.with_list("POINT", "DESCRIPTIONS", told) if instead else section
         section = _with_events(section, events)
         if group is not None:
             section = section.with_group(group[0], "what gaitcal added to this file")
@@ -278,10 +283,10 @@ def supplement_c3d(
         start = at + len(section.to_bytes())
         section = _with_count(section, "POINT", "DATA_START", start // BLOCK + 1)
         out = bytearray(content[:at]) + section.to_bytes()
-        out[2:4] = (header.points + len(points)).to_bytes(2, "little")
+        out[2:4] = (header.points + len(new)).to_bytes(2, "little")
         out[13 if header.processor == DEC else 15] |= 0x80  # a negative scale: floats
         out[16:18] = (start // BLOCK + 1).to_bytes(2, "little")
-        out += _data(original, points)
+        out += _data(original, new, instead)
     except (ValueError, OverflowError, IndexError, StopIteration, struct.error) as fault:
         message = f"cannot be given further points: {fault}"
         raise InputError(message, source=original.path, code=Code.NOT_WRITABLE) from None
@@ -299,21 +304,25 @@ def _rows(original: C3DOriginal) -> Array:
     return np.frombuffer(original.content, kind, original.frames * width, header.start).reshape(original.frames, width)
 
 
-def _data(original: C3DOriginal, points: Sequence[AddedPoint]) -> bytes:
-    """All frames, each the file's own points, ours, and the analog samples."""
+def _data(original: C3DOriginal, points: Sequence[AddedPoint], instead: Mapping[int, AddedPoint]) -> bytes:
+    """All frames, each the file's own points, ours, and the analog samples; `instead`: of the file's own by number."""
     header, frames, rows = original.header, original.frames, _rows(original)
     own = 4 * header.points
     if not header.is_float:
         rows = _words(_as_floats(rows, original), header.processor)
-    added = np.zeros((frames, len(points), 4))
-    for number, point in enumerate(points):
+    every = [*points, *instead.values()]
+    added = np.zeros((frames, len(every), 4))
+    for number, point in enumerate(every):
         if point.values.shape != (frames, 3):
             raise ValueError(f"{point.name} has values of shape {point.values.shape}")
         known = np.asarray(np.isfinite(point.values).all(axis=1))
         added[:, number, :3] = np.where(known[:, None], point.values, 0.0)
         added[:, number, 3] = np.where(known, 0.0, -1.0)
     ours = _words(added.reshape(frames, -1), header.processor)
-    return np.hstack([rows[:, :own], ours, rows[:, own:]]).tobytes()
+    theirs = rows[:, :own].copy()
+    for number, place in enumerate(instead, start=len(points)):
+        theirs[:, 4 * place : 4 * place + 4] = ours[:, 4 * number : 4 * number + 4]
+    return np.hstack([theirs, ours[:, : 4 * len(points)], rows[:, own:]]).tobytes()
 
 
 def _words(values: Array, processor: int) -> Array:

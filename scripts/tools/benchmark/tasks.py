@@ -98,24 +98,21 @@ def section_calibrate_gait() -> list[Timing]:
 
 def _plain(free: tuple[str, ...]) -> list[Timing]:
     """SciPy on the plain problem; with finite differences on a part of it."""
-    whole = plain_least_squares(problem("gait"), free, analytic=True)
-    short = plain_least_squares(
-        problem("gait", rule=SHORT_NODES, frames=SHORT_FRAMES), free, analytic=False, evaluations=SHORT_EVALUATIONS
-    )
+    whole, part = problem("gait"), problem("gait", rule=SHORT_NODES, frames=SHORT_FRAMES)
+    short = plain_least_squares(part, free, analytic=False, evaluations=SHORT_EVALUATIONS)
     taken: list[int] = []
 
     def analytic() -> None:
-        taken.append(int(whole().nfev))
+        taken.append(int(plain_least_squares(whole, free, analytic=True)().nfev))
 
     def extrapolated(seconds: float) -> str:
         all_of_it = seconds * (208 / SHORT_FRAMES) * (taken[-1] / SHORT_EVALUATIONS)
         return f"1 run of {SHORT_EVALUATIONS} evaluations; 208 frames and {taken[-1]}, in proportion: {all_of_it:.0f} s"
 
+    sparse, differences = "sparse analytic Jacobian", f"finite differences, {SHORT_FRAMES} frames"
     return [
-        Timing(
-            "SciPy least_squares, sparse analytic Jacobian", analytic, lambda _: f"1 run, {taken[-1]} evaluations", 1
-        ),
-        Timing(f"SciPy least_squares, finite differences, {SHORT_FRAMES} frames", short, extrapolated, 1),
+        Timing(f"SciPy least_squares, {sparse}", analytic, lambda _: f"1 run, {taken[-1]} evaluations", 1),
+        Timing(f"SciPy least_squares, {differences}", short, extrapolated, 1),
     ]
 
 
@@ -135,14 +132,10 @@ def section_ip() -> list[Timing]:
     """36 inertial parameters from a noisy gait trial."""
     model, motion = subject(), gait_motion()
     wrench = residual_free_wrench(model.parameters, motion)
-    tracked = track(model, recording("gait"), rule=NODES)
+    t = track(model, recording("gait"), rule=NODES)
+    valid = np.ones(len(t.time), bool)
     loaded = LoadedMotion(
-        name="gait",
-        q=tracked.q,
-        velocity=tracked.velocity,
-        acceleration=tracked.acceleration,
-        wrench=wrench,
-        valid=np.ones(len(tracked.time), bool),
+        name="gait", q=t.q, velocity=t.velocity, acceleration=t.acceleration, wrench=wrench, valid=valid
     )
 
     def run(fit: Callable[..., object]) -> object:
@@ -161,11 +154,10 @@ def section_bandwidth() -> list[Timing]:
     parameters = model.parameters
     hz = DenseMotion(p, parameters).by_markers()
     smoothed = with_bandwidth(p, parameters, hz)
+    choice = "choice of the bandwidth by the markers"
     return [
         Timing(f"track, {TWENTY.per_second:g} nodes a second", lambda: track(model, seen, rule=TWENTY)),
-        Timing(
-            "choice of the bandwidth by the markers", lambda: DenseMotion(p, parameters).by_markers(), f"{hz:.1f} Hz"
-        ),
+        Timing(choice, lambda: DenseMotion(p, parameters).by_markers(), f"{hz:.1f} Hz"),
         Timing("track with it", lambda: tracked_motion(smoothed, parameters), f"{smoothed.basis.nodes} nodes"),
     ]
 
