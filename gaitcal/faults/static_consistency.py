@@ -22,6 +22,7 @@ from gaitcal.faults.knee_line import knee_axes
 from gaitcal.faults.marker_slip import stretches
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.recording import Recording
+from gaitcal.model.linkage import joint_segments
 from gaitcal.runtime import remembered
 
 SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
@@ -94,8 +95,9 @@ def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
 
 @remembered
 def contradictions_in(trial: MarkerEvidence) -> tuple[Contradiction, ...]:
-    """Everything in which a moving trial contradicts the static one in what it is fitted by."""
-    return contradictions(trial.as_fitted.clusters, trial.as_fitted.links)
+    """All in which a moving trial contradicts the static one, of what it is fitted by; every segment is a witness."""
+    found, joint = contradictions(trial.clusters, trial.links), trial.trial.joint
+    return found if joint is None else tuple(c for c in found if c.segment in (joint, *joint_segments(joint)))
 
 
 def _of_cause(group: list[tuple[MarkerEvidence, Contradiction]], moving: int) -> Finding:

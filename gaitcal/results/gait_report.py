@@ -220,7 +220,7 @@ def _steps(summary: Mapping[str, object], norms: Mapping[str, tuple[float, float
         if measure:
             cells = (_average(table_of(measure, side), digits) for side in SIDES)
             asymmetry, error = (measure.get(f"symmetry_{name}") for name in ("percent", "se_percent"))
-            apart = "" if asymmetry is None else f"{asymmetry:.1f} ± {error:.1f}"
+            apart = "" if asymmetry is None else f"{asymmetry:.1f}" + ("" if error is None else f" ± {error:.1f}")
             norm = [" ± ".join(f"{part:.{digits}f}" for part in norms.get(name, ()))] if norms else []
             yield (title, str(measure.get("unit", "")), *cells, apart, *norm)
 
@@ -249,6 +249,9 @@ def _panels(
             yield variable
             continue
         rows = straight[straight["variable"] == variable]
+        if variable == FOOT_PROGRESSION and not len(rows):
+            yield "Foot progression is not in this result: calibrate again, or look which strides go straight."
+            continue
         kind = kind_of(variable)
         factor = 1.0 / subject.mass if kind is Kind.FORCE else 1.0
         curves: dict[str, tuple[Array, ...]] = {}

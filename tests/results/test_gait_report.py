@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from gaitcal.errors import InputError
 from gaitcal.figures.document import CurvePanel, ReportContent, limits_of, write_pdf
 from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.gait.profile_score import ANGLES
+from gaitcal.io.result_folder import SELF, self_hash, sha256_of
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.gait_report import KINEMATICS, KINETICS, read_comments, report_content
 from gaitcal.results.saved import load_result_model
@@ -127,3 +130,20 @@ def test_other_comments_are_refused(text: str, told: str, tmp_path: Path) -> Non
     (tmp_path / "comments.toml").write_text(text)
     with pytest.raises(InputError, match=told):
         read_comments(tmp_path / "comments.toml")
+
+
+def test_a_result_of_before_foot_progression_and_errors_of_symmetry_is_printed(made: Path, tmp_path: Path) -> None:
+    old = Path(shutil.copytree(made, tmp_path / "old"))
+    kept = [line for line in (old / "cycles.csv").read_text().splitlines() if ",foot_progression," not in line]
+    (old / "cycles.csv").write_text("\n".join(kept) + "\n")
+    summary = json.loads((old / "summary.json").read_text())
+    for measure in summary["spatiotemporal"].values():
+        measure.pop("symmetry_se_percent", None)
+    summary.pop("norm", None)
+    (old / "summary.json").write_text(json.dumps(summary))
+    manifest = json.loads((old / "manifest.json").read_text())
+    manifest["sha256"] |= {name: sha256_of(old / name) for name in ("cycles.csv", "summary.json")}
+    (old / "manifest.json").write_text(json.dumps({**manifest, SELF: self_hash(manifest)}))
+    content = report_content(old, (read_normal_bands(NORMS), NORMS), {})
+    told = [shown for shown in content.sheets[0].panels if isinstance(shown, str)]
+    assert any("calibrate again" in words for words in told) and not content.profile
