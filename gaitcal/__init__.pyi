@@ -16,8 +16,8 @@ from .gait.conventions import Acting as Acting
 from .gait.conventions import Convention as Convention
 from .gait.conventions import MomentUnit as MomentUnit
 from .gait.conventions import Signs as Signs
-from .gait.conventions import read_normal_bands as read_normal_bands
 from .gait.ensemble import ensemble as ensemble
+from .gait.normal_bands import read_normal_bands as read_normal_bands
 from .io.formats import read_recording as read_recording
 from .io.recording import Recording as Recording
 from .model.linkage import COORDINATES as COORDINATES

@@ -26,7 +26,7 @@ from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.faults.study import check_further, check_study
 from gaitcal.faults.verdict import Judgement, judge, without_consequences
 from gaitcal.findings import Finding, Severity
-from gaitcal.gait.conventions import bands_file, read_normal_bands
+from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.event_table import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.results.calibration import PAGE, write_results

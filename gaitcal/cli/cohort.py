@@ -15,7 +15,7 @@ from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import COHORT, Cohort, joined, read_cohort
 from gaitcal.cohort.run import FAILURES, PEOPLE_CSV, Ended, Written, failures, processes, run_cohort
 from gaitcal.errors import UsageError
-from gaitcal.gait.conventions import bands_file, read_normal_bands
+from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.published.workers import Cluster, Workers
 from gaitcal.session.person_facts import NOTHING_SAID, Options

@@ -18,10 +18,11 @@ from gaitcal.errors import InputError, UsageError, nearest
 from gaitcal.figures.chart import Chart
 from gaitcal.figures.paper import Strides, paper_charts
 from gaitcal.figures.report import FORMATS, HealthyBands, Told, report_charts, write_charts
-from gaitcal.gait.conventions import Signs, read_normal_bands
+from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import Kind
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import counted
+from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.result_folder import amended, put_back, read_object
 from gaitcal.io.snapshot import read_whole
 from gaitcal.model.subject_model import Subject

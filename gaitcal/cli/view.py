@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.cli.console import Console
-from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.gait.moments import counted
+from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.result_folder import file_in_place
 from gaitcal.page.bone_files import bones_of_folder

@@ -33,8 +33,8 @@ from gaitcal.errors import InputError
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement, stopping
 from gaitcal.findings import STUDY
-from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.gait.cycles import Kind, kind_of
+from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.profile_score import BOTH, GPS
 from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
 from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_room, sha256_of

@@ -21,8 +21,9 @@ from gaitcal.arrays import Array
 from gaitcal.cohort.one_person import COLUMNS, EVERY, STEPS, VARIABLES, CommonSettings, no_curves
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.gait.conventions import Convention, Signs, read_normal_bands
+from gaitcal.gait.conventions import Convention, Signs
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
+from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.toml import package_version
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject

@@ -26,7 +26,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from gaitcal.gait.conventions import Bands, read_normal_bands
+from gaitcal.gait.normal_bands import Bands, read_normal_bands
 from gaitcal.model.anthropometry import looks_like_child
 from gaitcal.model.subject_model import GRAVITY, Subject
 

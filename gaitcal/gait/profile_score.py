@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
-from gaitcal.gait.conventions import Bands
 from gaitcal.gait.cycles import POINTS
+from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.strides import TURNING
 from gaitcal.model.coordinates import FOOT_PROGRESSION, coordinate_words
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES

@@ -16,7 +16,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_external_loads, write_mjcf, write_mot, write_sto_moments, write_urdf
-from gaitcal.gait.conventions import Bands
+from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.norms import Norm, norm_for, own_norm
 from gaitcal.gait.profile_score import Score, profile_scores
 from gaitcal.io.opensim_files import write_trc
@@ -27,16 +27,8 @@ from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
 from gaitcal.model.parameters import impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page.page_data import (
-    PAGE_DATA,
-    calibration_page_data,
-    doubted,
-    followed_by,
-    only,
-    read_page_data,
-    renamed,
-    write_page_data,
-)
+from gaitcal.page.joined_data import doubted, followed_by, only, renamed
+from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data, write_page_data
 from gaitcal.page.scene import Scene, scene_of
 from gaitcal.page.scene_file import load_scene, save_scene
 from gaitcal.page.view import BodyText, Shown, body_texts, data_text, joined_page, with_trials

@@ -16,11 +16,13 @@ import pandas as pd
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.figures.document import COMMENT_SECTIONS, CurvePanel, ReportContent, Sheet
-from gaitcal.gait.conventions import BAND_SIGNS, Bands, Convention, MomentUnit, NormalBand, Signs
+from gaitcal.figures.document import COMMENT_SECTIONS, ReportContent
+from gaitcal.figures.report_sheets import CurvePanel, Sheet
+from gaitcal.gait.conventions import Convention, MomentUnit, Signs
 from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, kind_of, known_variables, typed
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
+from gaitcal.gait.normal_bands import BAND_SIGNS, Bands, NormalBand
 from gaitcal.gait.norms import FREE_WORDS, Norm, norm_for, own_norm
 from gaitcal.gait.profile_score import profile_scores
 from gaitcal.gait.strides import TURNING

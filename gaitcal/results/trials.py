@@ -23,7 +23,8 @@ from gaitcal.io.result_folder import (
     sha256_of,
 )
 from gaitcal.io.toml import package_version
-from gaitcal.page.page_data import PAGE_DATA, doubted, further_page_data, merged, only, read_page_data
+from gaitcal.page.joined_data import doubted, merged, only
+from gaitcal.page.page_data import PAGE_DATA, further_page_data, read_page_data
 from gaitcal.page.provenance import Origin
 from gaitcal.page.scene import person_scene, trial_scene
 from gaitcal.page.view import Shown, after_trials

@@ -48,8 +48,8 @@ from gaitcal.figures.chart import (
     new_figure,
     write,
 )
-from gaitcal.gait.conventions import read_normal_bands
 from gaitcal.gait.moments import SIDE_WORDS
+from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.force_plate import point_and_torque
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.nominal import published_model

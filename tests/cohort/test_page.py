@@ -25,8 +25,9 @@ from gaitcal.cohort.one_person import (
     no_curves,
 )
 from gaitcal.cohort.page import MEASURES, NO_STRIDE
-from gaitcal.gait.conventions import Signs, bands_file, read_normal_bands
+from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import Kind
+from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.results.table_file import write_csv
 from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
 

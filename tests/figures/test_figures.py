@@ -15,7 +15,6 @@ from gaitcal.figures.chart import SIDE_COLOURS, Panel, chart_figure, plain
 from gaitcal.figures.curves import NORMAL_KEY
 from gaitcal.figures.fit import forces_chart, parameters_chart
 from gaitcal.figures.report import SheetRecording, report_charts, write_charts
-from gaitcal.gait.conventions import BAND_SIGNS, NormalBand
 from gaitcal.gait.cycles import POINTS
 from gaitcal.gait.moments import (
     explained,
@@ -26,6 +25,7 @@ from gaitcal.gait.moments import (
     parameter_words,
     segment_words,
 )
+from gaitcal.gait.normal_bands import BAND_SIGNS, NormalBand
 from gaitcal.gait.strides import layout
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SEGMENTS, is_translation

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from gaitcal.figures.chart import Chart, Panel, chart_figure
 from gaitcal.figures.report import Told, report_charts
-from gaitcal.gait.conventions import Bands
+from gaitcal.gait.normal_bands import Bands
 from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.summary import summary
 from gaitcal.session.result import Calibration

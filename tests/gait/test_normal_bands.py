@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.gait.conventions import BAND_SIGNS, SHIPPED, bands_file, read_normal_bands
 from gaitcal.gait.cycles import known_variables
+from gaitcal.gait.normal_bands import BAND_SIGNS, SHIPPED, bands_file, read_normal_bands
 from gaitcal.model.subject_model import Subject
 
 PERSON = Subject("x", 60.0, 1.7, "female")

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.gait.conventions import read_normal_bands
+from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.norms import SPEEDS, free_steps, leg_length, norm_for, own_norm
 from gaitcal.gait.profile_score import ANGLES, BOTH, GPS, profile_scores
 from gaitcal.model.linkage import PELVIS_ANGLES

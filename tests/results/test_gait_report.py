@@ -14,8 +14,9 @@ from typer.testing import CliRunner
 
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.figures.document import CurvePanel, ReportContent, limits_of, write_pdf
-from gaitcal.gait.conventions import read_normal_bands
+from gaitcal.figures.document import ReportContent, write_pdf
+from gaitcal.figures.report_sheets import CurvePanel, limits_of
+from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.profile_score import ANGLES
 from gaitcal.io.result_folder import SELF, self_hash, sha256_of
 from gaitcal.results.cycles import read_cycles

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.gait.conventions import bands_file, read_normal_bands
+from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.gait.norms import SPEEDS
 from scripts.tools import walking_person
 
