@@ -29,6 +29,7 @@ HOSTILE = '<img src=x onerror="document.title=1">'
 def page_data(scene: Scene, trials: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
     """Of a scene; `more` in place of what is the same for all."""
     person = {key: getattr(SUBJECT, key) for key in ("session", "sex", "weight", "bwh")}
+    person["facts"] = [["Name or code", scene.subject], ["Diagnosis", "<b>none</b>"]]
     return {
         "format": FORMAT, "program": "gaitcal", "made": "22 November 2026",
         "person": {"name": scene.subject, "mass": scene.mass, "height": scene.height, **person},

@@ -136,6 +136,7 @@ def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, everything
         "!look at this: A line of tone look.",
         "·A line of tone plain.",
     ]
+    assert text(page, "#verdict .facts") == ["Diagnosis: <b>none</b>"]
     assert text(page, "#verdict strong") == ["Refused"]
     page.run("document.querySelector('#verdict button').click()")
     assert page.run("gaitcal.state.preset") == "trust"

@@ -26,11 +26,10 @@ Gaitcal.print = (host, page) => {
   // Who, when, how far it can be believed, and the body as it stands now.
   const head = (sheet) => {
     const { person, verdict, made, program } = sheet;
-    const size = [`${Gaitcal.numeral(person.mass)} kg`, `${Gaitcal.numeral(person.height, 2)} m`];
-    const facts = [person.session, ...size, made, program].filter(Boolean);
     const about = [
       html("h1", Gaitcal.named(person.name)),
-      html("p.soft", facts.map(Gaitcal.visible).join(" · ")),
+      html("p.soft", Gaitcal.facts(sheet)),
+      html("p.soft", `Computed ${Gaitcal.visible(made)}, ${Gaitcal.visible(program)}`),
       html("p", Gaitcal.judgement(verdict.judgement)),
       Gaitcal.verdictLines(sheet),
     ];

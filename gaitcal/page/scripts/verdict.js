@@ -32,6 +32,10 @@ Gaitcal.verdictLines = (sheet) => {
   return html("ul.lines", lines.map(line));
 };
 
+// Who it is, and of which session, in one line: what study and recordings tell, or that they do not.
+Gaitcal.facts = ({ person }) =>
+  person.facts.slice(1).map(([label, value]) => `${label}: ${Gaitcal.visible(value)}`).join(" · ");
+
 Gaitcal.verdict = (host, page) => {
   const { results, state } = page;
   // Where the window is narrow, one line is shown until more is asked for.
@@ -63,7 +67,7 @@ Gaitcal.verdict = (host, page) => {
     const lines = Gaitcal.verdictLines(sheet);
     lines.id = "verdict-lines";
     const buttons = [results.map(judged), lines.children.length > 1 && more(lines)];
-    host.replaceChildren(html("div.judgements", buttons), lines);
+    host.replaceChildren(html("div.judgements", buttons), lines, html("p.facts.soft", Gaitcal.facts(sheet)));
   };
   state.on(["result", "second"], draw);
   draw();
