@@ -133,7 +133,8 @@ def corrected_findings(events: Sequence[FootEvent], shown: Sequence[FootEvent], 
         found = f"{names}: forces or motion show them; not used"
         findings.append(_info("corrected events leave out some that forces and motion show", found))
     if apart:
-        found = f"{', '.join(apart)}: more than {1e3 * AGREE:.0f} ms from what forces and motion show; used as they stand"
+        by = f"more than {1e3 * AGREE:.0f} ms from what forces and motion show"
+        found = f"{', '.join(apart)}: {by}; used as they stand"
         findings.append(_info("corrected events lie apart from forces and motion", found))
     return tuple(findings)
 

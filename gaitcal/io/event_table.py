@@ -5,7 +5,7 @@
 
 A recording that the table names has these events and no others: its own, and those that plates and motion tell, give
 way. One that it does not name stays as it is. `result.html` writes the table (Save events). Empty cells and rows that a
-spreadsheet adds, and capitals, do no harm. A file of this name without these columns is another program's, and not used.
+spreadsheet adds, and capitals, do no harm. A file of this name without these columns is another program's: not used.
 """
 
 from __future__ import annotations
