@@ -88,9 +88,8 @@ def norm_for(subject: Subject, speed: float | None) -> Norm:
     if subject.age is None:
         return Norm(remark=f"No norm: no age is told (age_years), and {theirs}.")
     if not low <= subject.age < high:
-        return Norm(
-            remark=f"No norm fits an age of {_years(subject.age)} years: {theirs}. Your laboratory's own: --normal FILE."
-        )
+        age = _years(subject.age)
+        return Norm(remark=f"No norm fits an age of {age} years: {theirs}. Your laboratory's own: --normal FILE.")
     length, how = leg_length(subject)
     steps = free_steps(length)
     if speed is None:
