@@ -105,13 +105,38 @@ def checked_events(
 
 
 def corrected_findings(events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> tuple[Finding, ...]:
-    """Which events that a person set lie apart from what forces and motion show; they are used all the same."""
-    inside = [e for e in events if shown and time[0] + EDGE < e.time < time[-1] - EDGE]
+    """Where the events that a person set differ from what forces and motion show; they are used all the same.
+
+    A foot of which a whole kind is missing is warned of: it has no strides, or none of their phases, in any table.
+    """
+    low, high = time[0] + EDGE, time[-1] - EDGE
+    inside = [e for e in events if shown and low < e.time < high]
     apart = [_name(e) for e in inside if abs(_nearest(e, shown)) > AGREE]
-    if not apart:
-        return ()
-    found = f"{', '.join(apart)}: more than {1e3 * AGREE:.0f} ms from what forces and motion show; used as they stand"
-    return (_info("corrected events lie apart from forces and motion", found),)
+    lacking = list[FootEvent]()
+    for event in (e for e in shown if low < e.time < high):
+        if abs(_nearest(event, [*events, *lacking])) > SAME_EVENT:  # plates and motion have the same one
+            lacking.append(event)
+    findings = list[Finding]()
+    for side, word in SIDE_WORDS.items():
+        counts = {m: sum(e.side == side and e.moment is m for e in events) for m in FootMoment}
+        unset = {m: sum(e.side == side and e.moment is m for e in lacking) for m in FootMoment if not counts[m]}
+        lacking = [e for e in lacking if e.side != side or counts[e.moment]]
+        if any(unset.values()) or (unset and max(counts.values()) > 1):
+            kinds = " and no ".join(m.value for m in unset)
+            seen = " and ".join(f"{n} {m.value}{'s' * (n != 1)}" for m, n in unset.items())
+            told = "strides" if FootMoment.STRIKE in unset else "stance and swing"
+            found = f"forces and motion show {seen}, which are not used: {told} of this foot are not told"
+            cure = "set them, too, or take the recording out of events.csv"
+            findings.append(_warning(f"corrected events have no {kinds} of the {word} foot", found, cure))
+    if lacking:
+        names = listed([_name(e) for e in sorted(lacking, key=lambda e: e.time)])
+        found = f"{names}: forces or motion show them; not used"
+        findings.append(_info("corrected events leave out some that forces and motion show", found))
+    if apart:
+        by = f"more than {1e3 * AGREE:.0f} ms from what forces and motion show"
+        found = f"{', '.join(apart)}: {by}; used as they stand"
+        findings.append(_info("corrected events lie apart from forces and motion", found))
+    return tuple(findings)
 
 
 def _fault(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, fit: _Fit) -> Finding:

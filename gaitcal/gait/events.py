@@ -83,7 +83,8 @@ def trial_events(
         by_motion = motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
     by_plates = [] if reactions is None else plate_events(motion.time, reactions.loaded, recording.plates)
     if recording.corrected:
-        return corrected(motion.time, recording.events, [*by_plates, *by_motion])
+        own = _of_their_foot(by_plates, by_motion, motion.time)
+        return corrected(motion.time, recording.events, [*own, *by_motion])
     return joined_events(motion.time, recording.events, by_plates, by_motion)
 
 
@@ -99,14 +100,7 @@ def joined_events(
     time: Array, file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> GaitEvents:
     """The events of three sources as one list; `time` (nf,) s of the trial's frames."""
-
-    def is_of_foot(event: FootEvent) -> bool:
-        """Whether the motion has the event of a plate, too, or shows nothing of that foot there."""
-        of_foot = times_of(motion, event.side, event.moment)
-        unseen = not of_foot or event.time < time[0] + UNSEEN or event.time > time[-1] - UNSEEN
-        return unseen or min(abs(t - event.time) for t in of_foot) <= PLATE_AGREES
-
-    plates = [event for event in plates if is_of_foot(event)]
+    plates = _of_their_foot(plates, motion, time)
     used, findings = checked_events(file, plates, motion, time)
     events: list[GaitEvent] = []
     for side in SIDES:
@@ -119,6 +113,17 @@ def joined_events(
             events += known + _further(known, alone, EventSource.MOTION, moment, side)
     joined = GaitEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
     return replace(joined, findings=(*findings, *order_findings({side: joined.of(side) for side in SIDES})))
+
+
+def _of_their_foot(plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array) -> list[FootEvent]:
+    """The events of plates that the motion has, too, or where it shows nothing of that foot."""
+
+    def is_of_foot(event: FootEvent) -> bool:
+        of_foot = times_of(motion, event.side, event.moment)
+        unseen = not of_foot or event.time < time[0] + UNSEEN or event.time > time[-1] - UNSEEN
+        return unseen or min(abs(t - event.time) for t in of_foot) <= PLATE_AGREES
+
+    return [event for event in plates if is_of_foot(event)]
 
 
 def times_of(events: Sequence[FootEvent], side: str, moment: FootMoment) -> list[float]:

@@ -4,13 +4,15 @@
     walk.c3d,1.230,right,foot strike          s on the clock of the recording
 
 A recording that the table names has these events and no others: its own, and those that plates and motion tell, give
-way. One that it does not name stays as it is. `result.html` writes the table (Save events).
+way. One that it does not name stays as it is. `result.html` writes the table (Save events). Empty cells and rows that a
+spreadsheet adds, and capitals, do no harm. A file of this name without these columns is another program's: not used.
 """
 
 from __future__ import annotations
 
 import csv
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -21,28 +23,36 @@ from gaitcal.io.text_file import FileFault, naming_file, read_lines
 
 EVENTS: Final = "events.csv"
 HEADER: Final = ("file", "time", "side", "event")
+FOREIGN: Final = f"its first line is not '{','.join(HEADER)}'"
 
 
 def events_beside(recording: Path) -> tuple[Path, ...]:
-    """The table of events in the folder of a recording, if there is one."""
+    """The table of events in the folder of a recording, if there is one of ours."""
     path = recording.parent / EVENTS
-    return (path,) if path.is_file() else ()
+    return (path,) if path.is_file() and is_event_table(path) else ()
+
+
+@naming_file
+def is_event_table(path: Path) -> bool:
+    """Whether a file is meant as such a table: its first line names the columns, however they are parted."""
+    return set(HEADER) - {"time"} <= set(re.findall("[a-z]+", read_lines(path)[0].lower()))
 
 
 @naming_file
 def read_events(path: Path) -> dict[str, dict[FootEvent, int]]:
     """File name of a recording -> its events, each with its line; every row is right, and names a file beside it."""
     lines = read_lines(path)
-    if (found := tuple(cell.strip().lower() for cell in lines[0].split(","))) != HEADER:
-        raise FileFault(f"found '{','.join(found)[:60]}'; a header '{','.join(HEADER)}' is needed", "line 1")
+    head, *rows = (_cells(row) for row in csv.reader(lines))
+    if tuple(cell.lower() for cell in head) != HEADER:
+        raise FileFault(f"found '{','.join(head)[:60]}'; a header '{','.join(HEADER)}' is needed", "line 1")
     kinds, sides = {moment.value: moment for moment in FootMoment}, ("right", "left")
     events: dict[str, dict[FootEvent, int]] = {}
-    for number, row in enumerate(csv.reader(lines[1:]), start=2):
-        if not row:
+    for number, row in enumerate(rows, start=2):
+        if not any(row):
             continue
         if len(row) != len(HEADER):
             raise FileFault(f"found {len(row)} cells; {len(HEADER)} are needed: {', '.join(HEADER)}", f"line {number}")
-        name, time, side, kind = (cell.strip() for cell in row)
+        name, time, side, kind = row
 
         def fault(found: str, allowed: str, field: str, number: int = number) -> FileFault:
             return FileFault(f"found '{found[:60]}'; allowed: {allowed}", f"line {number}, {field}")
@@ -55,15 +65,21 @@ def read_events(path: Path) -> dict[str, dict[FootEvent, int]]:
             seconds = math.nan
         if not math.isfinite(seconds):
             raise fault(time, "a number, in s", "time")
-        if side not in sides:
+        if side.lower() not in sides:
             raise fault(side, ", ".join(sides), "side")
-        if kind not in kinds:
+        if kind.lower() not in kinds:
             raise fault(kind, ", ".join(kinds), "event")
-        event = FootEvent(kinds[kind], SIDES[side], seconds)
+        event = FootEvent(kinds[kind.lower()], SIDES[side.lower()], seconds)
         if event in events.setdefault(name, {}):
             raise fault(time, f"each {kind} of a foot once", "time")
         events[name][event] = number
     return events
+
+
+def _cells(row: list[str]) -> list[str]:
+    """Without empty cells after the last column."""
+    last = max((k for k, cell in enumerate(row, start=1) if cell.strip()), default=0)
+    return [cell.strip() for cell in row[: max(last, len(HEADER))]]
 
 
 def with_corrected_events(recording: Recording, path: Path) -> Recording:
@@ -77,6 +93,8 @@ def with_corrected_events(recording: Recording, path: Path) -> Recording:
     for table in events_beside(path):
         if (events := read_events(table).get(path.name)) is not None:
             return _corrected(table, recording, events)
+    if (path.parent / EVENTS).is_file() and not events_beside(path):
+        return recording.with_notes(f"{EVENTS} is not used: {FOREIGN}")
     return recording
 
 

@@ -22,7 +22,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.csv import CORNER_HEADER, FACT_HEADER, is_force_header, read_header
-from gaitcal.io.event_table import EVENTS, read_events
+from gaitcal.io.event_table import EVENTS, FOREIGN, is_event_table, read_events
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import FORCE_READERS, read_forces, read_recording
@@ -168,6 +168,8 @@ def _understood(path: Path) -> FolderFile:
 
 def _csv(file: FolderFile) -> FolderFile:
     if file.path.name == EVENTS:
+        if not is_event_table(file.path):
+            return replace(file, reason=FOREIGN)
         read_events(file.path)
         return replace(file, kind=FileKind.EVENTS)
     try:

@@ -43,6 +43,22 @@ def test_corrected_events_are_the_only_ones_and_what_is_apart_is_told() -> None:
     assert not corrected(TIME, walk(), walk()).findings
 
 
+def test_what_corrected_events_leave_out_is_told_and_a_foot_without_a_kind_is_warned_of() -> None:
+    """Both sources have each event once; one that is moved is apart, not left out."""
+    shown = [*walk(3.0, 4.5), *moved(walk(), 0.05)]
+    one_off = next(e for e in walk() if e.time > 3.0 and e.moment is FootMoment.OFF)
+    [left_out] = corrected(TIME, [e for e in walk() if e != one_off], shown).findings[:1]
+    assert left_out.found.count("foot off") == 1 and f"off {one_off.time:.2f} s" in left_out.found
+    assert left_out.severity is Severity.INFO
+    [none] = corrected(TIME, [e for e in walk() if e.side == "r"], shown).findings
+    assert none.severity is Severity.WARNING and none.cause.endswith("no foot strike and no foot off of the left foot")
+    assert "motion show 3 foot strikes and 4 foot offs, which are not used: strides" in none.found
+    strikes = [e for e in walk() if e.side == "r" or e.moment is FootMoment.STRIKE]
+    [offs] = corrected(TIME, strikes, []).findings
+    assert offs.severity is Severity.WARNING and offs.cause.endswith("no foot off of the left foot")
+    assert not corrected(TIME, [e for e in walk() if e.side == "r"], []).findings
+
+
 def test_events_of_the_motion_are_moved_to_mean_the_same_as_those_known_better() -> None:
     """Strikes 30 ms early, offs 20 ms late, of which the plates show one stride."""
     motion = [FootEvent(e.moment, e.side, e.time + (-0.03 if e.moment is FootMoment.STRIKE else 0.02)) for e in walk()]

@@ -41,7 +41,7 @@ def test_rows_are_events_in_order_of_time_and_others_stay(tmp_path: Path) -> Non
         ("walk.csv,0.4,l,foot off\n", "line 2, side: found 'l'; allowed: right, left"),
         ("walk.csv,0.4,left,toe off\n", "line 2, event: found 'toe off'; allowed: foot strike, foot off"),
         ("walk.csv,nan,left,foot off\n", "line 2, time: found 'nan'; allowed: a number, in s"),
-        ("walk.csv,0.5,left,foot off,\n", "line 2: found 5 cells; 4 are needed"),
+        ("walk.csv,0.5,left,foot off,by eye\n", "line 2: found 5 cells; 4 are needed"),
         ("\nrun.csv,0.4,left,foot off\n", "line 3, file: found 'run.csv'; allowed: the name of a recording in this"),
         ("../walk.csv,0.4,left,foot off\n", "line 2, file: found '../walk.csv'"),
         ("walk.csv,0.4,left,foot off\nwalk.csv,0.40,left,foot off\n", "line 3, time: found '0.40'; allowed: each"),
@@ -59,6 +59,30 @@ def test_a_table_of_other_columns_is_refused(tmp_path: Path) -> None:
     folder_with(tmp_path, "walk.csv,0.4,left\n", head="trial,time,side\n")
     with pytest.raises(InputError, match="line 1: found 'trial,time,side'; a header 'file,time,side,event' is needed"):
         read_events(tmp_path / EVENTS)
+
+
+def test_what_a_spreadsheet_adds_does_no_harm(tmp_path: Path) -> None:
+    rows = "walk.csv,0.125,Right,Foot Strike,,\n,,,\n,,,,,\nwalk.csv,0.4,LEFT,foot off\n"
+    recording = with_corrected_events(body(), folder_with(tmp_path, rows, head="File,time,side,event,,\n"))
+    assert [(e.moment, e.side, e.time) for e in recording.events] == [
+        (FootMoment.STRIKE, "r", 0.125),
+        (FootMoment.OFF, "l", 0.4),
+    ]
+
+
+def test_a_table_of_another_program_is_told_and_not_used_and_one_that_is_meant_as_ours_stops(tmp_path: Path) -> None:
+    folder = write(tmp_path, recordings())
+    (folder / EVENTS).write_text("frame,event\n12,RHS\n", encoding="utf-8")
+    made = draft(folder)
+    [row] = [row for row in made.left_out if row.name == EVENTS]
+    assert "its first line is not 'file,time,side,event'" in row.reason
+    study = study_of(made)
+    walk = next(trial for trial in study.trials if trial.name == "walk")
+    assert not walk.recording.corrected and EVENTS not in study.inputs
+    assert any(note.startswith("events.csv is not used") for note in walk.recording.notes)
+    (folder / EVENTS).write_text("file;time;side;event\nwalk.csv;0,5;right;foot strike\n", encoding="utf-8")
+    with pytest.raises(InputError, match="a header 'file,time,side,event' is needed"):
+        study_of(made)
 
 
 def test_a_study_of_a_folder_uses_it_and_has_its_hash(tmp_path: Path) -> None:
