@@ -79,6 +79,7 @@ Sensitivities = Annotated[
     bool, typer.Option(help="What the paper does not say: trial length, end of re-fits, centre of pressure.")
 ]
 
+MODELS = "osim,urdf,mjcf"
 Formats = Annotated[
     str,
     typer.Option("--format", help="Comma-separated: osim, urdf, mjcf; c3d for the recordings; cycles for the strides."),

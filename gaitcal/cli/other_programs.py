@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from gaitcal.export.muscle_paths import (
     leg_ranges,
     muscle_changes,
     muscle_paths,
+    muscles_about,
     muscles_csv,
     opensim_is_installed,
 )
@@ -193,6 +195,23 @@ def require_into(**given: object) -> None:
             raise UsageError("found without --into; allowed: with --into MODEL.osim", field=f"--{name}")
 
 
+def require_no_into(**given: object) -> None:
+    """UsageError for an option that means nothing with `--into`."""
+    for name, value in given.items():
+        if value:
+            raise UsageError("found with --into, which writes one OpenSim model; allowed: without --into", field=f"--{name}")
+
+
+def _draws_folder(out: Path) -> Path:
+    return out.with_name(f"{out.stem}_draws")
+
+
+def _earlier(out: Path) -> list[Path]:
+    """Draws and table of muscles that an earlier run wrote for this file, which then fit it no more."""
+    draws = sorted(p for p in _draws_folder(out).glob("*.osim") if re.fullmatch(r"\d{3,}", p.stem))
+    return [*draws, *(p for p in (out.with_suffix(".muscles.csv"),) if p.is_file())]
+
+
 def export_into(result: Path, options: IntoOptions, console: Console) -> None:
     """Write the user's OpenSim model with this person's joints, tables of what was done, and draws of it."""
     out = options.out
@@ -201,6 +220,8 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         raise UsageError(message, field="--out")
     if out.resolve() == options.model.resolve():
         raise UsageError("found the model that is read; allowed: another file", field="--out")
+    if options.model.resolve().parent == _draws_folder(out).resolve():
+        raise UsageError("found a draw of --out, whose draws are replaced; allowed: another file", field="--into")
     wanted = {word.strip() for word in options.parameters.split(",")}
     if wanted not in ({JOINTS}, {JOINTS, MASSES}):
         message = f"found '{options.parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
@@ -228,10 +249,15 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
     for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
+    earlier = _earlier(out)
+    for path in earlier:
+        path.unlink()
+    if earlier:
+        console.line(f"removed, as of an earlier run: {', '.join(str(p.relative_to(out.parent)) for p in earlier)}")
     atomic_bytes(out, done.content)
     atomic_text(out.with_suffix(".joints.csv"), joints_csv(done))
     _tell_joints(console, done)
-    drawn = [out.with_name(f"{out.stem}_draws") / f"{k + 1:03d}.osim" for k in range(options.draws)]
+    drawn = [_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(options.draws)]
     with console.working() as step:
         rng = np.random.default_rng(options.seed)
         for k, path in enumerate(drawn):
@@ -247,7 +273,8 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
             for k, path in enumerate(drawn):
                 step(f"muscles of draw {k + 1} of {len(drawn)}")
                 spread.append(muscle_paths(path, ranges))
-            atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread))
+            unsure = muscles_about(changes, done.legs, done.left)
+            atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread, unsure))
     console.line()
     if options.muscles:
         _tell_muscles(console, changes)
@@ -257,6 +284,9 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         console.line(f"wrote {path}")
     if drawn:
         console.line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
+        if done.left:
+            table = "; arm_sd_mm is empty for muscles that cross them" if options.muscles and unsure else ""
+            console.line(f"draws leave {', '.join(done.left)} where they are, which are known least{table}")
 
 
 def _tell_joints(console: Console, done: CalibratedOsim) -> None:

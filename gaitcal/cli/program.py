@@ -210,7 +210,7 @@ def reproduce(
 def export(
     console: "Console",
     result: Result,
-    formats: told.Formats = "osim,urdf,mjcf",
+    formats: told.Formats = told.MODELS,
     out: told.ExportFolder = None,
     inputs: told.Inputs = None,
     replace: told.Replace = False,
@@ -226,17 +226,19 @@ def export(
     seed: told.ModelSeed = 0,
 ) -> None:
     """The fitted model for OpenSim, ROS, MuJoCo; its joints in your own OpenSim model; recordings as C3D; strides."""
-    from gaitcal.cli.other_programs import IntoOptions, convention_of, export_into, export_model, require_into
+    from gaitcal.cli import other_programs as to
 
     if into is not None:
-        chosen = IntoOptions(
+        to.require_no_into(format=formats != told.MODELS, inputs=inputs, replace=replace, convention=convention)
+        to.require_no_into(moments=moments, external=external, units=units)
+        chosen = to.IntoOptions(
             model=into, out=out, names=names, parameters=parameters, muscles=muscles, draws=draws, seed=seed
         )
-        export_into(result, chosen, console)
+        to.export_into(result, chosen, console)
         return
-    require_into(names=names, parameters=parameters != "joints", muscles=muscles, draws=draws)
-    told_as = convention_of(convention, moments, units, external=external)
-    export_model(result, formats, out, inputs, console, told_as, replace=replace)
+    to.require_into(names=names, parameters=parameters != "joints", muscles=muscles, draws=draws, seed=seed)
+    told_as = to.convention_of(convention, moments, units, external=external)
+    to.export_model(result, formats, out, inputs, console, told_as, replace=replace)
 
 
 @command

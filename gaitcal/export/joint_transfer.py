@@ -51,6 +51,7 @@ from gaitcal.export.osim_correspondence import (
 from gaitcal.export.osim_reader import OsimDocument, Place, Weight, peer_of, read_document
 from gaitcal.export.osim_registration import (
     JOINT_OF,
+    NAME_OR_SCALE,
     Registration,
     SegmentMass,
     axis_of_ours,
@@ -64,7 +65,6 @@ from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior
 
@@ -142,6 +142,11 @@ class CalibratedOsim:
     """Of the segments whose bodies weigh what ours do; empty unless asked for."""
     notes: tuple[str, ...]
     """What the user should know, one sentence each."""
+
+    @property
+    def left(self) -> tuple[str, ...]:
+        """Joints, ours, that stay as they are, in draws too: the recordings say little of them."""
+        return tuple(move.joint for move in self.joints if move.verdict is Verdict.UNDETERMINED)
 
 
 @with_one_blas_thread
@@ -240,7 +245,7 @@ class Transfer:
         )
 
     def drawn(self, rng: np.random.Generator) -> bytes:
-        """A file with joints drawn from their errors, bodies registered with theirs, and masses as they were."""
+        """A file with joints drawn from their errors, bodies registered with theirs, masses and left joints as were."""
         parameters = self.model.parameters
         if self.errors is not None:
             own = self.errors.of([name for name in self.errors.free if name in JP_INDEX])  # soft tissue is no joint
@@ -390,16 +395,17 @@ class Transfer:
                     f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {bodies}: muscle points beside it stay "
                     "on their bones, and may no longer suit it"
                 )
+        if by_axes := [r for r in self.bodies.values() if r.by_axes]:
+            yield (
+                f"{', '.join(r.body for r in by_axes)}: laid on by the axes of joints, up to "
+                f"{1e3 * max(r.rms for r in by_axes):.0f} mm from this person's, as too few markers are shared; nothing "
+                f"shows that the model has this person's size: {NAME_OR_SCALE}"
+            )
         for r in self.bodies.values():
-            if r.rms > APART:
+            if r.rms > APART and not r.by_axes:
                 yield (
                     f"{r.body}: its markers are {1e3 * r.rms:.0f} mm from this person's, so that it may be of another "
                     "size: scale the model to this person first, with these markers, and export again"
-                )
-            if r.common < FEWEST_MARKERS:
-                yield (
-                    f"{r.body} shares {r.common} markers with {r.segment}: laid on it by the axes of the joints, "
-                    "which tells less"
                 )
 
 

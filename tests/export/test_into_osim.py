@@ -18,7 +18,7 @@ from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.errors import InputError
 from gaitcal.export.joint_transfer import JOINTS_HEADER, Transfer, Verdict, into_osim, joints_csv
-from gaitcal.export.muscle_paths import leg_ranges, muscle_changes, muscle_paths, muscles_csv
+from gaitcal.export.muscle_paths import MusclePath, leg_ranges, muscle_changes, muscle_paths, muscles_about, muscles_csv
 from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
@@ -269,13 +269,26 @@ def test_what_recordings_say_little_of_is_left(published: SubjectModel, tmp_path
     sizes[[k for k, name in enumerate(JP_NAMES) if not name.startswith("knee_r")]] *= 0.1
     done = into_osim(published, path, errors=ErrorSources(JP_NAMES, sizes, tuple(JP_NAMES)))
     left = [m.joint for m in done.joints if m.verdict is Verdict.UNDETERMINED]
-    assert left == ["knee_r"]
+    assert left == ["knee_r"] == list(done.left)
     (tmp_path / "out.osim").write_bytes(done.content)
     was, now = (read_osim(p).joints["shank_r"] for p in (path, tmp_path / "out.osim"))
     assert was.in_parent == now.in_parent and was.in_child == now.in_child
     rows = joints_csv(done).splitlines()
     assert rows[0] == JOINTS_HEADER and all(row.count(",") == JOINTS_HEADER.count(",") for row in rows)
     assert sum(row.startswith("knee_r,") for row in rows) == 1
+
+    # its error is in no draw: a muscle that crosses it has no standard deviation, about whatever joint
+    crossing = [("gastrocnemius", "knee_angle_r"), ("gastrocnemius", "ankle_angle_r"), ("soleus", "ankle_angle_r")]
+    two = np.array([0.1, 0.2])
+    draws = [
+        {(m, c): MusclePath(muscle=m, coordinate=c, values=two, length=two, arm=k * two) for m, c in crossing}
+        for k in range(3)
+    ]
+    changes = muscle_changes(draws[0], draws[1])
+    unsure = muscles_about(changes, done.legs, done.left)
+    assert unsure == {"gastrocnemius"}
+    for row in muscles_csv(changes, draws, unsure).splitlines()[1:]:
+        assert row.endswith(",") == row.startswith('"gastrocnemius"')
 
 
 def test_the_users_own_names(published: SubjectModel, tmp_path: Path) -> None:
@@ -376,6 +389,14 @@ def without_legs(tree: ET.ElementTree) -> None:
             holder.remove(joint)
 
 
+def of_a_child(tree: ET.ElementTree, size: float = 0.8) -> None:
+    """Bones of a smaller person, and no marker that anybody else has."""
+    for element in tree.iter("translation"):
+        element.text = " ".join(str(size * float(x)) for x in (element.text or "").split())
+    for k, element in enumerate(tree.iter("Marker")):
+        element.set("name", f"x{k}")
+
+
 def misplaced_markers(tree: ET.ElementTree) -> None:
     for k, element in enumerate(tree.iter("Marker")):
         location = element.find("location")
@@ -388,6 +409,11 @@ def misplaced_markers(tree: ET.ElementTree) -> None:
     [
         (without_legs, "has no pelvis with two legs of three joints or more"),
         (misplaced_markers, r"its markers lie \d+ mm \(RMS\) from this person's on pelvis; allowed: up to 50 mm"),
+        (
+            of_a_child,
+            r"the axes of its joints are \d+ mm \(RMS\) from this person's on thigh_r; allowed: up to 20 mm; "
+            "it shares no markers with it: name the model's markers as the recordings do, or scale",
+        ),
     ],
 )
 def test_a_model_of_something_else(
@@ -400,6 +426,16 @@ def test_a_model_of_something_else(
     with pytest.raises(InputError, match=message) as caught:
         into_osim(published, tmp_path / "m.osim")
     assert "\n" not in str(caught.value)
+
+
+def test_what_is_laid_on_by_axes_says_so(published: SubjectModel, tmp_path: Path) -> None:
+    """Of markers that nobody shares nothing is said, but how far the joints' axes are."""
+    write_osim(published, tmp_path / "m.osim")
+    tree = ET.parse(tmp_path / "m.osim")
+    of_a_child(tree, 0.94)
+    tree.write(tmp_path / "m.osim")
+    (said,) = [note for note in into_osim(published, tmp_path / "m.osim").notes if note.startswith("pelvis, thigh_r")]
+    assert re.search(r"by the axes of joints, up to 1\d mm from .* too few markers are shared", said)
 
 
 @pytest.mark.slow
@@ -475,7 +511,9 @@ def run(*words: str) -> int:
 
 
 @pytest.mark.slow
-def test_the_command(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(
+    kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The nominal model stands for the user's; with the calibrated joints in it, it is the calibrated model."""
     result = kept_result(kept) / "result"
     model = load_model(result / "model.toml")
@@ -492,8 +530,19 @@ def test_the_command(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert names == ["mine.joints.csv", "mine.osim", "mine_draws", "scaled.osim"]
     one, two = ((tmp_path / "mine_draws" / f"00{k}.osim").read_bytes() for k in (1, 2))
     assert one != two
+    (tmp_path / "mine_draws" / "my own.osim").write_text("")
+    (tmp_path / "mine.muscles.csv").write_text("of an earlier run")
     assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0
     assert (tmp_path / "mine_draws" / "001.osim").read_bytes() == one
+    assert sorted(p.name for p in (tmp_path / "mine_draws").iterdir()) == ["001.osim", "my own.osim"]
+    assert not (tmp_path / "mine.muscles.csv").exists()
+    printed = " ".join(capsys.readouterr().out.split())
+    told = ("001.osim", "002.osim")
+    assert f"of an earlier run: {', '.join(f'mine_draws/{n}' for n in told)}, mine.muscles.csv" in printed
+    assert "draws leave" not in printed, "every joint is known"
+    monkeypatch.setattr("gaitcal.export.joint_transfer.LITTLE", 0.0)
+    assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0
+    assert "draws leave hip_r, knee_r, " in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(
@@ -502,6 +551,11 @@ def test_the_command(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
         (("--into", "m.osim"), "--out: found nothing; allowed: a file FILE.osim to be written"),
         (("--into", "m.osim", "--out", "m.osim"), "--out: found the model that is read; allowed: another file"),
         (("--into", "m.osim", "--out", "n.osim", "--parameters", "mass"), "allowed: joints or joints,masses"),
+        (("--into", "n_draws/001.osim", "--out", "n.osim"), "--into: found a draw of --out"),
+        (("--into", "m.osim", "--out", "n.osim", "--format", "c3d"), "--format: found with --into"),
+        (("--into", "m.osim", "--out", "n.osim", "--convention", "clinical"), "--convention: found with --into"),
+        (("--into", "m.osim", "--out", "n.osim", "--replace"), "--replace: found with --into"),
+        (("--seed", "3"), "--seed: found without --into; allowed: with --into MODEL.osim"),
         (("--draws", "3"), "--draws: found without --into; allowed: with --into MODEL.osim"),
     ],
 )
