@@ -178,10 +178,8 @@ class Study:
         marker_set, trials = _worn(marker_set, trials)
         recordings = [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
         if note := _age(file.subject, _facts(recordings))[1]:
-            trials = tuple(
-                replace(t, recording=t.recording.with_notes(note)) if t.recording is recordings[0] else t
-                for t in trials
-            )
+            first = recordings[0]
+            trials = tuple(replace(t, recording=first.with_notes(note)) if t.recording is first else t for t in trials)
         study = cls(
             subject=subject_of(file.subject, recordings),
             marker_set=marker_set,
