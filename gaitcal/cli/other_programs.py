@@ -31,7 +31,7 @@ from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.findings import Finding, note_of
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
-from gaitcal.io.atomic import atomic_bytes, atomic_text
+from gaitcal.io.atomic import atomic_bytes, atomic_text, disk_errors
 from gaitcal.io.formats import convert
 from gaitcal.io.result_folder import amended
 from gaitcal.io.snapshot import Snapshot
@@ -249,13 +249,14 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
     for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
-    earlier = _earlier(out)
-    for path in earlier:
-        path.unlink()
-    if earlier:
-        console.line(f"removed, as of an earlier run: {', '.join(str(p.relative_to(out.parent)) for p in earlier)}")
     atomic_bytes(out, done.content)
     atomic_text(out.with_suffix(".joints.csv"), joints_csv(done))
+    earlier = _earlier(out)
+    for path in earlier:
+        with disk_errors(path):
+            path.unlink()
+    if earlier:
+        console.line(f"removed, as of an earlier run: {', '.join(str(p.relative_to(out.parent)) for p in earlier)}")
     _tell_joints(console, done)
     drawn = [_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(options.draws)]
     with console.working() as step:

@@ -146,9 +146,23 @@ class Facts:
     session_date: str | None = None
     """Day of the recording, as 2016-03-09."""
     birth_date: str | None = None
-    """As 2008-11-30."""
+    """As 2008-11-30. It gives the age; of itself it goes into no result."""
     is_static: bool | None = None
     """Whether the file calls itself a static trial."""
+
+
+DAYS_A_YEAR: Final = 365.2425
+OLDEST: Final = 110.0
+"""Years: who does not tell a date of birth often leaves 1900-01-01 in it."""
+
+
+def years_between(birth_date: str | None, session_date: str | None) -> float | None:
+    """Age by two dates as 2016-03-09, negative where the first is the later one; None where one is not known."""
+    try:
+        born, then = (datetime.date.fromisoformat(day or "") for day in (birth_date, session_date))
+    except ValueError:
+        return None
+    return (then - born).days / DAYS_A_YEAR
 
 
 @dataclass(frozen=True)

@@ -107,6 +107,7 @@ class PatientRecord:
     """
 
     birth_date: str = ""
+    """Only where the study has it, never from a recording."""
     session_date: str = ""
     """Of the recordings: from the study, else from the files themselves; never that of the computation."""
     diagnosis: str = ""

@@ -162,8 +162,7 @@ def settings_text(settings: CalibrationSettings, priors: Path | None = None, fol
 
 def _subject(draft: Draft) -> list[str]:
     lines = ["[subject]"]
-    dates = ("session_date", "birth_date")
-    for field in ("name", "session", *dates, "mass_kg", "height_m", "height_error_m", "sex", "age_years"):
+    for field in ("name", "session", "session_date", "mass_kg", "height_m", "height_error_m", "sex", "age_years"):
         known = draft.person.get(field)
         if known is not None:
             lines += _line(field, known.value, known.reason, known.certain)
@@ -175,7 +174,7 @@ def _subject(draft: Draft) -> list[str]:
             lines += _line(field, known.value, known.reason, known.certain)
     if "sex" not in draft.person:
         lines.append('# sex = "female"   # no file says it; without it the mean of both tables counts, with its error')
-    if "age_years" not in draft.person and not {"birth_date", "session_date"} <= set(draft.person):
+    if "age_years" not in draft.person:
         lines.append("# age_years =   # no file says it; tables of masses and norms of gait go by it")
     if "session_date" not in draft.person:
         lines.append('# session_date = "2016-03-09"   # no file says it; with birth_date it gives the age')

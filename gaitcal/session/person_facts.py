@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.labels import Facts
+from gaitcal.io.labels import OLDEST, Facts, years_between
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
@@ -97,12 +97,12 @@ def person_of(
         out["sex"] = Known(value=options.sex, reason="option")
     if options.age is not None:
         out["age_years"] = Known(value=options.age, reason="option")
-    for field in ("session_date", "birth_date"):
-        told = [(name, day) for name, facts in files if (day := getattr(facts, field))]
-        if told:
-            others = [f"{name} {day}" for name, day in told if day != told[0][1]]
-            words = f"{told[0][0]} says so" + (f", but {others[0]}" if others else "")
-            out[field] = Known(value=told[0][1], reason=words, certain=not others)
+    elif (age := _age_by_dates(files)) is not None:
+        out["age_years"] = age
+    if told := [(name, facts.session_date) for name, facts in files if facts.session_date]:
+        others = [f"{name} {day}" for name, day in told if day != told[0][1]]
+        words = f"{told[0][0]} says so" + (f", but {others[0]}" if others else "")
+        out["session_date"] = Known(value=told[0][1], reason=words, certain=not others)
     for field, get in (
         ("knee_width", lambda f: f.knee_width),
         ("ankle_width", lambda f: f.ankle_width),
@@ -117,6 +117,17 @@ def person_of(
         if (known := _number(None, files, length, "m", 6)) is not None:
             out[field] = replace(known, value=round(1e3 * float(str(known.value)), 2))
     return out
+
+
+def _age_by_dates(files: Sequence[tuple[str, Facts]]) -> Known | None:
+    """Years in tenths by the first dates that somebody can have; the date of birth itself is not told."""
+    ages = [(name, years_between(facts.birth_date, facts.session_date)) for name, facts in files]
+    told = [(name, round(age, 1)) for name, age in ages if age is not None and 0.0 <= age <= OLDEST]
+    if not told:
+        return None
+    others = [f"of {name} {age:g}" for name, age in told if age != told[0][1]]
+    words = f"by the dates of birth and session of {told[0][0]}" + (f", but by those {others[0]}" if others else "")
+    return Known(value=told[0][1], reason=words, certain=not others)
 
 
 def _number(

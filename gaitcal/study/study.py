@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -11,7 +10,7 @@ from pathlib import Path
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.event_table import events_beside
-from gaitcal.io.labels import Facts
+from gaitcal.io.labels import OLDEST, Facts, years_between
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording
 from gaitcal.io.result_folder import sha256_of
@@ -30,7 +29,8 @@ from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial, model_with_trunk, read_trial
 from gaitcal.study.truth import Truth, other_landmarks, read_truth, truth_files
 
-DAYS_A_YEAR = 365.2425
+AGES_DIFFER = 1.0
+"""Years, from which an age and the dates contradict each other."""
 
 
 @remembered
@@ -53,13 +53,12 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
 
     A file that names another person than the first one is not asked.
     """
-    facts = [r.facts for r in recordings if r.facts.name == recordings[0].facts.name]
+    facts = _facts(recordings)
     knees, ankles, legs = dict[str, float](), dict[str, float](), dict[str, float]()
     for one in reversed(facts):
         knees |= one.knee_width
         ankles |= one.ankle_width
         legs |= one.leg_length
-    record = _record(table, facts)
     asis = next((f.asis_distance for f in facts if f.asis_distance), None)
     diameter = next((f.marker_diameter for f in facts if f.marker_diameter), None)
     return Subject(
@@ -68,40 +67,54 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
         table.height_m,
         table.sex or "",
         height_error=table.height_error_m,
-        age=_age(table, record),
+        age=_age(table, facts)[0],
         knee_width=knees | {side: 1e-3 * width for side, width in table.knee_width_mm.items()},
         ankle_width=ankles | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
         leg_length=legs | {side: 1e-3 * length for side, length in table.leg_length_mm.items()},
         asis_distance=asis if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
         marker_diameter=diameter if table.marker_diameter_mm is None else 1e-3 * table.marker_diameter_mm,
         session=table.session,
-        record=record,
+        record=_record(table, facts),
     )
 
 
+def _facts(recordings: Sequence[Recording]) -> list[Facts]:
+    return [r.facts for r in recordings if r.facts.name == recordings[0].facts.name]
+
+
 def _record(table: SubjectTable, facts: Sequence[Facts]) -> PatientRecord:
-    """As the study says; dates that it does not say as the files do."""
+    """As the study says; the day of the session also as the files do. A date of birth only where the study has it."""
     said = table.model_dump(include=set(vars(PatientRecord())), exclude_none=True)
-    told = {
-        name: next((day for f in facts if (day := getattr(f, name))), "") for name in ("session_date", "birth_date")
-    }
-    return PatientRecord(**{**told, **said})
+    return PatientRecord(**{"session_date": _session_date(table, facts), **said})
 
 
-def _age(table: SubjectTable, record: PatientRecord) -> float | None:
-    """Years, as said, else by both dates; None where they are not known."""
-    if not (record.birth_date and record.session_date):
-        return table.age_years
-    born, then = (datetime.date.fromisoformat(day) for day in (record.birth_date, record.session_date))
-    age = round((then - born).days / DAYS_A_YEAR, 2)
-    if age < 0.0 or (table.age_years is not None and abs(table.age_years - age) > 1.0):
-        said = "" if age < 0.0 else f" and age_years = {table.age_years:g}, which they make {age:g}"
-        raise InputError(
-            f"found {record.birth_date} before session_date = {record.session_date}{said}; allowed: dates that agree",
-            field="subject.birth_date",
-            code=Code.BAD_VALUE,
-        )
-    return age if table.age_years is None else table.age_years
+def _session_date(table: SubjectTable, facts: Sequence[Facts]) -> str:
+    return table.session_date or next((f.session_date for f in facts if f.session_date), "")
+
+
+def _age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str]:
+    """Years, as said, else by the dates, of files in tenths: nobody's birthday is to be told; None: not known.
+
+    With it a note where a file's date makes an age that nobody has, or another than is said: then it is not used. Only
+    the study's own dates are refused (InputError).
+    """
+    said, then = table.age_years, _session_date(table, facts)
+    age = years_between(table.birth_date or next((f.birth_date for f in facts if f.birth_date), None), then)
+    if age is None:
+        return said, ""
+    agrees = said is None or abs(said - age) <= AGES_DIFFER
+    if table.birth_date and table.session_date:
+        if age < 0.0 or not agrees:
+            words = "" if age < 0.0 else f" and age_years = {said:g}, which they make {age:.2f}"
+            raise InputError(
+                f"found {table.birth_date} before session_date = {then}{words}; allowed: dates that agree",
+                field="subject.birth_date",
+                code=Code.BAD_VALUE,
+            )
+    elif not (agrees and 0.0 <= age <= OLDEST):
+        counts = "no age is known" if said is None else f"age_years = {said:g} counts"
+        return said, f"dates of birth and session, as files have them, make an age of {age:.1f} years: {counts}"
+    return (round(age, 2 if table.birth_date else 1) if said is None else said), ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,10 +176,12 @@ class Study:
         _require_labels(file, marker_set, trials, path)
         require_joint_prior(file.calibration, path)
         marker_set, trials = _worn(marker_set, trials)
+        recordings = [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
+        if note := _age(file.subject, _facts(recordings))[1]:
+            first = recordings[0]
+            trials = tuple(replace(t, recording=first.with_notes(note)) if t.recording is first else t for t in trials)
         study = cls(
-            subject=subject_of(
-                file.subject, [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
-            ),
+            subject=subject_of(file.subject, recordings),
             marker_set=marker_set,
             trials=trials,
             settings=file.calibration,

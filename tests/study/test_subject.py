@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,14 @@ import pytest
 from pydantic import ValidationError
 
 from gaitcal.errors import InputError
+from gaitcal.io.csv import write_markers_csv
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import validated
+from gaitcal.session.draft import draft_text, study_of
 from gaitcal.study.study import subject_of
 from gaitcal.study.study_file import SubjectTable
+from tests.session.folders import SAID, draft, recordings, write
 
 TABLE = SubjectTable(name="S07", mass_kg=70, height_m=1.8, sex="male")
 
@@ -72,7 +76,34 @@ def test_dates_come_from_the_study_else_from_the_files_and_give_the_age() -> Non
     assert subject_of(said, []).age is None, "never by the day of the computation"
     for wrong in ({"age_years": 12.0}, {"birth_date": "2017-01-01"}):
         with pytest.raises(InputError, match="allowed: dates that agree"):
-            subject_of(said.model_copy(update=wrong), [told(session_date="2016-03-01")])
+            subject_of(said.model_copy(update={"session_date": "2016-03-01", **wrong}), [])
+
+
+@pytest.mark.parametrize(
+    ("born", "said", "age", "told_too"),
+    [
+        ("2006-03-20", None, 9.9, ""),
+        ("2006-03-20", 9.5, 9.5, ""),
+        ("1900-01-01", None, None, "make an age of 116.2 years: no age is known"),
+        ("2020-01-01", None, None, "make an age of -3.8 years: no age is known"),
+        ("1999-01-01", 10.0, 10.0, "make an age of 17.2 years: age_years = 10 counts"),
+    ],
+)
+def test_a_date_of_birth_of_a_file_gives_an_age_that_can_be_and_nothing_else(
+    born: str, said: float | None, age: float | None, told_too: str, tmp_path: Path
+) -> None:
+    """Neither the person nor a drafted study has the date; one that cannot be is a note, no fault of the study."""
+    folder = write(tmp_path, recordings())
+    facts = Facts(session_date="2016-03-01", birth_date=born)
+    write_markers_csv(folder / "static.csv", replace(recordings()["static"], facts=facts))
+    made = draft(folder, replace(SAID, age=said))
+    drafted = draft_text(made, folder)
+    study = study_of(made)
+    assert (study.subject.age, study.subject.record.birth_date) == (age, "")
+    assert born not in drafted and ("# age_years =" in drafted) == (age is None)
+    notes = [note for note in study.static.recording.notes if "make an age" in note]
+    assert (told_too in notes[0]) if told_too else not notes
+    assert subject_of(TABLE.model_copy(update={"age_years": said}), [told(**vars(facts))]).age == age
 
 
 @pytest.mark.parametrize(
