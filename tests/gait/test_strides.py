@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.axis_errors import TorqueErrors
+from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.gait.cycles import POINTS, GaitCycle
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
@@ -41,6 +41,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.session.session import prepare_trial
+from gaitcal.session.trial_result import _foot_axes
 from gaitcal.study.study import nominal_of
 from scripts.validation.recordings import study_of_person
 from tests.page.people import subject_model
@@ -220,6 +221,16 @@ def test_a_raised_heel_does_not_blow_progression_up_nor_its_error() -> None:
     off, about = out_of_plane(u, 0.0)
     assert np.degrees(heading) > 10.0 and np.degrees(off) == pytest.approx(5.0)
     assert np.linalg.norm(about) == pytest.approx(1.0) and abs(about @ u) < EXACT
+
+
+def test_axes_of_the_foot_err_about_what_moves_progression() -> None:
+    """A flat foot: 3 deg about the vertical beside 4 by markers are 5; about the foot itself they are none."""
+    flat, lines = np.tile(axis_to(0.0), (1, 2, 1)), np.zeros((1, 2))
+    turned = {"foot_r": np.radians([[[0.0, 3.0, 0.0]]]), "foot_l": np.radians([[[3.0, 0.0, 0.0]]])}
+    feet = _foot_axes(flat, lines, {ErrorSource.MOTION: np.full((1, 2), np.radians(4.0) ** 2)}, turned)
+    assert feet.error is not None and feet.own is not None
+    np.testing.assert_allclose(np.degrees(feet.error), [[5.0, 4.0]])
+    np.testing.assert_allclose(np.degrees(feet.own), 4.0)
 
 
 def test_who_walks_forth_and_back_points_ahead_in_both_strides() -> None:
