@@ -56,6 +56,7 @@ def comparison_page(
     sheets: Mapping[str, Sequence[str]],
     people: Sequence[Sequence[tuple[str, str]]],
     scores: Sequence[Row] = (),
+    norms: Row = ("", ""),
 ) -> str:
     """The whole page.
 
@@ -65,6 +66,7 @@ def comparison_page(
     sheets : title -> variables of `cycles.csv`, in the order in which they are drawn.
     people : of each session, label and value of what is known of person and day.
     scores : angle or score, A, B and their difference, in words.
+    norms : whom the scores of each session are held against.
     """
     names = comparison.names
     title = f"{comparison.subjects[1].name}: {names[1]} against {names[0]}"
@@ -93,7 +95,8 @@ def comparison_page(
                 f"<figure>{picture}<figcaption>{escape(words)}</figcaption></figure>",
             ]
     if scores:
-        head = ("deg, ± standard error", *names, "difference")
+        against = (f"{name}, against {norm}" if norm else name for name, norm in zip(names, norms, strict=True))
+        head = ("deg, ± standard error", *against, "difference")
         parts += ["<h2>Gait Profile Score and Movement Analysis Profile</h2>", _table("Scores", head, scores)]
     steps = [d for d in comparison.found if d.kind == "spatiotemporal"]
     rest = [d for d in comparison.found if d.kind != "spatiotemporal"]

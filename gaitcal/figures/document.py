@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Final
 
@@ -30,12 +31,13 @@ from gaitcal.figures.report_sheets import (
     register_fonts,
 )
 from gaitcal.gait.profile_score import Score
+from gaitcal.io.atomic import atomic_bytes
 
 TONES: Final = {"trustworthy": HexColor("#2e7d32"), "doubtful": HexColor("#b26a00"), "refused": HexColor("#b00020")}
 MARGIN: Final = 15.0 * mm
 HEADER_COLUMNS: Final = 5
-HEAD: Final = 18.0 * mm
-"""Of a sheet's page: heading and note."""
+LEAST_SHEET: Final = 150.0 * mm
+"""Height of a sheet of curves that can be read; a comment that leaves less has pages of its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,22 +87,26 @@ def _heading(text: str) -> Paragraph:
 
 
 def write_pdf(content: ReportContent, path: Path) -> int:
-    """Write the report; returns the number of its pages. The same content gives the same bytes."""
+    """Write the report; returns the number of its pages. The same content gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        `path` is a folder, or cannot be written.
+    """
     register_fonts()
+    _, pages = _drawn(content, total=None)
+    drawn, pages = _drawn(content, total=pages)
+    atomic_bytes(path, drawn)
+    return pages
+
+
+def _drawn(content: ReportContent, total: int | None) -> tuple[bytes, int]:
+    """The file, and how many pages it has; drawn a first time only to learn that."""
     width, height = A4
-    pages = _count(content, path, width, height, total=None)
-    return _count(content, path, width, height, total=pages)
-
-
-def _count(content: ReportContent, path: Path, width: float, height: float, total: int | None) -> int:
-    """Write once; the first time only to learn how many pages there are."""
+    out = BytesIO()
     document = BaseDocTemplate(
-        str(path),
-        pagesize=A4,
-        title=f"Gait report: {content.person[0][1]}",
-        author="",
-        creator=content.footer,
-        invariant=1,
+        out, pagesize=A4, title=f"Gait report: {content.person[0][1]}", author="", creator=content.footer, invariant=1
     )
     frame = Frame(MARGIN, MARGIN + 6 * mm, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm, 0, 0, 0, 0)
     seen = 0
@@ -120,7 +126,7 @@ def _count(content: ReportContent, path: Path, width: float, height: float, tota
 
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
     document.build(_story(content, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm))
-    return seen
+    return out.getvalue(), seen
 
 
 def _story(content: ReportContent, width: float, height: float) -> list[Flowable]:
@@ -133,15 +139,21 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
         out += [_heading("Steps and phases"), Spacer(1, 1.5 * mm), _table(content.steps, width)]
         out += [printed(content.steps_norm, 7, colour=FAINT, before=2)] if content.steps_norm else []
     out += _comment(content, "spatiotemporal")
-    profile = _profile(content, width)
-    together = sum(part.wrap(width, height)[1] + part.getSpaceBefore() for part in (*out, *profile)) < height
-    out += profile if together else []
     for sheet in content.sheets:
+        if not sheet.has_curves:
+            out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
+    profile = _profile(content, width)
+    together = _height([*out, *profile], width, height) < height
+    out += profile if together else []
+    for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
         note = " ".join(filter(None, (sheet.note, content.norm_remark)))
-        out += [PageBreak(), _heading(sheet.title), printed(note, 7, colour=FAINT), Spacer(1, 2 * mm)]
+        head = [_heading(sheet.title), printed(note, 7, colour=FAINT), Spacer(1, 2 * mm)]
         comment = _comment(content, sheet.comment)
-        taken = sum(part.wrap(width, height)[1] + part.getSpaceBefore() for part in comment)
-        out += [SheetOfCurves(sheet, content.toe_off, content.norm, (width, height - HEAD - taken)), *comment]
+        high = height - _height(head, width, height)
+        left = high - _height(comment, width, height)
+        if left < LEAST_SHEET:
+            left, comment = high, [PageBreak(), _heading(sheet.title), *comment]
+        out += [PageBreak(), *head, SheetOfCurves(sheet, content.toe_off, content.norm, (width, left)), *comment]
     out += [PageBreak(), *([] if together else profile), _heading("Joints: where calibration moved them")]
     stayed = printed("Joint parameters stayed as they were.")
     out += [Spacer(1, 1.5 * mm), _table(content.joints, width) if len(content.joints) > 1 else stayed]
@@ -152,8 +164,14 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
     return [*out, Spacer(1, 14 * mm), _signature(width)]
 
 
+def _height(parts: Sequence[Flowable], width: float, height: float) -> float:
+    return float(sum(part.wrap(width, height)[1] + part.getSpaceBefore() for part in parts))
+
+
 def _profile(content: ReportContent, width: float) -> list[Flowable]:
-    """Gait Profile Scores; of somebody whom no norm fits, why."""
+    """Gait Profile Scores; of somebody whom no norm fits, why; nothing where there are no curves at all."""
+    if not any(sheet.has_curves for sheet in content.sheets):
+        return []
     out: list[Flowable] = [_heading("Gait Profile Score and Movement Analysis Profile"), Spacer(1, 1 * mm)]
     if not content.profile:
         return [*out, printed(content.norm_remark or "The norm or the strides lack an angle of the profile.")]
@@ -204,9 +222,11 @@ def _verdict(content: ReportContent, width: float) -> Table:
 
 
 def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
-    """The first row is the head; columns as wide as their longest words ask for."""
-    longest = [max(7.0, max(len(row[k]) for row in rows) ** 0.8) for k in range(len(rows[0]))]
-    widths = [width * letters / sum(longest) for letters in longest]
+    """The first row is the head; columns as wide as their longest texts ask for, and words up to 14 letters whole."""
+    letters = [max(7.0, max(len(row[k]) for row in rows) ** 0.8) for k in range(len(rows[0]))]
+    words = [max(len(word) for row in rows for word in (*row[k].split(), "")) for k in range(len(rows[0]))]
+    longest = [max(of_text, min(14, 1.1 * word)) for of_text, word in zip(letters, words, strict=True)]
+    widths = [width * part / sum(longest) for part in longest]
     body = [[printed(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
     return Table(
         body,

@@ -59,7 +59,15 @@ class Sheet:
     panels: tuple[CurvePanel | str, ...]
     """A sentence where there is no curve."""
     note: str
+    without: str
+    """Why there is no curve in any panel, where there is none."""
     comment: str
+
+    @property
+    def has_curves(self) -> bool:
+        """Whether any stride has a value in any panel."""
+        panels = (panel for panel in self.panels if isinstance(panel, CurvePanel))
+        return any(np.isfinite(stride).any() for p in panels for of_side in p.strides.values() for stride in of_side)
 
 
 @cache

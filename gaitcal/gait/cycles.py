@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SHORTEST_PHASE = 0.1  # s: a shorter contact, or a shorter swing, is a flicker of the threshold
+ROUNDED = 1e-9  # of a frame: a time so near to one is that of the frame
 CYCLE_RANGE = (0.4, 4.0)  # s: from running to very slow pathological gait; anything else is no stride
 POINTS = 101  # 0, 1, ..., 100 %
 
@@ -168,15 +169,19 @@ def usable(time: Array, valid: BoolArray, cycle: GaitCycle) -> BoolArray:
 
 
 def resample(time: Array, values: Array, at: Array) -> Array:
-    """(len(at), ...) `values` (nf, ...) at the times `at`, linear; NaN in gaps and outside."""
+    """(len(at), ...) `values` (nf, ...) at the times `at`, linear; NaN in gaps and outside.
+
+    A time that is a frame's but for rounding takes nothing from the next frame, which may be a gap.
+    """
     right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     left = right - 1
     before, after = values[left], values[right]
-    part = ((at - time[left]) / (time[right] - time[left])).reshape(-1, *([1] * (values.ndim - 1)))
-    share = np.broadcast_to(part, before.shape)
-    mixed = before + share * (after - before)
-    out: Array = np.where(share == 0.0, before, np.where(share == 1.0, after, mixed))
-    out[(at < time[0]) | (at > time[-1])] = np.nan
+    share = (at - time[left]) / (time[right] - time[left])
+    share = np.where(np.abs(share - np.round(share)) < ROUNDED, np.round(share), share)
+    part = np.broadcast_to(share.reshape(-1, *([1] * (values.ndim - 1))), before.shape)
+    mixed = before + part * (after - before)
+    out: Array = np.where(part == 0.0, before, np.where(part == 1.0, after, mixed))
+    out[(share < 0.0) | (share > 1.0)] = np.nan
     return out
 
 

@@ -14,8 +14,8 @@ children of the same laboratory whose own figures are published (Pinzone et al.,
 one) walk freely at 0.431 (SD 0.069), so that `free` is mean -+ SD, and `slow` and `fast` the next two SD. From the
 same 81 come the spatiotemporal norms.
 
-There are no curves of adults that gaitcal could bring: nobody is held against children without a word. Own norms
-(`--normal FILE`) are taken as they are.
+There are no curves of adults that gaitcal could bring, and whose age is not told may be a small adult: neither is held
+against children. Own norms (`--normal FILE`) are taken as they are.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from gaitcal.gait.normal_bands import Bands, read_normal_bands
-from gaitcal.model.anthropometry import looks_like_child
 from gaitcal.model.subject_model import GRAVITY, Subject
 
 LEG_OF_HEIGHT: Final = 0.52
@@ -40,7 +39,7 @@ class _Speed(NamedTuple):
     """Of `SHIPPED`."""
     words: str
     high: float
-    """Non-dimensional speed up to which it holds."""
+    """Non-dimensional speed below which it holds."""
 
 
 SPEEDS: Final = (
@@ -48,8 +47,11 @@ SPEEDS: Final = (
     _Speed("schwartz2008-slow", "slow", 0.363),
     _Speed("schwartz2008-free", "free", 0.500),
     _Speed("schwartz2008-fast", "fast", 0.636),
-    _Speed("schwartz2008-very-fast", "very fast", np.inf),
+    _Speed("schwartz2008-very-fast", "very fast", 0.705),
 )
+SLOWEST: Final = 0.158
+"""Non-dimensional speed below which none holds. This and the highest are one SD of `FREE` beyond the paper's limits:
+outside few of those children walked."""
 FREE: Final = {"speed": (0.431, 0.069), "cadence": (0.561, 0.050), "step_length": (0.765, 0.080)}
 """Measure -> mean and SD, non-dimensional, of 81 children at the speed of their choice."""
 MODEL: Final = "Theirs is Plug-in Gait's model: offsets of hip rotation and adduction are partly that."
@@ -82,26 +84,24 @@ def leg_length(subject: Subject) -> tuple[float, str]:
 def norm_for(subject: Subject, speed: float | None) -> Norm:
     """The norm that gaitcal brings for somebody who walks at `speed` (m/s; None: not known)."""
     low, high = AGES
-    remark = ""
+    theirs = f"those that gaitcal brings are of children from {low:.0f} to below {high:.0f} years"
     if subject.age is None:
-        if not looks_like_child(subject):
-            return Norm(remark="No norm: no age is told (age_years), and the body may be an adult's.")
-        size = f"{subject.height:.2f} m and {subject.mass:.0f} kg"
-        remark = f"No age is told (age_years): {size} are taken for a child's. "
-    elif not low <= subject.age < high:
-        return Norm(
-            remark=f"No norm fits an age of {subject.age:.0f} years: those that gaitcal brings are of children of "
-            f"{low:.0f} to {high - 1:.0f}. Your laboratory's own: --normal FILE."
-        )
+        return Norm(remark=f"No norm: no age is told (age_years), and {theirs}.")
+    if not low <= subject.age < high:
+        age = _years(subject.age)
+        return Norm(remark=f"No norm fits an age of {age} years: {theirs}. Your laboratory's own: --normal FILE.")
     length, how = leg_length(subject)
     steps = free_steps(length)
     if speed is None:
-        return Norm(steps=steps, remark=f"{remark}No norm of curves: no stride tells the speed, which chooses it.")
+        return Norm(steps=steps, remark="No norm of curves: no stride tells the speed, which chooses it.")
     relative = speed / np.sqrt(GRAVITY * length)
-    chosen = next(of for of in SPEEDS if relative < of.high)
+    told = f"Walks at {speed:.2f} m/s, {relative:.2f} times √(g · leg length), {how}"
+    chosen = next((of for of in SPEEDS if SLOWEST <= relative < of.high), None)
+    if chosen is None:
+        limits = f"{SLOWEST:g} to {SPEEDS[-1].high:g}"
+        return Norm(steps=steps, remark=f"{told}: no norm of curves fits, those that gaitcal brings are of {limits}.")
     bands = read_normal_bands(chosen.name)
-    told = f"Walks at {speed:.2f} m/s, {relative:.2f} times √(g · leg length), {how}: {chosen.words} speed. {MODEL}"
-    return Norm(bands=bands, steps=steps, words=sources(bands), remark=remark + told)
+    return Norm(bands=bands, steps=steps, words=sources(bands), remark=f"{told}: {chosen.words} speed. {MODEL}")
 
 
 def own_norm(bands: Bands, name: str, subject: Subject) -> Norm:
@@ -109,9 +109,14 @@ def own_norm(bands: Bands, name: str, subject: Subject) -> Norm:
     low, high = AGES
     remark = ""
     if name.lower().startswith("schwartz2008") and not (subject.age is not None and low <= subject.age < high):
-        age = "no age is told" if subject.age is None else f"this person is {subject.age:.0f} years old"
+        age = "no age is told" if subject.age is None else f"this person is {_years(subject.age)} years old"
         remark = f"Bands of children of {low:.0f} to {high - 1:.0f} years, as asked for: {age}."
     return Norm(bands=bands, words=sources(bands), remark=remark)
+
+
+def _years(age: float) -> str:
+    """As people tell it: whom a day is missing to 4 years is 3.9."""
+    return f"{np.floor(10.0 * age) / 10.0:g}"
 
 
 def sources(bands: Bands) -> str:

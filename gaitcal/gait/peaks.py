@@ -10,9 +10,10 @@ Burnfield (Gait Analysis, 2010, chapter 1): loading response to 12 %, mid-stance
 pre-swing to toe-off. Windows of loads begin at 8 % of stance (5 % of the stride): before, the foot strikes, and what
 filters leave of that shock is no muscle's work.
 
-A highest or lowest value is a peak only where the curve turns within the window; a curve that goes on rising at its
-edge belongs to another phase, and there is none. Each stride has its own peaks, and means are of these: the peak of a
-mean curve is flatter than those of its strides (`gait/ensemble.py` has their statistics and errors).
+The highest or lowest value of a window is a peak only where the curve turns there. Where it lies at the edge of the
+window, and the curve goes on, it belongs to another phase: there is none, whatever wiggles lie beside it. Each stride
+has its own peaks, and means are of these: the peak of a mean curve is flatter than those of its strides
+(`gait/ensemble.py` has their statistics and errors).
 """
 
 from __future__ import annotations
@@ -156,7 +157,7 @@ def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: floa
             continue
         value, error, own = known
         inside = np.flatnonzero((at >= low) & (at <= high))
-        if np.isfinite(value[inside]).mean() < LEAST_VALID:
+        if not len(inside) or np.isfinite(value[inside]).mean() < LEAST_VALID:
             continue
         match peak.figure:
             case Figure.MEAN:
@@ -177,10 +178,9 @@ def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: floa
 
 
 def _turning(value: Array, inside: IntArray) -> int | None:
-    """Where a curve has the highest of those values in a window that neither neighbour is above; None without any."""
-    middle = inside[(inside > 0) & (inside < POINTS - 1)]
-    middle = middle[(value[middle] >= value[middle - 1]) & (value[middle] >= value[middle + 1])]
-    return int(middle[np.argmax(value[middle])]) if len(middle) else None
+    """Where a curve is highest in a window, if neither neighbour is above it; else None."""
+    k = int(inside[np.nanargmax(value[inside])])
+    return k if 0 < k < POINTS - 1 and value[k] >= value[k - 1] and value[k] >= value[k + 1] else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -169,6 +169,21 @@ def strides_measured(
     return tuple(out)
 
 
+def stride_lines(strides: Sequence[Stride], time: Array) -> Array:
+    """(nf, 2) rad: line of progression at each time (nf,) s for the right and the left foot.
+
+    Of the foot's stride around it, else of the nearest one, of either foot where one has none; 0 without any.
+    """
+    whole = [(s.side, s.start, s.stop, s.line) for s in strides if None not in (s.start, s.stop, s.line)]
+    out = np.zeros((len(time), len(SIDES)))
+    for k, side in enumerate(SIDES):
+        if of_foot := [row for row in whole if row[0] == side] or whole:
+            start, stop, line = np.array([row[1:] for row in of_foot], dtype=np.float64).T
+            away = np.maximum(start - time[:, None], time[:, None] - stop)
+            out[:, k] = line[np.argmin(away, axis=1)]
+    return out
+
+
 def _spans(foot: FootEvents, other: FootEvents) -> list[tuple[float | None, float | None]]:
     """From each strike to the next, from before the first and to after the last; apart where it is no stride."""
     strikes: list[float] = foot.strikes.tolist()

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.ground_reactions import GroundReactions
+from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
 from gaitcal.gait.events import SIDES, GaitEvents
 from gaitcal.model.chain import chain_of, forward, jacobian, segment_poses
@@ -153,49 +154,69 @@ def facing(angles: Array) -> Array:
     return np.unwrap(np.arctan2(-forward[:, 2], forward[:, 0]))
 
 
-@dataclass(frozen=True)
-class FootHeadings:
-    """Where the long axes of both feet point, seen from above; order right, left."""
+def out_of_plane(axes: Array, line: Array | float) -> tuple[Array, Array]:
+    """By how much unit vectors point out of the vertical plane along a line, as a star stands above an equator.
 
-    heading: Array
-    """(nf, 2) rad, to the left of the room's x axis."""
+    arcsin(u . left), left = (-sin(line), 0, -cos(line)); a turn w of u adds w . e, e = (u x left) / |u x left|.
+
+    Parameters
+    ----------
+    axes : (..., 3) on the laboratory's axes.
+    line : (...) or one, rad to the left of the room's x axis.
+
+    Returns
+    -------
+    (...) rad, to the left; and e (..., 3).
+    """
+    left = np.stack([-np.sin(line), np.zeros_like(line), -np.cos(line)], axis=-1)
+    about = cross(axes, left)
+    length = np.linalg.norm(about, axis=-1, keepdims=True)
+    return np.arcsin(np.clip((axes * left).sum(axis=-1), -1.0, 1.0)), about / np.where(length > 0.0, length, 1.0)
+
+
+@dataclass(frozen=True)
+class FootAxes:
+    """Where the long axes of both feet point; order right, left."""
+
+    axes: Array
+    """(nf, 2, 3) unit vectors on the laboratory's axes."""
     error: Array | None = None
-    """(nf, 2) rad, standard error, by markers and by where heel and toe markers sit."""
+    """(nf, 2) rad, standard error of `progression` in each stride, by markers and by where heel and toe markers sit."""
     own: Array | None = None
     """(nf, 2) rad, the part of it that this trial's own markers make."""
 
-    def progression(self, side: str, line: float) -> Array:
+    def progression(self, side: str, line: float, inside: BoolArray | None = None) -> Array:
         """(nf,) rad: how far the foot points inwards of a line of progression, the nearer way along it.
 
-        Plug-in Gait's `FootProgressAngles`: toes in (internal) is positive on both sides.
+        Plug-in Gait's `FootProgressAngles`: how far the axis points out of the vertical plane along the line, which
+        does not grow where the heel is above the toes. Toes in (internal) is positive on both sides.
+
+        `inside`: (nf,) frames that tell whether the foot goes along the line or backwards; None: all.
         """
-        off = np.angle(np.exp(1j * (self.heading[:, SIDES.index(side)] - line)))
-        if np.cos(float(np.nanmean(off))) < 0.0:  # walks backwards
-            off = np.angle(-np.exp(1j * off))
-        return off if side == "r" else -off
+        axes = self.axes[:, SIDES.index(side)]
+        off, _ = out_of_plane(axes, line)
+        counted = axes if inside is None else axes[inside]
+        backwards = (counted @ np.array([np.cos(line), 0.0, -np.sin(line)])).sum() < 0.0
+        return off if (side == "r") != backwards else -off
 
 
-def foot_headings(motion: Motion, parameters: Parameters) -> tuple[Array, Array]:
-    """Headings (nf, 2) rad of both feet, and what each coordinate (nf, 2, nq) adds to them.
+def foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> tuple[Array, Array]:
+    """Long axes u (nf, 2, 3) of both feet, and what each coordinate (nf, 2, nq) adds to `out_of_plane` of them.
 
-    The long axis u is x of the foot's frame, from heel to toe marker as in the static trial. With h = atan2(-u_z, u_x),
-    a turn about w moves it by dh = (u_z du_x - u_x du_z) / (u_x^2 + u_z^2), du = w x u.
+    u is x of the foot's frame, from heel to toe marker as in the static trial; `lines`: (nf, 2) rad.
     """
     chain = chain_of()
     constants = chain.constants(parameters.joint, parameters.zero_angles)
     poses = forward(chain, constants, motion.q)
     axes, _ = segment_poses(chain, constants, poses)
     turns = np.moveaxis(jacobian(chain, constants, poses)[: motion.q.shape[1], 3:], 2, 0)  # (nf, nq, 3)
-    heading, moved = np.empty((len(motion.q), 2)), np.zeros((len(motion.q), 2, motion.q.shape[1]))
+    u = np.stack([axes[chain.segments.index(foot), 0].T for foot in FEET], axis=1)
+    _, about = out_of_plane(u, lines)
+    moved = np.einsum("fqi,fki->fkq", turns, about)
     for k, side in enumerate(SIDES):
-        u = axes[chain.segments.index(f"foot_{side}"), 0].T
-        heading[:, k] = np.arctan2(-u[:, 2], u[:, 0])
         above = {*PELVIS_ANGLES, *coordinates_before(f"{part}_{side}" for part in LEG_PARTS)}
-        before = [i for i, name in enumerate(motion.coordinates) if name in above]
-        du = cross(turns[:, before], u[:, None, :])
-        flat = (u[:, 0] ** 2 + u[:, 2] ** 2)[:, None]
-        moved[:, k, before] = (u[:, 2:] * du[..., 0] - u[:, :1] * du[..., 2]) / flat
-    return heading, moved
+        moved[:, k, [i for i, name in enumerate(motion.coordinates) if name not in above]] = 0.0
+    return u, moved
 
 
 def turn_between(time: Array, faced: Array, start: float, stop: float) -> float:

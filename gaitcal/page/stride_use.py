@@ -65,8 +65,13 @@ def usable_words(uses: Iterable[StrideUse]) -> str:
         return "No complete stride."
     of_sides = {side: [use for use in uses if use.side == side] for side in SIDES}
     counts = (f"{sum(u.whole for u in of)} of {len(of)} {SIDE_WORDS[side]}" for side, of in of_sides.items())
-    reasons = [reason for reason, _ in Counter(use.reason for use in uses if not use.whole).most_common()]
-    return f"Usable for moments: {', '.join(counts)} strides{f'; others: {listed(reasons)}' if reasons else ''}."
+    reasons = reason_words(uses)
+    return f"Usable for moments: {', '.join(counts)} strides{f'; others: {reasons}' if reasons else ''}."
+
+
+def reason_words(uses: Iterable[StrideUse]) -> str:
+    """Why strides are not whole, the most frequent reason first; empty where all are."""
+    return listed([reason for reason, _ in Counter(use.reason for use in uses if not use.whole).most_common()])
 
 
 def _use(trial: TrialResult, foot: int, side: str, cycle: GaitCycle) -> tuple[str, str]:

@@ -142,7 +142,7 @@ def _angles(
 
 def _feet(trial: TrialResult) -> Iterator[Curve]:
     """Foot progression against the trial's line; each stride has its own (`_strides`)."""
-    feet, line, unseen = trial.foot_headings, line_of(trial), unseen_frames(trial.body)
+    feet, line, unseen = trial.foot_axes, line_of(trial), unseen_frames(trial.body)
     if feet is None:
         return
     for k, side in enumerate(SIDES):

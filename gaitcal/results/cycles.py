@@ -52,7 +52,8 @@ CYCLE_HEADER = (
     "angles of the pelvis: against a laboratory turned into the line of progression of each stride, from strike to",
     "next strike (where that foot is not seen then: of the nearest stride, else the room's forward axis), so that they",
     "mean the same in any direction of the room; motion/TRIAL.csv has them against the room",
-    "foot_progression: the foot's long axis, heel to toe, against the same line, seen from above; toes in is positive",
+    "foot_progression: how far the foot's long axis, heel to toe, points out of the vertical plane along that line;",
+    "toes in is positive",
     "se: standard error, empty where unknown; se_stride: the part of it that a trial's own markers make, and that",
     "differs from stride to stride; what is left, sqrt(se^2 - se_stride^2), is the same error in all strides",
     "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; angles of a leg",
@@ -180,7 +181,7 @@ def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping
             error, own = (None if e is None else np.degrees(e[:, k]) for e in errors)
             usable = angle_counts(trial, name, unseen)
             yield _Signal(_plain(name), np.degrees(body.q[:, k] - static.get(name, 0.0)), error, own, usable)
-    if (feet := trial.foot_headings) is not None:
+    if (feet := trial.foot_axes) is not None:
         error, own = (None if e is None else np.degrees(e[:, SIDES.index(side)]) for e in (feet.error, feet.own))
         usable = angle_counts(trial, f"subtalar_angle_{side}", unseen)
         yield _Signal(FOOT_PROGRESSION, np.degrees(feet.progression(side, 0.0)), error, own, usable)

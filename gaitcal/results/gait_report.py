@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -32,6 +32,7 @@ from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, person_facts, read_page_data
+from gaitcal.page.stride_use import StrideUse, reason_words, usable_words
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.cycles_export import strides_in_convention
 from gaitcal.results.saved import load_result_model
@@ -55,6 +56,7 @@ KINETICS: Final = (
 LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
 """Smallest range of a vertical axis (deg, N·m/kg, W/kg, N/kg), so that nothing small looks dramatic."""
 MOST_REASONS = 6
+RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
 
 
 def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapping[str, str]) -> ReportContent:
@@ -74,15 +76,17 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
     strides = typed(strides_in_convention(folder, CLINICAL, model))
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
-    norm = _norm(folder, named, model.subject, summary, manifest)
-    of = read_cycles(folder)
+    page = read_page_data(folder / PAGE_DATA)
+    norm = _norm(page, named, model.subject, summary, manifest)
+    relative = table_of(manifest, "settings").get("angles") == "relative"
+    of, uses = read_cycles(folder), _uses(summary, page)
     return ReportContent(
         person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
         sentence=_sentence(summary),
         reasons=_reasons(summary),
         fit=tuple(_fit(summary)),
-        walks=tuple(_walks(summary, strides)),
+        walks=tuple(_walks(summary, uses)),
         steps=tuple(_steps(summary, norm.steps)),
         steps_norm=f"norm: {FREE_WORDS}, mean ± SD" if norm.steps else "",
         sheets=(
@@ -91,6 +95,7 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
                 panels=tuple(_panels(strides, KINEMATICS, norm.bands, model.subject)),
                 note="Joint angles over the gait cycle, mean over straight strides of all walks. Pelvis against the "
                 "line of progression of each stride.",
+                without=_no_curves(uses),
                 comment="kinematics",
             ),
             Sheet(
@@ -98,13 +103,16 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
                 panels=tuple(_panels(strides, KINETICS, norm.bands, model.subject)),
                 note="Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only where "
                 "the foot stands wholly on a plate.",
+                without=_no_curves(uses, of_moments=True),
                 comment="kinetics",
             ),
         ),
         toe_off=_toe_off(summary),
         norm=norm.words,
-        norm_remark=norm.remark,
-        profile=profile_scores({n: of[n].to_numpy() for n in of}, norm.bands, model.subject) if norm.bands else (),
+        norm_remark=" ".join(filter(None, (norm.remark, RELATIVE if relative else ""))),
+        profile=profile_scores({n: of[n].to_numpy() for n in of}, norm.bands, model.subject)
+        if norm.bands and not relative
+        else (),
         joints=tuple(_joints(parameters)),
         undetermined=_undetermined(parameters),
         comments=comments,
@@ -168,50 +176,68 @@ def _fit(summary: Mapping[str, object]) -> Iterator[str]:
             continue
         rms = table_of(trial, "pelvis_and_legs_mm")
         best = rms.get("joint_floor") or rms.get("rigid_floor")
-        told = (
-            f"{name}: marker fit of pelvis and legs {rms['calibrated']:.1f} mm"
-            if rms.get("calibrated")
-            else f"{name}: "
-        )
-        told += f" (best possible {best:.1f})" if best else ""
+        told = []
+        if rms.get("calibrated"):
+            told.append(f"marker fit of pelvis and legs {rms['calibrated']:.1f} mm")
+            told[-1] += f" (best possible {best:.1f})" if best else ""
         residual = next(reversed(table_of(trial, "pelvis_residual").values()), None)
         limit = table_of(trial, "pelvis_residual_limit")
         if residual:
-            told += f"; unexplained force at the pelvis {residual['force_N']:.0f} N RMS"
-            if limit:
-                high = residual["force_N"] > limit["force_N"]
-                told += f" (limit {limit['force_N']:.0f}{': too high' if high else ''})"
-        yield told
+            units = (("force_N", "force at the pelvis {:.0f} N RMS", ".0f"), ("torque_Nm", "moment {:.1f} N·m", ".1f"))
+            parts = (w.format(residual[n]) + (f" (limit {limit[n]:{d}})" if limit else "") for n, w, d in units)
+            high = limit and any(residual[name] > limit[name] for name, _, _ in units)
+            told.append(f"unexplained {', '.join(parts)}{': too high' if high else ''}")
+        if told:
+            yield f"{name}: {'; '.join(told)}"
 
 
-def _walks(summary: Mapping[str, object], strides: pd.DataFrame) -> Iterator[tuple[str, ...]]:
-    yield ("walk", "leg", "verdict", "whole strides usable for moments", "why others are not")
-    moments = strides[strides["variable"] == "ankle_angle_moment"]
-    for name, trial in table_of(summary, "trials").items():
-        if trial.get("role") != "gait":
-            continue
+def _uses(summary: Mapping[str, object], page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
+    """Walk -> its complete strides, as the page counts them."""
+    strides = {trial["name"]: trial["strides"] for trial in page["trials"]}
+    walks = (name for name, trial in table_of(summary, "trials").items() if trial.get("role") == "gait")
+    return {
+        walk: [
+            StrideUse(
+                side=s["side"],
+                number=s["number"],
+                plate=s["plate"],
+                whole=not s["reason"],
+                turns=s["turns"],
+                reason=s["reason"],
+            )
+            for s in strides.get(walk, ())
+        ]
+        for walk in walks
+    }
+
+
+def _walks(summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]]) -> Iterator[tuple[str, ...]]:
+    yield ("walk", "leg", "verdict", "on plate", "whole strides usable for moments", "why others are not")
+    for name, of_walk in uses.items():
         for side in SIDES:
-            every = strides[(strides["trial"] == name) & (strides["side"] == side)]
-            of_leg = moments[(moments["trial"] == name) & (moments["side"] == side)]
-            shares = of_leg.groupby("stride")["valid"].mean()
-            usable, number = int((shares == 1).sum()), every["stride"].nunique()
-            turning = every[every["turn"].abs() > TURNING]["stride"].nunique()
+            of_leg = [use for use in of_walk if use.side == side]
+            turning = sum(use.turns for use in of_leg)
+            bent = f"{counted(turning, 'stride')} turning: not in means" if turning else ""
             yield (
                 name,
                 SIDE_WORDS[side],
-                str(trial.get(f"verdict_{side}", "")),
-                f"{usable} of {number}",
-                _why(number - usable, turning, bool(len(of_leg))),
+                str(table_of(table_of(summary, "trials"), name).get(f"verdict_{side}", "")),
+                ", ".join(dict.fromkeys(use.plate for use in of_leg if use.plate)),
+                f"{sum(use.whole for use in of_leg)} of {len(of_leg)}",
+                "; ".join(filter(None, (reason_words(of_leg), bent))) if of_leg else "no complete stride",
             )
 
 
-def _why(missing: int, turning: int, plates: bool) -> str:
-    if not plates:
-        return "no force plates, or refused"
-    told = ["foot not wholly on a plate of its own"] if missing else []
-    if turning:
-        told.append(f"{counted(turning, 'stride')} turning: not in means")
-    return "; ".join(told)
+def _no_curves(uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = False) -> str:
+    """Why a sheet has no curves, where it has none."""
+    every = [use for of_walk in uses.values() for use in of_walk]
+    if not uses:
+        return "No curves: this study has no walk."
+    if not every:
+        return "No curves: no walk has a complete stride."
+    if all(use.turns for use in every):
+        return "No curves: every stride turns, and takes no part in means."
+    return f"No curves. {usable_words(every)}" if of_moments else "No curves: no angle of a straight stride is known."
 
 
 def _steps(summary: Mapping[str, object], norms: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, ...]]:
@@ -285,7 +311,7 @@ def _panels(
 
 
 def _norm(
-    folder: Path,
+    page: Mapping[str, Any],
     named: tuple[Bands, str] | None,
     subject: Subject,
     summary: Mapping[str, object],
@@ -300,7 +326,7 @@ def _norm(
     if not made_with:
         return norm_for(subject, mean_speed(table_of(summary, "spatiotemporal")))
     bands = {}
-    for band in read_page_data(folder / PAGE_DATA)["bands"]:
+    for band in page["bands"]:
         kind = next(kind for kind in Kind if kind.words == band["kind"])
         name = band["base"] + kind.ending
         average, sd = (np.array(part, dtype=np.float64) for part in band["r"])

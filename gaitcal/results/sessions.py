@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -80,15 +81,23 @@ def write_comparison(
         if shared is not None:
             write_csv(shared, out / SHARED, SHARED_HEADER)
         people = [person_facts(person) for person in comparison.subjects]
-        page = comparison_page(comparison, CLINICAL, SHEETS, people, tuple(_scores(results)))
+        norms, scores = _scores(results)
+        page = comparison_page(comparison, CLINICAL, SHEETS, people, scores, norms)
         (out / PAGE).write_text(page, encoding="utf-8")
         (out / WORDS).write_text("".join(f"{one_line(line)}\n" for line in comparison.lines), encoding="utf-8")
     return folder
 
 
-def _scores(results: Sequence[Path]) -> Iterator[tuple[str, ...]]:
-    """Gait Profile Scores and their angles of both results, where both have them; errors as if independent."""
-    a, b = (table_of(read_object(result / SUMMARY), "gait_profile") for result in results)
+def _scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Whom both results are held against, and the rows of scores; without a difference where these are not the same."""
+    summaries = [read_object(result / SUMMARY) for result in results]
+    norms = tuple(str(table_of(summary, "norm").get("words") or "not told whom") for summary in summaries)
+    same = norms[0] == norms[1] and all(table_of(summary, "norm").get("words") for summary in summaries)
+    return norms, tuple(_score_rows(*(table_of(summary, "gait_profile") for summary in summaries), same=same))
+
+
+def _score_rows(a: Mapping[str, Any], b: Mapping[str, Any], *, same: bool) -> Iterator[tuple[str, ...]]:
+    """Gait Profile Scores and their angles, where both have them; errors as if independent."""
     for side in ("both", *SIDES):
         of_a, of_b = table_of(a, side), table_of(b, side)
         for name in sorted(of_a.keys() & of_b.keys(), key=lambda n: (n != GPS, list(of_a).index(n))):
@@ -98,7 +107,7 @@ def _scores(results: Sequence[Path]) -> Iterator[tuple[str, ...]]:
             yield (
                 f"{title}, {SIDE_WORDS.get(side, 'both sides')}",
                 *(f"{s:.1f} ± {e:.1f}" if np.isfinite(e) else f"{s:.1f}" for s, e in zip(score, se, strict=True)),
-                f"{score[1] - score[0]:+.1f}{missed}",
+                f"{score[1] - score[0]:+.1f}{missed}" if same else "other norm",
             )
 
 

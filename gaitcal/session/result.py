@@ -23,7 +23,7 @@ from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.spatiotemporal import Stride
-from gaitcal.gait.strides import FootHeadings
+from gaitcal.gait.strides import FootAxes
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import (
     COORDINATES,
@@ -136,7 +136,7 @@ class TrialResult:
     own_coordinate_errors: Array | None = None
     """(nf, 27) m, rad: the part of `coordinate_errors` that this trial's own markers make; the rest is shared by all
     strides of the calibration."""
-    foot_headings: FootHeadings | None = None
+    foot_axes: FootAxes | None = None
     """Where the feet point, with `coordinate_errors`' errors; gait only."""
     held_out: HeldOut | None = None
     """Error on frames that took no part in the fit; None unless asked for."""
@@ -220,7 +220,7 @@ class TrialResult:
             of_torques = None if whole or loads.errors is None else loads.errors.only(kept)
             loads = replace(loads, reactions=loads.reactions.without(legs), errors=of_torques)
         errors, own = (None if whole or e is None else np.where(kept, e, np.nan) for e in (errors, own))
-        feet = self.foot_headings
+        feet = self.foot_axes
         if feet is not None and feet.error is not None:
             known = np.array([side not in legs for side in SIDES])
             feet = replace(feet, error=np.where(known, feet.error, np.nan))
@@ -229,7 +229,7 @@ class TrialResult:
             loads=loads,
             coordinate_errors=errors,
             own_coordinate_errors=own,
-            foot_headings=feet,
+            foot_axes=feet,
             refused_legs=tuple(legs),
         )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.joint_kinetics import (
     COMPONENTS,
@@ -229,14 +229,17 @@ def pelvis_in_stride(trial: TrialResult, angles: Array, cycle: GaitCycle, stride
 
     `angles`: (nf, 3) rad, against the room; `stride`: what was measured of the cycle, None where nothing was.
     """
-    inside = (trial.body.time >= cycle.start) & (trial.body.time <= cycle.stop)
-    return np.asarray(np.degrees(along_line(angles, stride_line(trial, cycle, stride), inside)))
+    return np.asarray(np.degrees(along_line(angles, stride_line(trial, cycle, stride), _inside(trial, cycle))))
 
 
 def foot_in_stride(trial: TrialResult, side: str, cycle: GaitCycle, stride: Stride | None) -> Array | None:
     """(nf,) deg, `foot_progression` over all frames of the trial, against the line of this stride; None: not known."""
-    feet = trial.foot_headings
-    return None if feet is None else np.degrees(feet.progression(side, stride_line(trial, cycle, stride)))
+    feet, line = trial.foot_axes, stride_line(trial, cycle, stride)
+    return None if feet is None else np.degrees(feet.progression(side, line, _inside(trial, cycle)))
+
+
+def _inside(trial: TrialResult, cycle: GaitCycle) -> BoolArray:
+    return np.asarray((trial.body.time >= cycle.start) & (trial.body.time <= cycle.stop))
 
 
 def stride_line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:

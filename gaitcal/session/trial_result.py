@@ -38,8 +38,8 @@ from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.gait.events import GaitEvents, trial_events
 from gaitcal.gait.moments import segment_words
-from gaitcal.gait.spatiotemporal import stride_findings, strides_measured
-from gaitcal.gait.strides import FootHeadings, facing, foot_headings, pelvis_angles
+from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
+from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Source
 from gaitcal.model.parameters import Parameters, impossible_bodies
@@ -100,15 +100,16 @@ def _without_torque_errors(
     """All but the errors of torques."""
     body, final, reactions, subject = trial.motion, trial.parameters, trial.reactions, session.model.subject
     model = session.model.with_parameters(final)
-    heading, by_coordinate = foot_headings(body, final)
-    every = {} if moves is None else coordinate_variances(trial.body, moves, by_coordinate)
-    count = body.q.shape[1]
-    variances = {source: of[:, :count] for source, of in every.items()}
-    of_feet = {source: of[:, count:] for source, of in every.items()}
     events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
     feet = foot_points(model, body, final) if has_feet(model) else None
     faced = None if trial.joint else facing(pelvis_angles(body))
     strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
+    lines = stride_lines(strides, body.time)
+    long_axes, by_coordinate = foot_axes(body, final, lines)
+    every = {} if moves is None else coordinate_variances(trial.body, moves, by_coordinate)
+    count = body.q.shape[1]
+    variances = {source: of[:, :count] for source, of in every.items()}
+    of_feet = {source: of[:, count:] for source, of in every.items()}
     loads = None
     if reactions is not None:
         moments = {
@@ -136,7 +137,7 @@ def _without_torque_errors(
         if moves is None
         else coordinate_standard_errors(trial.body, moves, axes.coordinate_errors(body.q), variances),
         own_coordinate_errors=None if ErrorSource.MOTION not in variances else np.sqrt(variances[ErrorSource.MOTION]),
-        foot_headings=None if trial.joint else _foot_headings(heading, of_feet, axes.segment_turns(body.q)),
+        foot_axes=None if trial.joint else _foot_axes(long_axes, lines, of_feet, axes.segment_turns(body.q)),
         held_out=trial.held_out,
         bandwidth=trial.bandwidth,
         events=events,
@@ -145,17 +146,27 @@ def _without_torque_errors(
     )
 
 
-def _foot_headings(heading: Array, variances: Mapping[ErrorSource, Array], turned: Mapping[str, Array]) -> FootHeadings:
+def _foot_axes(
+    long_axes: Array, lines: Array, variances: Mapping[ErrorSource, Array], turned: Mapping[str, Array]
+) -> FootAxes:
     """With errors: what markers leave, and by how much the foot's own axes may point elsewhere.
 
-    `heading`: (nf, 2) rad; `variances`: source -> (nf, 2) rad^2, none: not known; `turned`: segment -> (nf, k, 3) rad.
+    Parameters
+    ----------
+    long_axes : (nf, 2, 3).
+    lines : (nf, 2) rad.
+    variances : source -> (nf, 2) rad^2; none: not known.
+    turned : segment -> (nf, k, 3) rad.
     """
     if not variances:
-        return FootHeadings(heading)
-    axes = [np.square(turned[foot][:, :, 1]).sum(axis=1) if foot in turned else np.zeros(len(heading)) for foot in FEET]
+        return FootAxes(long_axes)
+    _, about = out_of_plane(long_axes, lines)
+    variance = np.asarray(sum(variances.values()))
+    for k, foot in enumerate(FEET):
+        if foot in turned:
+            variance[:, k] += np.square(np.einsum("fki,fi->fk", turned[foot], about[:, k])).sum(axis=1)
     own = variances.get(ErrorSource.MOTION)
-    error = np.sqrt(sum(variances.values()) + np.stack(axes, axis=1))
-    return FootHeadings(heading, error, None if own is None else np.sqrt(own))
+    return FootAxes(long_axes, np.sqrt(variance), None if own is None else np.sqrt(own))
 
 
 def axis_deviations(settings: CalibrationSettings) -> Mapping[str, tuple[float, float, float]]:

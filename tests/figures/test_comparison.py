@@ -27,7 +27,8 @@ def page() -> str:
     a, b = made_session("before"), made_session(HOSTILE, seed=0, swing=SWING)
     found = compare_sessions(a, b)
     scores = [("Gait Profile Score, right", "9.1 ± 0.4", "6.2 ± 0.5", "-2.9")]
-    return comparison_page(found, CONVENTION, SHEETS, [person_facts(s) for s in found.subjects], scores)
+    people = [person_facts(s) for s in found.subjects]
+    return comparison_page(found, CONVENTION, SHEETS, people, scores, ("free speed", "slow speed"))
 
 
 def svgs(page: str) -> list[str]:
@@ -38,6 +39,7 @@ def test_it_says_who_what_differs_and_by_how_much(page: str) -> None:
     assert HOSTILE not in page and "&lt;img src=x" in page and "<script" not in page
     assert page.index("Body mass") < page.index("What differs") < page.index("Kinematics") < page.index("Kinetics")
     assert page.index("Kinetics") < page.index("Gait Profile Score") < page.index("Steps and phases")
+    assert '<th scope="col">before, against free speed</th>' in page and ", against slow speed</th>" in page
     row = re.search(r'<tr class="beyond"><th scope="row">right knee flexion, smallest in swing</th>(.*?)</tr>', page)
     assert row is not None and "<td>-8.0</td>" in row[1]
 

@@ -109,3 +109,12 @@ def test_outside_the_trial_there_is_nothing() -> None:
     time = np.arange(0.0, 1.0, FRAME)
     out = resample(time, np.ones(len(time)), np.array([-0.1, 0.5, 2.0]))
     assert np.isnan(out[[0, 2]]).all() and out[1] == 1.0
+
+
+@pytest.mark.parametrize("apart", [-1e-13, 0.0, 1e-13])
+def test_a_time_that_is_a_frame_but_for_rounding_takes_nothing_from_its_neighbours(apart: float) -> None:
+    time = 0.01 * np.arange(100)
+    values = np.full(100, np.nan)
+    values[[0, 40, 99]] = 3.0
+    np.testing.assert_array_equal(resample(time, values, time[[0, 40, 99]] + apart), 3.0)
+    assert np.isnan(resample(time, values, time[[0, 40, 99]] + np.array([-1e-6, 1e-6, 1e-6]))).all()

@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.gait.norms import SPEEDS, free_steps, leg_length, norm_for, own_norm
+from gaitcal.gait.norms import FREE as FREE_SPEEDS
+from gaitcal.gait.norms import SLOWEST, SPEEDS, free_steps, leg_length, norm_for, own_norm
 from gaitcal.gait.profile_score import ANGLES, BOTH, GPS, profile_scores
 from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import GRAVITY, Subject
@@ -23,7 +24,7 @@ def at(relative: float, leg: float = 0.70) -> float:
 
 
 @pytest.mark.parametrize(
-    ("relative", "words"), [(0.2, "very slow"), (0.3, "slow"), (0.43, "free"), (0.55, "fast"), (0.8, "very fast")]
+    ("relative", "words"), [(0.2, "very slow"), (0.3, "slow"), (0.43, "free"), (0.55, "fast"), (0.7, "very fast")]
 )
 def test_a_child_is_held_against_children_of_its_speed(relative: float, words: str) -> None:
     norm = norm_for(CHILD, at(relative))
@@ -41,9 +42,10 @@ def test_the_same_speed_is_another_one_for_a_longer_leg() -> None:
     ("subject", "why"),
     [
         (Subject("a", 70.0, 1.75, "male", age=35.0), "No norm fits an age of 35 years"),
-        (Subject("b", 12.0, 0.95, "male", age=3.0), "No norm fits an age of 3 years"),
+        (Subject("b", 12.0, 0.95, "male", age=3.99), "No norm fits an age of 3.9 years: those"),
         (Subject("d", 70.0, 1.75, "male", age=18.0), "No norm fits an age of 18 years"),
-        (Subject("e", 55.0, 1.58, "female"), "No norm: no age is told"),
+        (Subject("e", 48.0, 1.58, "female"), "No norm: no age is told"),
+        (Subject("s", 28.0, 1.33, "female"), "No norm: no age is told"),
     ],
 )
 def test_nobody_else_is_held_against_children_without_a_word(subject: Subject, why: str) -> None:
@@ -53,10 +55,18 @@ def test_nobody_else_is_held_against_children_without_a_word(subject: Subject, w
     assert asked.bands and "Bands of children of 4 to 17 years, as asked for" in asked.remark
 
 
-def test_who_is_taken_for_a_child_is_told() -> None:
-    small = Subject("s", 28.0, 1.33, "female")
-    assert norm_for(small, 1.1).remark.startswith("No age is told (age_years): 1.33 m and 28 kg are taken")
-    assert norm_for(small, None).remark.endswith("no stride tells the speed, which chooses it.")
+@pytest.mark.parametrize("speed", [0.05, 4.0])
+def test_no_curves_for_who_walks_slower_or_faster_than_they_did(speed: float) -> None:
+    norm = norm_for(CHILD, speed)
+    assert (
+        not norm.bands and norm.steps and "are of 0.158 to 0.705" in norm.remark and f"{speed:.2f} m/s" in norm.remark
+    )
+    assert norm_for(CHILD, None).remark.endswith("no stride tells the speed, which chooses it.")
+
+
+def test_the_outer_limits_are_one_sd_beyond_those_of_the_paper() -> None:
+    sd = FREE_SPEEDS["speed"][1]
+    assert (SLOWEST, SPEEDS[-1].high) == pytest.approx((SPEEDS[0].high - sd, SPEEDS[-2].high + sd))
 
 
 def test_steps_scale_with_the_leg() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,22 @@ def test_the_shock_of_the_strike_is_no_peak() -> None:
     }
     assert of["both"]["hip_extension_moment"][3] == 12.0 and of["both"]["hip_extension_moment"][0] == both[12]
     assert "hip_extension_moment" not in of["alone"]
+
+
+def test_a_wiggle_on_a_rising_curve_is_no_peak() -> None:
+    """A knee that bends on through its loading window, with 1.5 deg more in one sample, and one that turns there."""
+    rising = PERCENT + 1.5 * (PERCENT == 15.0)
+    assert "knee_flexion_loading" not in stride_peaks({"knee_angle": (rising, NONE, NONE)}, 60.0)
+    turning = rising + 40.0 * (PERCENT == 15.0)
+    assert stride_peaks({"knee_angle": (turning, NONE, NONE)}, 60.0)["knee_flexion_loading"][3] == 15.0
+
+
+@pytest.mark.parametrize("toe_off", [0.0, 100.0])
+def test_a_stride_without_stance_or_swing_has_no_peaks_there(toe_off: float) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = stride_peaks({"knee_angle": (bump((50.0, 60.0)), NONE, NONE)}, toe_off)
+    assert ("knee_flexion_swing" in found) == (toe_off == 0.0) and "knee_flexion_loading" not in found
 
 
 def test_a_gap_in_the_window_or_an_unknown_toe_off_has_no_peak() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -21,15 +20,17 @@ from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.gait.cycles import POINTS, GaitCycle
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
+from gaitcal.gait.spatiotemporal import Stride, stride_lines
 from gaitcal.gait.strides import (
     AXES,
     MOST_POINTS,
     TURNING,
-    FootHeadings,
+    FootAxes,
     Layout,
     along_line,
     facing,
-    foot_headings,
+    foot_axes,
+    out_of_plane,
     thinned,
     turn_between,
     turns,
@@ -177,53 +178,87 @@ def test_gait_itself_is_no_turn_and_a_turn_is_one_whichever_way() -> None:
     assert not turns(None) and not turns(TURNING) and turns(-TURNING - 0.1)
 
 
-def test_headings_of_feet_follow_their_coordinates_as_finite_differences_do() -> None:
+def test_progression_follows_coordinates_as_finite_differences_do() -> None:
+    """Feet of every posture, steep ones too, against a line of its own for each frame and foot."""
     model, random = published_model(), np.random.default_rng(3)
-    q = 0.3 * random.standard_normal((4, len(COORDINATES)))
+    q, lines = 0.3 * random.standard_normal((4, len(COORDINATES))), random.uniform(-np.pi, np.pi, (4, 2))
 
-    def heading(at: Array) -> tuple[Array, Array]:
+    def progression(at: Array) -> tuple[Array, Array]:
         motion = cast(Motion, SimpleNamespace(q=at, coordinates=COORDINATES))
-        return foot_headings(motion, model.parameters)
+        axes, moved = foot_axes(motion, model.parameters, lines)
+        return out_of_plane(axes, lines)[0], moved
 
-    _, moved = heading(q)
+    _, moved = progression(q)
     for k, name in enumerate(COORDINATES):
         step = np.zeros(len(COORDINATES))
         step[k] = 1e-6
-        expected = (heading(q + step)[0] - heading(q - step)[0]) / 2e-6
+        expected = (progression(q + step)[0] - progression(q - step)[0]) / 2e-6
         np.testing.assert_allclose(moved[:, :, k], expected, atol=1e-8, err_msg=name)
     assert not moved[:, 0, [k for k, name in enumerate(COORDINATES) if name.endswith("_l")]].any()
+
+
+def axis_to(heading: float, up: float = 0.0) -> Array:
+    """Unit vector of that heading (rad to the left of x), raised by `up` (rad)."""
+    flat = np.cos(up)
+    return np.array([flat * np.cos(heading), np.sin(up), -flat * np.sin(heading)])
 
 
 def test_toes_in_is_positive_on_both_sides_whatever_the_direction() -> None:
     """Both feet point 10 deg inwards of a walk to 120 deg: right to the left, left to the right; backwards, too."""
     for line in np.radians([0.0, 120.0, 179.0, -60.0]):
-        feet = FootHeadings(np.tile([line + np.radians(10.0), line - np.radians(10.0)], (5, 1)))
+        inwards = np.stack([axis_to(line + np.radians(10.0)), axis_to(line - np.radians(10.0))])
+        feet = FootAxes(np.tile(inwards, (5, 1, 1)))
         for along in (line, line + np.pi):
             for side in "rl":
                 np.testing.assert_allclose(np.degrees(feet.progression(side, along)), 10.0, atol=1e-9)
 
 
-FROM_VENDOR_DEG = 5.0
-"""RMS in stance of four children is 1.7 to 4.4; the vendor goes by the room's axis, and by the ankle's centre."""
+def test_a_raised_heel_does_not_blow_progression_up_nor_its_error() -> None:
+    """Toes 60 deg down, 5 deg out of the plane: 5 deg, of which the heading makes 10; a turn moves it by itself."""
+    heading = np.arcsin(np.sin(np.radians(5.0)) / np.cos(np.radians(60.0)))
+    u = axis_to(heading, -np.radians(60.0))
+    off, about = out_of_plane(u, 0.0)
+    assert np.degrees(heading) > 10.0 and np.degrees(off) == pytest.approx(5.0)
+    assert np.linalg.norm(about) == pytest.approx(1.0) and abs(about @ u) < EXACT
+
+
+def test_who_walks_forth_and_back_points_ahead_in_both_strides() -> None:
+    """Three frames forth, two back, toes 10 deg in: the stride back is told by its own frames."""
+    forth, back = axis_to(np.radians(10.0)), axis_to(np.pi + np.radians(10.0))
+    feet = FootAxes(np.stack([[forth, forth]] * 3 + [[back, back]] * 2))
+    returning = np.arange(5) >= 3
+    np.testing.assert_allclose(np.degrees(feet.progression("r", np.pi, returning))[returning], 10.0)
+
+
+def test_each_frame_of_a_foot_has_the_line_of_its_stride() -> None:
+    """Right strides of 0 to 1 s and 1 to 2 s; the left foot has none of its own."""
+    strides = [Stride(side="r", number=n, start=n, stop=n + 1.0, sources=(), measures={}, line=0.5 * n) for n in (0, 1)]
+    lines = stride_lines(strides, np.array([-1.0, 0.9, 1.1, 5.0]))
+    np.testing.assert_array_equal(lines, np.array([[0.0, 0.0, 0.5, 0.5]] * 2).T)
+    assert not stride_lines([], WALK_TIME).any()
+
+
+FROM_VENDOR_DEG = 4.0
+"""RMS over whole strides of four children is 1.7 to 3.3 (by the heading from above 2.1 to 11.5): the room's axis counts
+there, and the centre of the ankle."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("person", ["HC002D", "HC031A"])
-def test_foot_progression_is_the_vendors(person: str, data_dir: Path) -> None:
+@pytest.mark.parametrize("person", ["HC002D", "HC032A"])
+def test_foot_progression_is_the_vendors_over_the_whole_stride(person: str, data_dir: Path) -> None:
     study = study_of_person(person)
     model = nominal_of(study)
     trial = next(t for t in study.trials if t.name == "straight")
     prepared = prepare_trial(trial, model, study.settings)
     motion = tracked_motion(prepared.body, model.parameters)
-    feet = FootHeadings(foot_headings(motion, model.parameters)[0])
+    feet = FootAxes(foot_axes(motion, model.parameters, np.zeros((len(motion.time), 2)))[0])
     points = dict(vendor_points(data_dir / "children" / person / "straight.c3d"))
     for side in "rl":
         ours, theirs = np.degrees(feet.progression(side, 0.0)), points[f"{side.upper()}FootProgressAngles"][:, 2]
-        own = [e for e in prepared.recording.events if e.side == side]
-        stances = [(a.time, b.time) for a, b in pairwise(own) if a.moment is FootMoment.STRIKE]
-        down = np.any([(motion.time >= a) & (motion.time <= b) for a, b in stances], axis=0)
-        assert np.sqrt(np.mean((ours - theirs)[down] ** 2)) < FROM_VENDOR_DEG
-        assert ours[down].mean() < 2.0, "these children's toes point outwards or ahead"
+        strikes = [e.time for e in prepared.recording.events if e.side == side and e.moment is FootMoment.STRIKE]
+        whole = (motion.time >= strikes[0]) & (motion.time <= strikes[-1])
+        assert np.sqrt(np.mean((ours - theirs)[whole] ** 2)) < FROM_VENDOR_DEG
+        assert ours[whole].mean() < 2.0, "these children's toes point outwards or ahead"
 
 
 def vendor_points(path: Path) -> Iterator[tuple[str, Array]]:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +17,8 @@ from typer.testing import CliRunner
 
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError
-from gaitcal.figures.document import ReportContent, write_pdf
-from gaitcal.figures.report_sheets import CurvePanel, limits_of
+from gaitcal.figures.document import LEAST_SHEET, ReportContent, _story, write_pdf
+from gaitcal.figures.report_sheets import CurvePanel, SheetOfCurves, limits_of
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.profile_score import ANGLES
 from gaitcal.io.result_folder import SELF, self_hash, sha256_of
@@ -37,6 +40,20 @@ def made(kept: Path) -> Path:
 @pytest.fixture(scope="module")
 def content(made: Path) -> ReportContent:
     return report_content(made, (read_normal_bands(NORMS), NORMS), {"kinematics": HOSTILE})
+
+
+@contextmanager
+def edited(made: Path, folder: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """A copy whose JSON files become what is left of them at the end; its manifest knows what was changed."""
+    shutil.copytree(made, folder)
+    names = ("summary.json", "page.json", "manifest.json")
+    data = {name: json.loads((folder / name).read_text()) for name in names}
+    yield folder, data
+    for name in names[:2]:
+        (folder / name).write_text(json.dumps(data[name]))
+    manifest = data["manifest.json"]
+    manifest["sha256"] |= {name: sha256_of(folder / name) for name in ("cycles.csv", *names[:2])}
+    (folder / "manifest.json").write_text(json.dumps({**manifest, SELF: self_hash(manifest)}))
 
 
 def panel(content: ReportContent, variable: str) -> CurvePanel:
@@ -134,17 +151,69 @@ def test_other_comments_are_refused(text: str, told: str, tmp_path: Path) -> Non
 
 
 def test_a_result_of_before_foot_progression_and_errors_of_symmetry_is_printed(made: Path, tmp_path: Path) -> None:
-    old = Path(shutil.copytree(made, tmp_path / "old"))
-    kept = [line for line in (old / "cycles.csv").read_text().splitlines() if ",foot_progression," not in line]
-    (old / "cycles.csv").write_text("\n".join(kept) + "\n")
-    summary = json.loads((old / "summary.json").read_text())
-    for measure in summary["spatiotemporal"].values():
-        measure.pop("symmetry_se_percent", None)
-    summary.pop("norm", None)
-    (old / "summary.json").write_text(json.dumps(summary))
-    manifest = json.loads((old / "manifest.json").read_text())
-    manifest["sha256"] |= {name: sha256_of(old / name) for name in ("cycles.csv", "summary.json")}
-    (old / "manifest.json").write_text(json.dumps({**manifest, SELF: self_hash(manifest)}))
+    with edited(made, tmp_path / "old") as (old, data):
+        kept = [line for line in (old / "cycles.csv").read_text().splitlines() if ",foot_progression," not in line]
+        (old / "cycles.csv").write_text("\n".join(kept) + "\n")
+        for measure in data["summary.json"]["spatiotemporal"].values():
+            measure.pop("symmetry_se_percent", None)
+        data["summary.json"].pop("norm", None)
     content = report_content(old, (read_normal_bands(NORMS), NORMS), {})
     told = [shown for shown in content.sheets[0].panels if isinstance(shown, str)]
     assert any("calibrate again" in words for words in told) and not content.profile
+
+
+def test_strides_count_on_paper_as_on_the_page(made: Path, tmp_path: Path) -> None:
+    with edited(made, tmp_path / "told") as (folder, data):
+        strides = next(trial["strides"] for trial in data["page.json"]["trials"] if trial["strides"])
+        right, left = strides
+        right |= {"side": "r", "plate": "7", "reason": "", "turns": False}
+        left |= {"side": "l", "plate": "", "reason": "foot beside the plate", "turns": True}
+    rows = report_content(folder, None, {}).walks[1:]
+    assert [row[1] for row in rows] == ["right", "left"]
+    assert [row[3:] for row in rows] == [
+        ("7", "1 of 1", ""),
+        ("", "0 of 1", "foot beside the plate; 1 stride turning: not in means"),
+    ]
+
+
+@pytest.mark.parametrize("beyond", ["", "force_N", "torque_Nm"])
+def test_unexplained_force_and_moment_are_both_judged(beyond: str, made: Path, tmp_path: Path) -> None:
+    with edited(made, tmp_path / "judged") as (folder, data):
+        trial = next(trial for trial in data["summary.json"]["trials"].values() if trial["role"] == "gait")
+        trial["pelvis_residual"] = {"jp": {"force_N": 20.0, "torque_Nm": 5.0}}
+        trial["pelvis_residual_limit"] = {"force_N": 30.0, "torque_Nm": 9.0} | ({beyond: 2.0} if beyond else {})
+    (told,) = report_content(folder, None, {}).fit
+    assert ("too high" in told) == bool(beyond) and "force at the pelvis 20 N" in told and "moment 5.0 N·m" in told
+
+
+def test_relative_angles_have_no_profile(made: Path, tmp_path: Path) -> None:
+    with edited(made, tmp_path / "relative") as (folder, data):
+        data["manifest.json"]["settings"]["angles"] = "relative"
+    content = report_content(folder, (read_normal_bands(NORMS), NORMS), {})
+    assert not content.profile and "counted from the static posture" in content.norm_remark
+
+
+def test_without_a_stride_a_sentence_stands_in_place_of_sheets(made: Path, tmp_path: Path) -> None:
+    with edited(made, tmp_path / "none") as (folder, data):
+        lines = (folder / "cycles.csv").read_text().splitlines(keepends=True)
+        head = next(k for k, line in enumerate(lines) if not line.startswith("#"))
+        (folder / "cycles.csv").write_text("".join(lines[: head + 1]))
+        for trial in data["page.json"]["trials"]:
+            trial["strides"] = []
+    content = report_content(folder, None, {"kinetics": "kept"})
+    assert {sheet.without for sheet in content.sheets} == {"No curves: no walk has a complete stride."}
+    printed = [part.text for part in _story(content, 500.0, 700.0) if hasattr(part, "text")]
+    assert printed.count(content.sheets[0].without) == 2 and "kept" in printed
+    assert write_pdf(content, tmp_path / "two.pdf") == 2
+
+
+def test_a_long_comment_leaves_the_curves_their_height(content: ReportContent, tmp_path: Path) -> None:
+    long = replace(content, comments={"kinematics": "Knees stay bent in stance. " * 200, "kinetics": "short"})
+    sheets = [part for part in _story(long, 500.0, 700.0) if isinstance(part, SheetOfCurves)]
+    assert len(sheets) == 2 and min(part.height for part in sheets) >= LEAST_SHEET
+    assert write_pdf(long, tmp_path / "long.pdf") == write_pdf(content, tmp_path / "short.pdf") + 1
+
+
+def test_a_report_is_no_folder(content: ReportContent, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a folder; the name of a file is needed"):
+        write_pdf(content, tmp_path)

@@ -19,7 +19,7 @@ from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.model_file import save_model
 from gaitcal.results.calibration import json_text
 from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty
-from gaitcal.results.sessions import CURVES, DIFFERENCES, WORDS, compare_results, write_comparison
+from gaitcal.results.sessions import CURVES, DIFFERENCES, PAGE, WORDS, compare_results, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model, study_of_result
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
@@ -72,6 +72,19 @@ def test_a_result_against_itself_and_against_another(results: tuple[Path, Path],
     lines = (out / WORDS).read_text(encoding="utf-8").splitlines()
     assert len(lines) == len(found.lines) and all(line.isprintable() for line in lines)
     write_comparison(same, out, results)  # an earlier one is replaced
+
+
+def test_scores_against_other_norms_have_no_difference(results: tuple[Path, Path], tmp_path: Path) -> None:
+    found = compare_results(*results)
+    for of_both in (("free speed", "free speed"), ("free speed", "slow speed"), ("", "")):
+        for folder, words, score in zip(results, of_both, (9.1, 6.2), strict=True):
+            told = json.loads((folder / SUMMARY).read_text())
+            told |= {"norm": {"words": words}, "gait_profile": {"r": {"gps": {"score": score, "se": 0.4}}}}
+            (folder / SUMMARY).write_text(json.dumps(told))
+        out = write_comparison(found, tmp_path / "comparison", results)
+        page = (out / PAGE).read_text(encoding="utf-8")
+        assert page.count("6.2 ± 0.4") == 1 and ("-2.9 (missed below" in page) == (of_both == ("free speed",) * 2)
+        assert f">after, against {of_both[1] or 'not told whom'}</th>" in page
 
 
 def test_names_stay_as_they_are_on_the_screen(results: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
