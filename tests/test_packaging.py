@@ -79,6 +79,21 @@ def test_public_names_are_loaded_when_first_used() -> None:
         _ = gaitcal.no_such_name
 
 
+def test_licences_of_others_are_named_and_shipped() -> None:
+    """Each licence that a table names, in the metadata and in a notice that goes with the wheel; so others' scripts."""
+    metadata = toml.read_toml(ROOT / "pyproject.toml")["project"]
+    assert isinstance(metadata, dict)
+    expression, notices = str(metadata["license"]), list(metadata["license-files"])
+    told = "".join((ROOT / notice).read_text(encoding="utf-8") for notice in notices)
+    for path in (ROOT / "models").rglob("*.*"):
+        for words in set(re.findall(r"CC BY[-A-Z]* \d\.\d", path.read_text(encoding="utf-8"))):
+            assert re.sub("[ ]", "-", words) in expression and words in told, path.name
+    shipped = (path for room in ("gaitcal", "models") for path in (ROOT / room).rglob("*LICENSE*"))
+    assert {path.relative_to(ROOT).as_posix() for path in shipped} | {"LICENSE"} == set(notices)
+    recipe = (ROOT / "scripts" / "tools" / "packaging" / "recipe.yaml").read_text(encoding="utf-8")
+    assert f"license: {expression}\n" in recipe and all(f"- {notice}\n" in recipe for notice in notices)
+
+
 @pytest.mark.slow
 def test_wheel_works_without_the_source_tree(tmp_path: Path) -> None:
     pytest.importorskip("hatchling")
@@ -94,6 +109,8 @@ def test_wheel_works_without_the_source_tree(tmp_path: Path) -> None:
         archive.extractall(tmp_path / "site")
     data = {f"gaitcal/models/{p.relative_to(ROOT / 'models').as_posix()}" for p in (ROOT / "models").rglob("*.*")}
     assert data <= names
+    (metadata,) = (tmp_path / "site").glob("gaitcal-*.dist-info/METADATA")
+    assert re.search("^License-Expression: .*CC-BY-SA-4.0", metadata.read_text(encoding="utf-8"), re.M)
     assert {"gaitcal/py.typed", "gaitcal/__init__.pyi"} <= names
     assert not [name for name in names if not name.startswith(("gaitcal/", "gaitcal-"))]
     code = "import gaitcal; from gaitcal.io.toml import models_path; print(models_path())"

@@ -199,7 +199,9 @@ def require_no_into(**given: object) -> None:
     """UsageError for an option that means nothing with `--into`."""
     for name, value in given.items():
         if value:
-            raise UsageError("found with --into, which writes one OpenSim model; allowed: without --into", field=f"--{name}")
+            raise UsageError(
+                "found with --into, which writes one OpenSim model; allowed: without --into", field=f"--{name}"
+            )
 
 
 def _draws_folder(out: Path) -> Path:

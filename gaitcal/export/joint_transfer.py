@@ -398,8 +398,8 @@ class Transfer:
         if by_axes := [r for r in self.bodies.values() if r.by_axes]:
             yield (
                 f"{', '.join(r.body for r in by_axes)}: laid on by the axes of joints, up to "
-                f"{1e3 * max(r.rms for r in by_axes):.0f} mm from this person's, as too few markers are shared; nothing "
-                f"shows that the model has this person's size: {NAME_OR_SCALE}"
+                f"{1e3 * max(r.rms for r in by_axes):.0f} mm from this person's, as too few markers are shared; "
+                f"nothing shows that the model has this person's size: {NAME_OR_SCALE}"
             )
         for r in self.bodies.values():
             if r.rms > APART and not r.by_axes:
