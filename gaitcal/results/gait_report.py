@@ -109,7 +109,7 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
         ),
         toe_off=_toe_off(summary),
         norm=norm.words,
-        norm_remark=" ".join(filter(None, (norm.remark, RELATIVE if relative else ""))),
+        norm_remark=" ".join(filter(None, (norm.remark, RELATIVE if relative and norm.bands else ""))),
         profile=profile_scores({n: of[n].to_numpy() for n in of}, norm.bands, model.subject)
         if norm.bands and not relative
         else (),

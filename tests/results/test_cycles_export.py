@@ -85,7 +85,9 @@ def test_a_clinical_convention_changes_signs_and_units_alone(result: Path) -> No
     trunk = before["variable"].str.endswith("_moment") & ~of_leg
     powers = before["variable"].str.endswith("_power")
     assert of_leg.any() and trunk.any() and powers.any()
-    for rows, factor in ((of_leg, 1.0 / MASS), (trunk, -1.0 / MASS), (powers, 1.0 / MASS)):
+    extension = before["variable"].eq("lumbar_extension_moment") | before["side"].eq("l")
+    of_trunk = np.where(extension[trunk], 1.0, -1.0) / MASS
+    for rows, factor in ((of_leg, -1.0 / MASS), (trunk, of_trunk), (powers, 1.0 / MASS)):
         np.testing.assert_allclose(after["value"][rows], factor * before["value"][rows], atol=ROUNDED)
         np.testing.assert_allclose(after["se"][rows], before["se"][rows] / MASS, atol=ROUNDED)
     assert (after["se"].dropna() >= 0).all()
@@ -96,7 +98,7 @@ def test_a_clinical_convention_changes_signs_and_units_alone(result: Path) -> No
     text = (result / "export/cycles.csv").read_text(encoding="utf-8").splitlines()
     head = "\n".join(line for line in text if line.startswith("#"))
     assert "external" in head and "clinical" in head and "N m/kg" in head
-    assert set(after["unit"][of_leg]) == {"N m/kg"} and set(after["positive"][of_leg]) >= {"external, extension"}
+    assert set(after["unit"][of_leg]) == {"N m/kg"} and set(after["positive"][of_leg]) >= {"external, flexion"}
     manifest = json.loads((result / "export/manifest.json").read_text(encoding="utf-8"))
     assert manifest["written"]["cycles.csv"]["convention"] == {
         "signs": "clinical",
