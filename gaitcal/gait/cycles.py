@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SHORTEST_PHASE = 0.1  # s: a shorter contact, or a shorter swing, is a flicker of the threshold
-ROUNDED = 1e-9  # of a frame: a time so near to one is that of the frame
+SINGLE = float(np.finfo(np.float32).eps)  # relative rounding of times in single precision
 CYCLE_RANGE = (0.4, 4.0)  # s: from running to very slow pathological gait; anything else is no stride
 POINTS = 101  # 0, 1, ..., 100 %
 
@@ -171,17 +171,19 @@ def usable(time: Array, valid: BoolArray, cycle: GaitCycle) -> BoolArray:
 def resample(time: Array, values: Array, at: Array) -> Array:
     """(len(at), ...) `values` (nf, ...) at the times `at`, linear; NaN in gaps and outside.
 
-    A time that is a frame's but for rounding takes nothing from the next frame, which may be a gap.
+    A time that is a frame's but for rounding takes nothing from a neighbour that is a gap: C3D files keep the times of
+    their events in single precision.
     """
     right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     left = right - 1
-    before, after = values[left], values[right]
-    share = (at - time[left]) / (time[right] - time[left])
-    share = np.where(np.abs(share - np.round(share)) < ROUNDED, np.round(share), share)
-    part = np.broadcast_to(share.reshape(-1, *([1] * (values.ndim - 1))), before.shape)
-    mixed = before + part * (after - before)
-    out: Array = np.where(part == 0.0, before, np.where(part == 1.0, after, mixed))
-    out[(share < 0.0) | (share > 1.0)] = np.nan
+    step, ends = time[right] - time[left], (-1, *([1] * (values.ndim - 1)))
+    share, rounding = (at - time[left]) / step, SINGLE * np.abs(at) / step
+    before, after, part = values[left], values[right], share.reshape(ends)
+    is_left, is_right = ((np.abs(share - side) <= rounding).reshape(ends) for side in (0.0, 1.0))
+    out: Array = before + part * (after - before)
+    out = np.where((part == 0.0) | (is_left & np.isnan(after)), before, out)
+    out = np.where((part == 1.0) | (is_right & np.isnan(before)), after, out)
+    out[(share < -rounding) | (share > 1.0 + rounding)] = np.nan
     return out
 
 

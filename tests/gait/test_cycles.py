@@ -111,10 +111,15 @@ def test_outside_the_trial_there_is_nothing() -> None:
     assert np.isnan(out[[0, 2]]).all() and out[1] == 1.0
 
 
-@pytest.mark.parametrize("apart", [-1e-13, 0.0, 1e-13])
-def test_a_time_that_is_a_frame_but_for_rounding_takes_nothing_from_its_neighbours(apart: float) -> None:
-    time = 0.01 * np.arange(100)
-    values = np.full(100, np.nan)
-    values[[0, 40, 99]] = 3.0
-    np.testing.assert_array_equal(resample(time, values, time[[0, 40, 99]] + apart), 3.0)
-    assert np.isnan(resample(time, values, time[[0, 40, 99]] + np.array([-1e-6, 1e-6, 1e-6]))).all()
+def test_a_time_in_single_precision_takes_nothing_from_a_gap_beside_its_frame() -> None:
+    """As strikes of C3D files are: the sample at 100 % was invalid where the next frame is."""
+    time = 1.23 + 0.01 * np.arange(200)
+    values = np.full((200, 2), np.nan)
+    at = np.float32(time).astype(float)
+    assert (at > time).any() and (at < time).any()
+    for frame in range(200):
+        values[:], values[frame, 0] = np.nan, 3.0
+        np.testing.assert_array_equal(resample(time, values, at[[frame]]), [[3.0, np.nan]])
+    between = time[:-1] + 1e-6
+    values[:, 0] = np.where(np.arange(200) % 2, np.nan, 3.0)
+    assert np.isnan(resample(time, values, between)).all()
