@@ -19,7 +19,7 @@ from tests import commands
 from tests.fake_result import fake_calibration
 from tests.page.people import walking_scene
 
-NO_TRIALS = [{"name": trial.name, "curves": [], "every": 1} for trial in walking_scene().trials]
+NO_TRIALS = [{"name": trial.name, "curves": [], "every": 1, "strides": []} for trial in walking_scene().trials]
 """Nothing is drawn here."""
 
 
