@@ -54,7 +54,7 @@ def test_a_browser_makes_nothing_of_them(hostile: str, visit: Callable[..., Page
     page.run("gaitcal.state.set({ trial: 1, spread: 'mean' })")
     assert page.run("document.querySelectorAll('img, iframe, object, embed, link').length") == 0
     assert page.run("typeof window.hacked") == "undefined"
-    assert page.run("document.scripts.length") == 6
+    assert page.run("document.scripts.length") == 7
     assert page.run("document.getElementById('subject').textContent") == WORST
     assert page.run(until("document.documentElement.scrollWidth <= innerWidth"))  # its curves have its width
     assert len(page.requests) == 1

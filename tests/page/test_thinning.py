@@ -37,6 +37,7 @@ def long_trial(name: str, curves: int = 100) -> dict[str, Any]:
         "time": floats(time),
         "masks": [base64_of(np.arange(FRAMES, dtype="<u1"))],
         "curves": [curve] * curves,
+        "strides": [],
     }
 
 
