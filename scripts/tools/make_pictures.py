@@ -51,7 +51,7 @@ class Picture:
 BODY = "document.querySelector('#body-pane')"
 AT = "&trial=gait&t=0.45"
 PICTURES = (
-    Picture("page-clinician", f"preset=clinician{AT}"),
+    Picture("page-clinician", f"preset=clinician{AT}", (1440, 900)),
     Picture("page-joints", f"preset=joints{AT}"),
     Picture("page-trust", f"preset=trust{AT}"),
     Picture("model", f"preset=joints{AT}", (1280, 900), BODY),
