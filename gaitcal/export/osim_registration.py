@@ -36,8 +36,8 @@ JOINT_OF = {joint.name: joint for joint in JOINTS}
 MISFIT = 0.05
 """m RMS; markers of a generic model, unscaled, on another person agree to 20 to 30 mm."""
 MISFIT_OF_AXES = 0.02
-"""m RMS, of joints' axes where no three markers are shared; those of a model scaled to a person of 1.70 m came within
-17 mm of two other adults, and not nearer than 28 and 32 mm to two children of 1.58 and 1.45 m."""
+"""m RMS, of joints' axes where no three markers are shared: `FAR_M` of `joint_transfer.py`, as far as regressions ever
+miss a joint of the same person; a larger gap is another person's size. (To two children's an adult's had 28 and 32.)"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import explained
 from gaitcal.gait.norms import FREE_WORDS, Norm
-from gaitcal.gait.peaks import Figure, peak_means
+from gaitcal.gait.peaks import Figure, PeakMean, peak_means
 from gaitcal.gait.profile_score import Score, score_title
 from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES
 from gaitcal.io.toml import package_version
@@ -96,19 +96,20 @@ def calibration_page_data(
     the inputs. `scores`: how far it is from the norm.
     """
     truth = calibration.truth
+    trials = [
+        trial_page_data(
+            calibration.model,
+            trial,
+            verdict=calibration.verdict.trials.get(trial.name),
+            relative_to=calibration.relative_to,
+            truth=None if truth is None else truth.of(trial.name),
+        )
+        for trial in calibration.trials
+    ]
     return {
         **person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
-        "lines": top_lines(calibration),
-        "trials": [
-            trial_page_data(
-                calibration.model,
-                trial,
-                verdict=calibration.verdict.trials.get(trial.name),
-                relative_to=calibration.relative_to,
-                truth=None if truth is None else truth.of(trial.name),
-            )
-            for trial in calibration.trials
-        ],
+        "lines": top_lines(calibration, _peaks(trials)),
+        "trials": trials,
         "sections": result_sections(calibration, norm, manifest, scores),
     }
 
@@ -151,7 +152,7 @@ def further_page_data(
     person = person_page_data(model.subject, verdict)
     return {
         **person,
-        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials)],
+        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials, _peaks(of_trials))],
         "trials": of_trials,
         "sections": {} if origin is None else further_sections(origin),
     }
@@ -345,16 +346,20 @@ def conventions_data() -> dict[str, Any]:
     }
 
 
-def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of peaks, over the straight strides of all trials, each with what the legs have of it."""
-    strides = [
+def _peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
+    """Over the straight strides of trials of a page."""
+    return peak_means(
         (trial["name"], s["side"], {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()})
-        for trial in data["trials"]
+        for trial in trials
         for s in trial["strides"]
         if not s["turns"]
-    ]
+    )
+
+
+def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the table of peaks, over the straight strides of all trials, each with what the legs have of it."""
     rows: dict[str, dict[str, Any]] = {}
-    for mean in peak_means(strides):
+    for mean in _peaks(data["trials"]):
         peak = mean.peak
         row = {
             "base": coordinate_of(peak.variable),

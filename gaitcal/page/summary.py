@@ -10,7 +10,7 @@ import numpy as np
 from gaitcal.codes import Code
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.faults.verdict import Judgement
-from gaitcal.gait.cycles import POINTS, normalise, source_words, usable
+from gaitcal.gait.cycles import source_words
 from gaitcal.gait.moments import (
     SIDE_WORDS,
     MomentNumbers,
@@ -20,12 +20,11 @@ from gaitcal.gait.moments import (
     listed,
     moment_numbers,
     moment_of,
-    own_error_of,
 )
 from gaitcal.gait.norms import Norm
-from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean, peak_means, stride_peaks
+from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean
 from gaitcal.gait.profile_score import BOTH, Score, score_title
-from gaitcal.gait.strides import TURNING, Layout, layout, strides_of, turns
+from gaitcal.gait.strides import TURNING, Layout, layout, strides_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.plain_data import Block, cell, fold, heading, named, number, table, text, visible, words_column
@@ -122,16 +121,19 @@ def _largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
     return max(found, key=lambda w: 0.0 if w.expected is None else w.expected.share) if found else None
 
 
-def top_lines(calibration: Calibration) -> list[Line]:
-    """The three lines at the top of the page: can it be believed, does it fit, and what of the moments counts."""
+def top_lines(calibration: Calibration, peaks: Sequence[PeakMean]) -> list[Line]:
+    """The three lines at the top of the page: can it be believed, does it fit, and what of the moments counts.
+
+    `peaks`: of the straight strides (`gait/peaks.py`), moments in N·m.
+    """
     model, trials = calibration.model, calibration.trials
-    return [_believed(calibration), *further_lines(model, trials)]
+    return [_believed(calibration), *further_lines(model, trials, peaks)]
 
 
-def further_lines(model: SubjectModel, trials: Sequence[TrialResult]) -> list[Line]:
+def further_lines(model: SubjectModel, trials: Sequence[TrialResult], peaks: Sequence[PeakMean]) -> list[Line]:
     """How these trials agree with the model, and what of their moments counts: below the line of the verdict."""
     walks = walks_of(model, trials)
-    return [_agreement(trials, walks), _counting(model.subject.mass, walks)]
+    return [_agreement(trials, walks), _counting(model.subject.mass, walks, peaks)]
 
 
 def _believed(calibration: Calibration) -> Line:
@@ -171,7 +173,7 @@ def _agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> L
     return {"tone": max(tones, key=TONE_ORDER.index), "text": visible(" ".join(words))}
 
 
-def _counting(mass: float, walks: Sequence[GaitNumbers]) -> Line:
+def _counting(mass: float, walks: Sequence[GaitNumbers], peaks: Sequence[PeakMean]) -> Line:
     """Strides with valid moments, and the peak knee adduction moment of each leg. `mass`: kg."""
     if not walks:
         return {"tone": "plain", "text": "No walk: joint parameters alone."}
@@ -181,7 +183,7 @@ def _counting(mass: float, walks: Sequence[GaitNumbers]) -> Line:
         why = "no foot is wholly on a force plate of its own" if plates else "there are no force plates"
         return {"tone": "plain", "text": f"Angles alone count, no moments: {why}."}
     words = usable_words([use for walk in loaded for use in stride_uses(walk.trial)])
-    if both := ", ".join(_peak(peak, mass) for peak in adduction_peaks([walk.trial for walk in walks])):
+    if both := ", ".join(_peak(peak, mass) for peak in peaks if peak.peak is ADDUCTION_PEAK):
         words += (
             " External knee adduction moment, N·m/kg, first peak, mean ± standard error over all straight strides: "
             f"{both}."
@@ -190,29 +192,6 @@ def _counting(mass: float, walks: Sequence[GaitNumbers]) -> Line:
     if not known:
         words += " No standard errors are known."
     return {"tone": "plain", "text": words}
-
-
-def adduction_peaks(walks: Sequence[TrialResult]) -> tuple[PeakMean, ...]:
-    """First peak of the knee's internal abduction moment (N·m) of each leg that has one, as in the table of peaks."""
-    strides = []
-    for walk in walks:
-        time = walk.body.time
-        straight = {(s.side, s.number): not turns(s.turn) for s in walk.strides}
-        for side, cycles in strides_of(walk.events).items():
-            name = f"{KNEE_ADDUCTION}_{side}"
-            for k, cycle in enumerate(cycles, start=1):
-                if walk.loads is None or not straight.get((side, k), True):
-                    continue
-                valid, errors = walk.loads.reactions.valid_for(name), walk.loads.errors
-                value = normalise(time, moment_of(walk.loads.final, name), cycle)
-                value = np.where(usable(time, valid, cycle), value, np.nan)
-                unknown = np.full(POINTS, np.nan)
-                error = unknown if errors is None else normalise(time, moment_of(errors, name), cycle)
-                of_stride = None if errors is None else own_error_of(errors, name)
-                own = unknown if of_stride is None else normalise(time, of_stride, cycle)
-                curves = {ADDUCTION_PEAK.variable: (value, error, own)}
-                strides.append((walk.name, side, stride_peaks(curves, cycle.stance)))
-    return tuple(mean for mean in peak_means(strides) if mean.peak is ADDUCTION_PEAK)
 
 
 def _peak(peak: PeakMean, mass: float) -> str:

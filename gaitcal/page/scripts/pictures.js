@@ -80,8 +80,6 @@ Gaitcal.sideKeys = (rows) => {
 
 Gaitcal.titled = (row) => [Gaitcal.LEGS[row.side], Gaitcal.visible(row.label)].filter(Boolean).join(" ");
 
-Gaitcal.sideLabel = ({ side, label }) => html("span", { class: side && `side-${side}` }, Gaitcal.visible(label));
-
 // Fitted minus nominal, with ±1 standard error, the truth and the bounds where they are known.
 Gaitcal.BLOCKS.intervals = ({ unit, rows }, blocks) => {
   const there = (value) => value !== null && value !== undefined;
