@@ -33,6 +33,7 @@ from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.study.study import nominal_of
+from gaitcal.study.study_trial import Role
 
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)
 SEXES = ("female", "male")
@@ -180,7 +181,7 @@ def tell_draft(console: Console, draft: Draft) -> None:
     """In some lines, what was made of a folder."""
     if line := marker_set_line(draft):
         console.line(line)
-    for role in ("static", "joint", "gait"):
+    for role in Role:
         names = [
             f"{trial.name} ({trial.joint})" if trial.joint else trial.name
             for trial in draft.trials

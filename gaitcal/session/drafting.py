@@ -39,7 +39,6 @@ from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
 from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role
 
 
 def several_people(files: Sequence[FolderFile], people: Mapping[int, tuple[str, ...]]) -> tuple[str, dict[str, str]]:
@@ -371,8 +370,8 @@ def without_faulty_trials(
         if f.severity is Severity.ERROR:
             faulty.setdefault(f.where, f"{f.topic}: {f.evidence}" + (f"; {f.cure}" if f.cure else ""))
     names = {trial.name for trial in study.trials}
-    kind = Role.GAIT if study.walks else Role.JOINT
-    sound = any(trial.role is kind and trial.name not in faulty for trial in study.moving)
+    whole = set(study.walks) or {trial.name for trial in study.moving}
+    sound = not whole <= set(faulty)
     if not faulty or not set(faulty) <= names - {study.static.name} or not sound:
         return study, findings, {}
     rest = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
