@@ -1,7 +1,5 @@
 """A person's joints in an OpenSim model of the user's own: nothing changes that need not, what was moved comes back."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
