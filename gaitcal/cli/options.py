@@ -96,7 +96,7 @@ Muscles = Annotated[
     bool, typer.Option("--muscles", help="For --into: lengths and moment arms before and after, by OpenSim.")
 ]
 ModelDraws = Annotated[
-    int, typer.Option("--draws", min=0, help="For --into: further models with joints drawn from their error bars.")
+    int, typer.Option("--draws", min=0, help="For --into: further models drawn from the error bars.")
 ]
 ModelSeed = Annotated[int, typer.Option("--seed", min=0, help="For --draws: seed of the draws.")]
 Inputs = Annotated[

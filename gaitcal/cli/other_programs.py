@@ -16,14 +16,13 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError, UsageError, nearest
-from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, Verdict, joints_csv
+from gaitcal.export.joint_transfer import CalibratedOsim, Verdict, into_osim, joints_csv
 from gaitcal.export.muscle_paths import (
     MuscleChange,
     MusclePath,
     leg_ranges,
     muscle_changes,
     muscle_paths,
-    muscles_about,
     muscles_csv,
     opensim_is_installed,
 )
@@ -228,17 +227,13 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
     if wanted not in ({JOINTS}, {JOINTS, MASSES}):
         message = f"found '{options.parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
         raise UsageError(message, field="--parameters")
-    if MASSES in wanted and options.draws:
-        raise UsageError(
-            f"found {MASSES} with --draws, whose masses are those of the model; allowed: {JOINTS}", field="--parameters"
-        )
     if options.muscles and not opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
     if saved.uncertainty.joint is None:
         message = "its joint parameters were not calibrated: there is nothing to put into a model"
         raise InputError(message, source=result, code=Code.NO_RESULT)
-    transfer = Transfer.prepared(
+    done = into_osim(
         saved.model,
         options.model,
         errors=saved.uncertainty.joint,
@@ -246,8 +241,9 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         names=options.names,
         recorded=recorded_coordinates(result),
         marker_set=saved.marker_set,
+        masses=MASSES in wanted,
+        inertial=saved.uncertainty.inertial,
     )
-    done = transfer.result(masses=MASSES in wanted)
     for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
@@ -265,7 +261,7 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         rng = np.random.default_rng(options.seed)
         for k, path in enumerate(drawn):
             step(f"draw {k + 1} of {len(drawn)}")
-            atomic_bytes(path, transfer.drawn(rng))
+            atomic_bytes(path, done.drawn(rng))
         if options.muscles:
             ranges = leg_ranges(done.legs)
             step("muscles before")
@@ -276,8 +272,7 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
             for k, path in enumerate(drawn):
                 step(f"muscles of draw {k + 1} of {len(drawn)}")
                 spread.append(muscle_paths(path, ranges))
-            unsure = muscles_about(changes, done.legs, done.left)
-            atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread, unsure))
+            atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread))
     console.line()
     if options.muscles:
         _tell_muscles(console, changes)
@@ -288,8 +283,11 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
     if drawn:
         console.line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
         if done.left:
-            table = "; arm_sd_mm is empty for muscles that cross them" if options.muscles and unsure else ""
-            console.line(f"draws leave {', '.join(done.left)} where they are, which are known least{table}")
+            console.line(
+                f"draws have {', '.join(done.left)} about the place that the model gives them, by their standard errors"
+            )
+        if done.masses and saved.uncertainty.inertial is None:
+            console.line("all draws have the same masses: the result holds no errors of them")
 
 
 def _tell_joints(console: Console, done: CalibratedOsim) -> None:

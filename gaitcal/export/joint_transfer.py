@@ -23,7 +23,8 @@ Between shank and foot lies the talus, which no marker shows: it goes with the j
 between two registered bodies all but the last keep their place in their child, and the last closes the chain.
 
 A joint whose parameters the recordings say little of stays as it is: where their standard errors are more than `LITTLE`
-of what they were before any trial was looked at.
+of what they were before any trial was looked at. In draws it goes about its place by these errors: in either body by
+what takes our axis of the calibrated parameters to that of the drawn ones.
 """
 
 from __future__ import annotations
@@ -39,12 +40,15 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources, left_of_prior
+from gaitcal.export.osim import frames_of
 from gaitcal.export.osim_correspondence import (
+    Hinge,
     LegJoint,
     leg_joints,
     put_ball,
     put_hinge,
     shift_between,
+    smallest_motion,
     standing_coordinates,
     turn_between,
 )
@@ -55,6 +59,7 @@ from gaitcal.export.osim_registration import (
     Registration,
     SegmentMass,
     axis_of_ours,
+    between_bodies,
     body_weights,
     registrations,
     standing_segments,
@@ -63,7 +68,7 @@ from gaitcal.export.osim_registration import (
 from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters, table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior
@@ -102,6 +107,8 @@ class JointEnd:
     root of the sum of squares in all directions, of the joint parameters and of the registration. NaN where unknown."""
     changed: bool
     """Whether the file is changed here."""
+    landmarks: float
+    """m, by which landmarks of the static trial alone would have moved it; NaN in a body that is no segment of ours."""
 
     @property
     def moved(self) -> float:
@@ -142,11 +149,17 @@ class CalibratedOsim:
     """Of the segments whose bodies weigh what ours do; empty unless asked for."""
     notes: tuple[str, ...]
     """What the user should know, one sentence each."""
+    transfer: Transfer
+    """What was read, of which draws are made."""
 
     @property
     def left(self) -> tuple[str, ...]:
-        """Joints, ours, that stay as they are, in draws too: the recordings say little of them."""
+        """Joints, ours, that stay as they are: the recordings say little of them."""
         return tuple(move.joint for move in self.joints if move.verdict is Verdict.UNDETERMINED)
+
+    def drawn(self, rng: np.random.Generator) -> bytes:
+        """A file with parameters drawn from their errors and bodies registered with theirs."""
+        return self.transfer.drawn(rng)
 
 
 @with_one_blas_thread
@@ -160,6 +173,7 @@ def into_osim(
     recorded: Mapping[str, Array] | None = None,
     marker_set: MarkerSet | None = None,
     masses: bool = False,
+    inertial: Array | None = None,
 ) -> CalibratedOsim:
     """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
 
@@ -173,6 +187,8 @@ def into_osim(
     marker_set : whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
         segments by these markers, too.
     masses : the bodies weigh what our segments weigh, too (`body_weights`).
+    inertial : (84, n) R with covariance R R^T of the inertial parameters (`Uncertainty.inertial`), for draws of masses;
+        None: these have the same ones.
 
     Returns
     -------
@@ -183,9 +199,21 @@ def into_osim(
     InputError
         The file is no model, or has no legs that can be told, or its markers do not fit this person.
     """
-    return Transfer.prepared(
-        model, osim, errors=errors, prior=prior, names=names, recorded=recorded, marker_set=marker_set
-    ).result(masses=masses)
+    model = model if marker_set is None else with_landmarks(model, marker_set)
+    document = read_document(osim)
+    peer = peer_of(document)
+    legs = leg_joints(peer, names, recorded)
+    return Transfer(
+        model=model,
+        document=document,
+        peer=peer,
+        legs=legs,
+        bodies=registrations(model, peer, legs),
+        errors=errors,
+        known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
+        masses=masses,
+        inertial=inertial,
+    ).result()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,79 +229,112 @@ class Transfer:
     errors: ErrorSources | None
     known: Mapping[str, float]
     """Joint of ours -> how much of its standard error is left."""
+    masses: bool
+    """Whether bodies get the masses of our segments."""
+    inertial: Array | None
+    """(84, n) R with covariance R R^T of the inertial parameters."""
 
-    @classmethod
-    def prepared(
-        cls,
-        model: SubjectModel,
-        osim: Path | str,
-        *,
-        errors: ErrorSources | None = None,
-        prior: JointPrior | None = None,
-        names: Path | None = None,
-        recorded: Mapping[str, Array] | None = None,
-        marker_set: MarkerSet | None = None,
-    ) -> Transfer:
-        """Read the model, find its legs and lay its bodies on our segments; arguments as of `into_osim`."""
-        model = model if marker_set is None else with_landmarks(model, marker_set)
-        document = read_document(osim)
-        peer = peer_of(document)
-        legs = leg_joints(peer, names, recorded)
-        return cls(
-            model=model,
-            document=document,
-            peer=peer,
-            legs=legs,
-            bodies=registrations(model, peer, legs),
-            errors=errors,
-            known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
-        )
-
-    def result(self, *, masses: bool = False) -> CalibratedOsim:
+    def result(self) -> CalibratedOsim:
         """With the calibrated parameters."""
-        weights, told = (
-            body_weights(self.model.parameters, self.document, self.peer, self.bodies) if masses else ({}, ())
-        )
-        moves = self.moves(self.model.parameters, {s: r.pose for s, r in self.bodies.items()})
+        moves, (weights, told) = self.moves(), self._weights()
         return CalibratedOsim(
-            content=self.content(moves, weights),
+            content=self._content(moves, weights, self.legs),
             masses=told,
             joints=moves,
             legs=self.legs,
             registrations=tuple(self.bodies.values()),
             notes=tuple(self._notes(moves)),
+            transfer=self,
         )
 
     def drawn(self, rng: np.random.Generator) -> bytes:
-        """A file with joints drawn from their errors, bodies registered with theirs, masses and left joints as were."""
+        """A file with joints (and masses, if they are transferred) drawn from their errors, bodies registered with
+        theirs; joints that are left go about their place.
+        """
         parameters = self.model.parameters
         if self.errors is not None:
             own = self.errors.of([name for name in self.errors.free if name in JP_INDEX])  # soft tissue is no joint
             at = [JP_INDEX[name] for name in own.free]
             moved = own.parameters @ rng.normal(size=own.parameters.shape[1])
             parameters = parameters.with_joint(own.free, parameters.joint[at] + moved)
-        poses = {s: r.drawn(rng) for s, r in self.bodies.items()}
-        return self.content(replace(self, errors=None).moves(parameters, poses))
+        if self.masses and self.inertial is not None:
+            inertial = np.full_like(parameters.inertial, -1.0)
+            while (table(inertial)[:, 0] <= 0.0).any():
+                inertial = parameters.inertial + self.inertial @ rng.normal(size=self.inertial.shape[1])
+            parameters = parameters.with_inertial(inertial)
+        bodies = {s: replace(r, pose=r.drawn(rng)) for s, r in self.bodies.items()}
+        left = {leg.ours: self._about_its_place(leg, parameters) for leg in self.legs if self._is_left(leg.ours)}
+        other = replace(
+            self,
+            model=replace(self.model, parameters=parameters),
+            legs=tuple(left.get(leg.ours, leg) for leg in self.legs),
+            peer=self.peer.with_joints(leg.theirs for leg in left.values()),
+            bodies=bodies,
+            errors=None,
+        )
+        return other._content(other.moves(), other._weights()[0], self.legs)
 
-    def content(self, moves: Sequence[JointMove], weights: Mapping[str, Weight] | None = None) -> bytes:
-        """The file with these joints, and bodies of these weights."""
+    def _is_left(self, joint: str) -> bool:
+        return self.known[joint] > LITTLE
+
+    def _about_its_place(self, leg: LegJoint, drawn: Parameters) -> LegJoint:
+        """A joint of theirs, moved in both bodies as our axis is from the calibrated to the drawn parameters."""
+        ours, joint, hinge = JOINT_OF[leg.ours], leg.theirs, leg.hinge
+        steps = []
+        for segment, body, frame in (
+            (ours.parent, joint.parent, joint.in_parent),
+            (ours.child, joint.child, joint.in_child),
+        ):
+            was, now = (
+                axis_of_ours(leg.ours, p, segment == ours.parent).moved(self._turned_into(body, segment))
+                for p in (self.model.parameters, drawn)
+            )
+            shift, turn = now.point - was.point, np.eye(3)
+            if hinge is not None:
+                turn = pin.Quaternion.FromTwoVectors(was.direction, now.direction).toRotationMatrix()
+                shift = now.nearest(was.point) - was.point
+            about = pin.SE3(np.eye(3), frame.translation)
+            steps.append(about * pin.SE3(turn, shift) * about.inverse())
+        if hinge is not None:
+            hinge = Hinge(steps[0] * hinge.in_parent, steps[1] * hinge.in_child)
+        theirs = replace(joint, in_parent=steps[0] * joint.in_parent, in_child=steps[1] * joint.in_child)
+        return replace(leg, theirs=theirs, hinge=hinge)
+
+    def _turned_into(self, body: str, segment: str) -> pin.SE3:
+        """The turn from the axes of our segment to those of their body; of the talus all coordinates zero."""
+        turn, side = np.eye(3), segment[-1]
+        if segment not in self.bodies and (foot := f"foot_{side}") in self.bodies:
+            frames = frames_of(JOINT_OF[f"subtalar_{side}"], self.model.parameters)
+            segment, turn = foot, (frames.in_child * frames.in_parent.inverse()).rotation
+        if segment in self.bodies:
+            main = self.bodies[segment]
+            turn = between_bodies(self.peer, main.body, body).rotation @ main.pose.rotation.T @ turn
+        return pin.SE3(turn, np.zeros(3))
+
+    def _weights(self) -> tuple[dict[str, Weight], tuple[SegmentMass, ...]]:
+        if not self.masses:
+            return {}, ()
+        return body_weights(self.model.parameters, self.document, self.peer, self.bodies)
+
+    def _content(self, moves: Sequence[JointMove], weights: Mapping[str, Weight], legs: Sequence[LegJoint]) -> bytes:
+        """The file with these joints, and bodies of these weights; `legs`: as they were read."""
         places: dict[tuple[str, str], Place] = {}
-        for move in moves:
-            joint = next((leg.theirs for leg in self.legs if leg.ours == move.joint), None)
-            for name, end in (("parent", move.parent), ("child", move.child)):
-                if joint is None or end is None or not end.changed:
-                    continue
-                was = joint.in_parent if name == "parent" else joint.in_child
-                places[joint.name, name] = Place(
-                    end.place.translation if shift_between(was, end.place) > UNMOVED_M else None,
-                    end.place.rotation if turn_between(was, end.place) > UNMOVED_RAD else None,
-                )
+        ends = {move.joint: (move.parent, move.child) for move in moves}
+        for was, now in zip(legs, self.legs, strict=True):
+            for name, end in zip(("parent", "child"), ends[was.ours], strict=True):
+                before, after = (getattr(joint.theirs, f"in_{name}") for joint in (was, now))
+                after = after if end is None else end.place
+                moved = shift_between(before, after) > UNMOVED_M, turn_between(before, after) > UNMOVED_RAD
+                if any(moved):
+                    places[was.theirs.name, name] = Place(
+                        after.translation if moved[0] else None, after.rotation if moved[1] else None
+                    )
         return self.document.changed(places, weights)
 
-    def moves(self, parameters: Parameters, poses: Mapping[str, pin.SE3]) -> tuple[JointMove, ...]:
-        """What becomes of every joint, with these joint parameters and poses of their bodies in our segments."""
-        segments = standing_segments(self.model, parameters)
-        stand = {r.body: segments[s] * poses[s] for s, r in self.bodies.items()}
+    def moves(self) -> tuple[JointMove, ...]:
+        """What becomes of every joint."""
+        segments = standing_segments(self.model, self.model.parameters)
+        stand = {r.body: segments[s] * r.pose for s, r in self.bodies.items()}
         found: dict[str, JointMove] = {}
         for side in SIDES:
             legs = [leg for leg in self.legs if leg.ours.endswith(f"_{side}")]
@@ -281,7 +342,7 @@ class Transfer:
             for above, below in pairwise(ends):
                 if above in self.bodies and below in self.bodies:
                     pair = self.bodies[above].body, self.bodies[below].body
-                    for move in self._between(*pair, legs, parameters, segments, stand):
+                    for move in self._between(*pair, legs, segments, stand):
                         found[move.joint] = move
         absent = (f"{joint}_{side}" for side in SIDES for joint in LEG_JOINTS)
         return tuple(
@@ -294,7 +355,6 @@ class Transfer:
         top: str,
         bottom: str,
         legs: Sequence[LegJoint],
-        parameters: Parameters,
         segments: Mapping[str, pin.SE3],
         stand: Mapping[str, pin.SE3],
     ) -> Iterator[JointMove]:
@@ -302,7 +362,7 @@ class Transfer:
         row = self.peer.joints_between(top, bottom)
         ours = {leg.theirs.name: leg for leg in legs}
         q0 = standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
-        moving = [j for j in row if j.name in ours and self.known[ours[j.name].ours] <= LITTLE]
+        moving = [j for j in row if j.name in ours and not self._is_left(ours[j.name].ours)]
         pose = stand[top]  # of the joint's parent
         for joint in row:
             leg, was = ours.get(joint.name), self.peer.joint_pose(joint, q0)
@@ -314,7 +374,7 @@ class Transfer:
             standing = None
             if joint is moving[-1]:
                 standing = pose.actInv(stand[bottom] * self.peer.body_pose(bottom, joint.child, q0).inverse())
-            target = axis_of_ours(leg.ours, parameters, _in_parent(leg.ours))
+            target = axis_of_ours(leg.ours, self.model.parameters, _in_parent(leg.ours))
             target = target.moved(pose.actInv(segments[_segment(leg.ours)]))
             put = (put_ball if leg.hinge is None else put_hinge)(leg, was, target, standing)
             now = put.in_parent * joint.in_parent.actInv(was * joint.in_child) * put.in_child.inverse()
@@ -325,8 +385,9 @@ class Transfer:
                     place=place,
                     shift=put.shifts[not of_parent],
                     turn=put.turns[not of_parent],
-                    errors=self._errors(leg.ours, of_parent, parameters, centre, segments),
+                    errors=self._errors(leg.ours, of_parent, centre, segments),
                     changed=shift_between(before, place) > UNMOVED_M or turn_between(before, place) > UNMOVED_RAD,
+                    landmarks=self._by_landmarks(leg, of_parent),
                 )
                 for of_parent, before, place in (
                     (True, joint.in_parent, put.in_parent),
@@ -354,11 +415,26 @@ class Transfer:
             standing={c.name: q0[c.name] for c in leg.theirs.coordinates if c.name in q0},
         )
 
+    def _by_landmarks(self, leg: LegJoint, of_parent: bool) -> float:
+        """m, from a joint as it was read to where the nominal model has it in that body."""
+        ours, joint = JOINT_OF[leg.ours], leg.theirs
+        segment, body, frame = (
+            (ours.parent, joint.parent, joint.in_parent) if of_parent else (ours.child, joint.child, joint.in_child)
+        )
+        registration = self.bodies.get(segment)
+        if registration is None or registration.body != body:
+            return float("nan")
+        target = axis_of_ours(leg.ours, self.model.nominal, of_parent).moved(registration.pose.inverse())
+        if leg.hinge is None:
+            return float(np.linalg.norm(target.point - frame.translation))
+        line = leg.hinge.in_parent if of_parent else leg.hinge.in_child
+        return float(np.linalg.norm(smallest_motion(line, target, frame.translation)[1]))
+
     def _errors(
-        self, joint: str, of_parent: bool, parameters: Parameters, point: Array, segments: Mapping[str, pin.SE3]
+        self, joint: str, of_parent: bool, point: Array, segments: Mapping[str, pin.SE3]
     ) -> tuple[float, float]:
         """Standard errors, m and rad, of the place of a joint in one of its bodies; `point`: (3,) m, laboratory."""
-        ours = JOINT_OF[joint]
+        ours, parameters = JOINT_OF[joint], self.model.parameters
         segment = ours.parent if of_parent else ours.child
         registration = self.bodies.get(segment)
         if registration is None:
@@ -390,10 +466,13 @@ class Transfer:
                 yield f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with it"
             ends = [e for e in (move.parent, move.child) if e is not None and e.moved > FAR_M]
             if ends:
-                bodies = ", ".join(e.body for e in ends)
+                far, alone = (
+                    ", ".join(f"{1e3 * getattr(e, name):.0f}" for e in ends) for name in ("moved", "landmarks")
+                )
                 yield (
-                    f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {bodies}: muscle points beside it stay "
-                    "on their bones, and may no longer suit it"
+                    f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {', '.join(e.body for e in ends)} "
+                    f"({far} mm; by the landmarks of the static trial alone {alone}): muscle points beside it stay on "
+                    "their bones, and may no longer suit it"
                 )
         if by_axes := [r for r in self.bodies.values() if r.by_axes]:
             yield (
@@ -428,7 +507,7 @@ def _segment(joint: str) -> str:
 
 JOINTS_HEADER = (
     "joint,theirs,verdict,standard_error_left,in,body,shift_x_mm,shift_y_mm,shift_z_mm,moved_mm,moved_se_mm,turned_deg,"
-    "turned_se_deg,standing_mm,standing_deg"
+    "turned_se_deg,standing_mm,standing_deg,landmarks_mm"
 )
 
 
@@ -443,6 +522,7 @@ def joints_csv(done: CalibratedOsim) -> str:
                 continue
             numbers = [*(1e3 * end.shift), 1e3 * end.moved, 1e3 * end.errors[0]]
             numbers += [np.degrees(end.turn), np.degrees(end.errors[1]), 1e3 * move.rolls[0], np.degrees(move.rolls[1])]
+            numbers += [1e3 * end.landmarks]
             words = ",".join(f"{x:.4f}" if np.isfinite(x) else "" for x in numbers)
             lines.append(f'{start},{name},"{end.body}",{words}')
         if move.parent is None:

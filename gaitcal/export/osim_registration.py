@@ -320,7 +320,7 @@ def body_weights(
         if segment in bodies:
             main = bodies[segment]
             centres = {body: document.mass_centre(body) for body in group}
-            poses = {body: _between_bodies(peer, body, main.body) for body in group}
+            poses = {body: between_bodies(peer, body, main.body) for body in group}
             was = sum(peer.masses[b] * poses[b].act(centres[b]) for b in group) / theirs
             shift = main.pose.actInv(ours[segment].centre) - was
             moved = {b: centres[b] + poses[b].rotation.T @ shift for b in group}
@@ -329,6 +329,6 @@ def body_weights(
     return weights, tuple(told)
 
 
-def _between_bodies(peer: PeerModel, body: str, main: str) -> pin.SE3:
+def between_bodies(peer: PeerModel, body: str, main: str) -> pin.SE3:
     """Pose of a body in another of its segment, above or below it."""
     return peer.body_pose(body, main) if peer.is_below(body, main) else peer.body_pose(main, body).inverse()

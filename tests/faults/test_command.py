@@ -1,7 +1,5 @@
 """`gaitcal check` and `gaitcal calibrate --force` on a study that is at fault."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

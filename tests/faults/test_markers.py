@@ -1,7 +1,5 @@
 """Markers that are metres away, gone for a while, or alone on their segment; gaps accuse nobody of exchanged labels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Forces against the motion: signs, places, gain and mass, free moments, and which foot stands on which plate."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The static trial by itself: exchanged and displaced landmarks, a wrong height, bent people; nothing on sound ones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
