@@ -343,7 +343,7 @@ def body_mass(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     told = [(t, *found) for t in trials if (found := _standing(t) or _walking(t)) is not None]
     excess = [(carried / t.subject.mass - 1.0) / allowed for t, carried, allowed, _, _ in told]
     wrong = bool(excess) and (min(excess) > 1.0 or max(excess) < -1.0)
-    for (t, carried, _, words, cure), beyond in zip(told, excess, strict=True):
+    for (t, _, _, words, cure), beyond in zip(told, excess, strict=True):
         words += f"; subject.mass_kg is {t.subject.mass:g}"
         if wrong:
             cause = "mass_kg is not what the plates weigh"
@@ -355,13 +355,13 @@ def body_mass(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
 
 
 def _standing(trial: MarkerEvidence) -> tuple[float, float, str, str] | None:
-    """kg under the standing person, by which share that may be off, in words, and the cure; None where not all is on
+    """Kg under the standing person, by which share that may be off, in words, and the cure; None where not all is on
     plates.
     """
     if not trial.is_static or trial.model is None:
         return None
     window = still_window(trial.recording, trial.marker_set.labels)
-    total, loaded = 0.0, []
+    total, loaded = 0.0, list[ForcePlate]()
     for plate in trial.recording.plates:
         within = (plate.time >= window.start) & (plate.time <= window.stop) & np.isfinite(plate.force[:, 1])
         force = float(np.median(plate.force[within, 1])) if within.any() else 0.0
@@ -384,7 +384,9 @@ def _walking(trial: MarkerEvidence) -> tuple[float, float, str, str] | None:
         return None
     stretches, lengths, masses = zip(*weighings, strict=True)
     carried = float(np.average(masses, weights=lengths))
-    words = f"while every foot is on a plate ({spans(feet.time, stretches)}) the plates carry {carried:.1f} kg on average"
+    words = (
+        f"while every foot is on a plate ({spans(feet.time, stretches)}) the plates carry {carried:.1f} kg on average"
+    )
     cure = "correct mass_kg, or the gain and offset of the plates: joint torques are wrong by the same share"
     allowed = MASS_DIFFERENCE + PELVIS_M_S / (GRAVITY * float(np.sum(lengths)))
     allowed += _offsets(trial.recording.plates) / trial.subject.weight

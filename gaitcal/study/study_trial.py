@@ -72,7 +72,7 @@ class Trial:
 
 
 BRIDGED_S = 0.2
-"""Without three markers the splines carry a pelvis over so much; over more, which hides a part of a step, nothing does."""
+"""Without three markers the splines carry a pelvis over so much; more hides a part of a step."""
 
 
 def cleaned_trial(trial: Trial, segment_of: Mapping[str, str]) -> Trial:

@@ -256,7 +256,7 @@ def test_how_somebody_stands_is_told_and_no_landmark_accused(
 def test_legs_are_doubted_where_hardly_anybody_has_them(
     sound: Study, share: float, severity: Severity | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Short legs of one person in twelve, in fifty, in three thousand, where no other length speaks against a height."""
+    """Legs of one person in twelve, in fifty, in three thousand, where no other length speaks against a height."""
     trial = evidence(sound, sound.static)
     monkeypatch.setattr("gaitcal.faults.static_landmarks.hip_height", lambda t: share * t.subject.height)
     assert [f.severity for f in proportions(trial)] == ([] if severity is None else [severity])
