@@ -31,7 +31,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from itertools import pairwise
 from pathlib import Path
 
@@ -40,9 +39,17 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources, left_of_prior
-from gaitcal.export.osim import frames_of
+from gaitcal.export.joint_moves import (
+    Bone,
+    CarriedPoints,
+    JointEnd,
+    JointMove,
+    Verdict,
+    bones_of,
+    carried,
+    carried_by_muscles,
+)
 from gaitcal.export.osim_correspondence import (
-    Hinge,
     LegJoint,
     leg_joints,
     put_ball,
@@ -58,8 +65,8 @@ from gaitcal.export.osim_registration import (
     NAME_OR_SCALE,
     Registration,
     SegmentMass,
+    about_its_place,
     axis_of_ours,
-    between_bodies,
     body_weights,
     registrations,
     standing_segments,
@@ -68,7 +75,7 @@ from gaitcal.export.osim_registration import (
 from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters, table
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior
@@ -83,58 +90,6 @@ UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
 """Below these a joint stays in the very bytes of its file: the solvers' rounding."""
 
 
-class Verdict(Enum):
-    """What became of a joint."""
-
-    MOVED = "moved"
-    UNDETERMINED = "left as it is: the recordings say little of it"
-    ABSENT = "the model has no such joint"
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointEnd:
-    """Where a joint sits in one of its bodies, and how far that is from where it was."""
-
-    body: str
-    place: pin.SE3
-    """Of the joint's frame in the body."""
-    shift: Array
-    """(3,) m, in the body's axes: of the centre, of a hinge across its axis."""
-    turn: float
-    """rad, of a hinge's axis; of a ball joint's frame."""
-    errors: tuple[float, float]
-    """m and rad, standard errors of the centre (of a hinge across its axis) and of the direction of a hinge's axis: the
-    root of the sum of squares in all directions, of the joint parameters and of the registration. NaN where unknown."""
-    changed: bool
-    """Whether the file is changed here."""
-    landmarks: float
-    """m, by which landmarks of the static trial alone would have moved it; NaN in a body that is no segment of ours."""
-
-    @property
-    def moved(self) -> float:
-        """Length of the shift, m."""
-        return float(np.linalg.norm(self.shift))
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointMove:
-    """What became of one joint."""
-
-    joint: str
-    """Ours: `hip_r`, ..."""
-    theirs: str
-    """Name in the model; empty where it has none."""
-    verdict: Verdict
-    known: float
-    """Standard error of its parameters over that before any trial, the larger of positions and directions."""
-    standing: Mapping[str, float]
-    """Coordinate of theirs -> rad (m) as the person stands, before and after."""
-    rolls: tuple[float, float] = (0.0, 0.0)
-    """m and rad, by which the standing bones are then off: what the joint rolls, or cannot do."""
-    parent: JointEnd | None = None
-    child: JointEnd | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class CalibratedOsim:
     """The user's model with this person's joints."""
@@ -147,6 +102,8 @@ class CalibratedOsim:
     registrations: tuple[Registration, ...]
     masses: tuple[SegmentMass, ...]
     """Of the segments whose bodies weigh what ours do; empty unless asked for."""
+    carried: tuple[CarriedPoints, ...]
+    """Of every muscle the points that went with a bone; empty unless asked for."""
     notes: tuple[str, ...]
     """What the user should know, one sentence each."""
     transfer: Transfer
@@ -174,6 +131,7 @@ def into_osim(
     marker_set: MarkerSet | None = None,
     masses: bool = False,
     inertial: Array | None = None,
+    follow: bool = False,
 ) -> CalibratedOsim:
     """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
 
@@ -189,6 +147,7 @@ def into_osim(
     masses : the bodies weigh what our segments weigh, too (`body_weights`).
     inertial : (84, n) R with covariance R R^T of the inertial parameters (`Uncertainty.inertial`), for draws of masses;
         None: these have the same ones.
+    follow : muscle points, wraps and meshes go with the joints at both ends of their bone (`joint_moves.py`).
 
     Returns
     -------
@@ -213,6 +172,7 @@ def into_osim(
         known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
         masses=masses,
         inertial=inertial,
+        follow=follow,
     ).result()
 
 
@@ -233,6 +193,8 @@ class Transfer:
     """Whether bodies get the masses of our segments."""
     inertial: Array | None
     """(84, n) R with covariance R R^T of the inertial parameters."""
+    follow: bool
+    """Whether what is fixed to a bone goes with its joints."""
 
     def result(self) -> CalibratedOsim:
         """With the calibrated parameters."""
@@ -240,6 +202,7 @@ class Transfer:
         return CalibratedOsim(
             content=self._content(moves, weights, self.legs),
             masses=told,
+            carried=carried_by_muscles(self.document, self._bones(moves)),
             joints=moves,
             legs=self.legs,
             registrations=tuple(self.bodies.values()),
@@ -263,7 +226,11 @@ class Transfer:
                 inertial = parameters.inertial + self.inertial @ rng.normal(size=self.inertial.shape[1])
             parameters = parameters.with_inertial(inertial)
         bodies = {s: replace(r, pose=r.drawn(rng)) for s, r in self.bodies.items()}
-        left = {leg.ours: self._about_its_place(leg, parameters) for leg in self.legs if self._is_left(leg.ours)}
+        left = {
+            leg.ours: about_its_place(leg, self.peer, self.bodies, self.model.parameters, parameters)
+            for leg in self.legs
+            if self._is_left(leg.ours)
+        }
         other = replace(
             self,
             model=replace(self.model, parameters=parameters),
@@ -276,40 +243,6 @@ class Transfer:
 
     def _is_left(self, joint: str) -> bool:
         return self.known[joint] > LITTLE
-
-    def _about_its_place(self, leg: LegJoint, drawn: Parameters) -> LegJoint:
-        """A joint of theirs, moved in both bodies as our axis is from the calibrated to the drawn parameters."""
-        ours, joint, hinge = JOINT_OF[leg.ours], leg.theirs, leg.hinge
-        steps = []
-        for segment, body, frame in (
-            (ours.parent, joint.parent, joint.in_parent),
-            (ours.child, joint.child, joint.in_child),
-        ):
-            was, now = (
-                axis_of_ours(leg.ours, p, segment == ours.parent).moved(self._turned_into(body, segment))
-                for p in (self.model.parameters, drawn)
-            )
-            shift, turn = now.point - was.point, np.eye(3)
-            if hinge is not None:
-                turn = pin.Quaternion.FromTwoVectors(was.direction, now.direction).toRotationMatrix()
-                shift = now.nearest(was.point) - was.point
-            about = pin.SE3(np.eye(3), frame.translation)
-            steps.append(about * pin.SE3(turn, shift) * about.inverse())
-        if hinge is not None:
-            hinge = Hinge(steps[0] * hinge.in_parent, steps[1] * hinge.in_child)
-        theirs = replace(joint, in_parent=steps[0] * joint.in_parent, in_child=steps[1] * joint.in_child)
-        return replace(leg, theirs=theirs, hinge=hinge)
-
-    def _turned_into(self, body: str, segment: str) -> pin.SE3:
-        """The turn from the axes of our segment to those of their body; of the talus all coordinates zero."""
-        turn, side = np.eye(3), segment[-1]
-        if segment not in self.bodies and (foot := f"foot_{side}") in self.bodies:
-            frames = frames_of(JOINT_OF[f"subtalar_{side}"], self.model.parameters)
-            segment, turn = foot, (frames.in_child * frames.in_parent.inverse()).rotation
-        if segment in self.bodies:
-            main = self.bodies[segment]
-            turn = between_bodies(self.peer, main.body, body).rotation @ main.pose.rotation.T @ turn
-        return pin.SE3(turn, np.zeros(3))
 
     def _weights(self) -> tuple[dict[str, Weight], tuple[SegmentMass, ...]]:
         if not self.masses:
@@ -329,7 +262,15 @@ class Transfer:
                     places[was.theirs.name, name] = Place(
                         after.translation if moved[0] else None, after.rotation if moved[1] else None
                     )
-        return self.document.changed(places, weights)
+        bones, names = self._bones(moves), {leg.theirs.name for leg in legs}
+        for joint in self.peer.joints.values():  # patella, back: what hangs on a bone elsewhere
+            if joint.parent in bones and joint.name not in names:
+                places[joint.name, "parent"] = Place(bones[joint.parent].point(joint.in_parent.translation), None)
+        meshes = {body: bone.rigid for body, bone in bones.items()}
+        return self.document.changed(places, weights, carried(self.document, bones), meshes)
+
+    def _bones(self, moves: Sequence[JointMove]) -> dict[str, Bone]:
+        return bones_of(moves, self.peer, self.legs) if self.follow else {}
 
     def moves(self) -> tuple[JointMove, ...]:
         """What becomes of every joint."""
@@ -382,6 +323,7 @@ class Transfer:
             ends = [
                 JointEnd(
                     body=joint.parent if of_parent else joint.child,
+                    centre=(was * joint.in_child if of_parent else joint.in_child).translation,
                     place=place,
                     shift=put.shifts[not of_parent],
                     turn=put.turns[not of_parent],
@@ -471,8 +413,12 @@ class Transfer:
                 )
                 yield (
                     f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {', '.join(e.body for e in ends)} "
-                    f"({far} mm; by the landmarks of the static trial alone {alone}): muscle points beside it stay on "
-                    "their bones, and may no longer suit it"
+                    f"({far} mm; by the landmarks of the static trial alone {alone})"
+                    + (
+                        ""
+                        if self.follow
+                        else ": muscle points beside it stay on their bones, and may no longer suit it"
+                    )
                 )
         if by_axes := [r for r in self.bodies.values() if r.by_axes]:
             yield (
@@ -503,28 +449,3 @@ def _in_parent(joint: str) -> bool:
 
 def _segment(joint: str) -> str:
     return JOINT_OF[joint].parent if _in_parent(joint) else JOINT_OF[joint].child
-
-
-JOINTS_HEADER = (
-    "joint,theirs,verdict,standard_error_left,in,body,shift_x_mm,shift_y_mm,shift_z_mm,moved_mm,moved_se_mm,turned_deg,"
-    "turned_se_deg,standing_mm,standing_deg,landmarks_mm"
-)
-
-
-def joints_csv(done: CalibratedOsim) -> str:
-    """A row for either end of every joint; a figure that does not exist is left out."""
-    lines = [JOINTS_HEADER]
-    for move in done.joints:
-        known = f"{move.known:.3f}" if np.isfinite(move.known) else ""
-        start = f'{move.joint},"{move.theirs}",{move.verdict.name.lower()},{known}'
-        for name, end in (("parent", move.parent), ("child", move.child)):
-            if end is None:
-                continue
-            numbers = [*(1e3 * end.shift), 1e3 * end.moved, 1e3 * end.errors[0]]
-            numbers += [np.degrees(end.turn), np.degrees(end.errors[1]), 1e3 * move.rolls[0], np.degrees(move.rolls[1])]
-            numbers += [1e3 * end.landmarks]
-            words = ",".join(f"{x:.4f}" if np.isfinite(x) else "" for x in numbers)
-            lines.append(f'{start},{name},"{end.body}",{words}')
-        if move.parent is None:
-            lines.append(start + "," * (JOINTS_HEADER.count(",") - start.count(",")))
-    return "\n".join(lines) + "\n"

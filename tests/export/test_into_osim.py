@@ -15,7 +15,8 @@ from gaitcal import cli
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.errors import InputError
-from gaitcal.export.joint_transfer import JOINTS_HEADER, Verdict, into_osim, joints_csv
+from gaitcal.export.joint_moves import JOINTS_HEADER, Verdict, joints_csv
+from gaitcal.export.joint_transfer import into_osim
 from gaitcal.export.muscle_paths import leg_ranges, muscle_changes, muscle_paths, muscles_csv
 from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
@@ -271,7 +272,7 @@ def test_what_recordings_say_little_of_is_left(published: SubjectModel, tmp_path
     (tmp_path / "out.osim").write_bytes(done.content)
     was, now = (read_osim(p).joints["shank_r"] for p in (path, tmp_path / "out.osim"))
     assert was.in_parent == now.in_parent and was.in_child == now.in_child
-    rows = joints_csv(done).splitlines()
+    rows = joints_csv(done.joints).splitlines()
     assert rows[0] == JOINTS_HEADER and all(row.count(",") == JOINTS_HEADER.count(",") for row in rows)
     assert sum(row.startswith("knee_r,") for row in rows) == 1
 
@@ -570,6 +571,7 @@ def test_the_command(
         (("--into", "m.osim"), "--out: found nothing; allowed: a file FILE.osim to be written"),
         (("--into", "m.osim", "--out", "m.osim"), "--out: found the model that is read; allowed: another file"),
         (("--into", "m.osim", "--out", "n.osim", "--parameters", "mass"), "allowed: joints or joints,masses"),
+        (("--into", "m.osim", "--out", "n.osim", "--attachments", "go"), "found 'go'; allowed: stay or follow"),
         (("--into", "n_draws/001.osim", "--out", "n.osim"), "--into: found a draw of --out"),
         (("--into", "m.osim", "--out", "n.osim", "--format", "c3d"), "--format: found with --into"),
         (("--into", "m.osim", "--out", "n.osim", "--convention", "clinical"), "--convention: found with --into"),
