@@ -358,9 +358,15 @@ def distance_to_line(point: Array, a: Array, b: Array) -> Array:
 
 def _under_neither(plate: ForcePlate, span: str, seat: bool) -> Finding:
     if seat:
-        found = f"{span}: it lies {100 * SEAT_ABOVE_M:.0f} cm and more above the feet and is under neither: a seat, or a "
-        found += "support of the hands; left out of torques"
-        return Finding(severity=Severity.INFO, topic="plate to foot", where="", found=found, code=Code.UNDER_NO_FOOT)
+        found = f"{span}: it lies {100 * SEAT_ABOVE_M:.0f} cm and more above both feet: a seat, or a support of the hands"
+        return Finding(
+            severity=Severity.INFO,
+            topic="plate to foot",
+            where="",
+            found=f"{found}; left out of torques",
+            cure="",
+            code=Code.UNDER_NO_FOOT,
+        )
     return Finding(
         severity=Severity.WARNING,
         topic="plate to foot",

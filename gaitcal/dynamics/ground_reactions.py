@@ -323,6 +323,7 @@ def _seat(seated: BoolArray, time: Array) -> list[Finding]:
             cause="a seat bears part of the body",
             found=f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less than the "
             "body weighs; where the seat pushes is not known, so that torques are not valid then",
+            cure="",
             code=Code.SEATED,
         )
     ]

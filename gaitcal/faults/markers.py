@@ -202,7 +202,7 @@ def doubled(trial: MarkerEvidence) -> Iterator[Finding]:
 
 
 def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Segments of the legs, and others that the model tracks, that show no marker with weight in a trial of the whole body."""
+    """Segments of the legs, and others that the model tracks, that show no marker with weight in a trial."""
     if not trial.is_whole_body or trial.model is None:
         return
     seen = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}

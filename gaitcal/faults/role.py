@@ -22,6 +22,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
+from gaitcal.dynamics.ground_reactions import SITTING_DEG
 from gaitcal.errors import InputError
 from gaitcal.faults.body_plan import body_axes
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence

@@ -11,7 +11,7 @@ flight, feet that stand. A seat bears part of the weight of who sits on it, belo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 
 import numpy as np
@@ -21,7 +21,7 @@ from gaitcal.arrays import Array
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.spline import spline_basis
+from gaitcal.motion.spline import DEGREE, spline_basis, to_bspline
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import TrueMotion, is_nominal, looking_like_nominal, standing_pose
 from gaitcal.synthetic.walk import (
@@ -37,22 +37,6 @@ from gaitcal.synthetic.walk import (
     ramp,
 )
 
-RATE_HZ = 100.0
-FLIGHT_FORCE = 0.005
-"""Body weights, that a flying body may be pushed by."""
-SPREAD = 4.0
-"""How much further from its postures such a movement may be than a walk from its curves."""
-STANDING = 0.45
-"""Part of the way from heel to tip under which a standing foot bears its load."""
-SEAT_SHARE, SEAT_BELOW = 0.8, np.array([-0.05, -0.10, 0.0])
-"""Of body weight on a seat, and where it pushes, m from the pelvis."""
-SWAY_S = 0.2
-"""s, in whose middle a foot's next foothold takes the place of its last."""
-RESTS = {True: ((0.03, 0.5), (0.12, 0.86)), False: ((0.16, 0.84), (0.1, 0.9))}
-"""Part of a contact between which heel and ball do not move: of strides, and of a foot that stands."""
-RESTS_WITHIN = 0.08
-"""Part of a contact, to come to rest and to leave."""
-
 
 class Activity(Enum):
     """What the built-in person does."""
@@ -62,6 +46,29 @@ class Activity(Enum):
     JUMP = "jump"
     RUN = "run"
     STAIRS = "stairs"
+
+
+RATE_HZ = 100.0
+FAST, FAST_SPAN, SLOW_SPAN = (Activity.RUN, Activity.JUMP), 4, 10
+"""Frames between the knots of the spline of a movement."""
+FLIGHT_FORCE = 0.005
+"""Body weights, that a flying body may be pushed by."""
+SPREAD = 4.0
+"""How much further from its postures such a movement may be than a walk from its curves."""
+STANDING, BALL = 0.45, 0.75
+"""Part of the way from heel to tip under which a foot bears its load: that stands, and whose heel is off the ground."""
+SEAT_SHARE, SEAT_BELOW = 0.8, np.array([-0.05, -0.10, 0.0])
+"""Of body weight on a seat, and where it pushes, m from the pelvis."""
+ENDS = 4
+"""Spans of the spline at either end that are left out."""
+SWAYING = (("pelvis_tz", 0.008, 0.4), ("pelvis_rotation", 0.03, 0.55), ("lumbar_bending", 0.02, 0.3))
+"""Coordinate, m or rad, Hz: nobody stands like a drawing."""
+SWAY_S = 0.2
+"""s, in whose middle a foot's next foothold takes the place of its last."""
+RESTS = {True: ((0.03, 0.5), (0.12, 0.86)), False: ((0.1, 0.9), (-0.08, 1.08))}
+"""Part of a contact between which heel and ball do not move: of strides, and of a foot that stands."""
+RESTS_WITHIN = 0.08
+"""Part of a contact, to come to rest and to leave."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +97,10 @@ class Movement:
 
 
 _LEGS: Mapping[Activity, str] = {
-    Activity.SQUAT: "0 0 0 0 | 0.25 0 0 0 | 1.1 100 92 26 | 1.25 100 92 26 | 2.1 0 0 0 | 2.4 0 0 0",
+    Activity.SQUAT: "0 0 0 0 | 0.6 0 0 0 | 1.4 100 92 26 | 1.5 100 92 26 | 2.3 0 0 0 | 2.6 0 0 0",
     Activity.SIT_TO_STAND: "0 88 92 12 | 0.6 88 92 12 | 1.3 118 94 18 | 2.4 0 0 0 | 2.9 0 0 0 | 4.0 118 94 18 "
     "| 4.7 88 92 12 | 5.2 88 92 12",
-    Activity.JUMP: "0 0 0 0 | 0.2 0 0 0 | 0.8 95 95 30 | 1.13 0 0 -25",
+    Activity.JUMP: "0 0 0 0 | 0.4 0 0 0 | 1.0 95 95 30 | 1.33 0 0 -25",
     Activity.RUN: "0 38 18 5 | .1 34 38 12 | .17 22 42 24 | .25 5 32 20 | .33 -7 18 -12 | .42 -4 45 -16 | .55 25 88 -5 "
     "| .68 48 98 0 | .8 55 65 4 | .9 48 25 5 | 1 38 18 5",
     Activity.STAIRS: "0 62 66 12 | .12 56 60 16 | .3 30 26 9 | .47 10 11 8 | .57 5 12 0 | .66 22 45 -8 | .78 55 90 4 "
@@ -101,10 +108,10 @@ _LEGS: Mapping[Activity, str] = {
 }
 """s, or strides from the strike on; degrees of hip flexion, knee flexion, dorsiflexion."""
 _BODY: Mapping[Activity, str] = {
-    Activity.SQUAT: "0 0 0 0 | 0.25 0 0 0 | 1.1 -34 -8 70 | 1.25 -34 -8 70 | 2.1 0 0 0 | 2.4 0 0 0",
+    Activity.SQUAT: "0 0 0 0 | 0.6 0 0 0 | 1.4 -34 -8 70 | 1.5 -34 -8 70 | 2.3 0 0 0 | 2.6 0 0 0",
     Activity.SIT_TO_STAND: "0 -8 0 20 | 0.6 -8 0 20 | 1.3 -42 -6 35 | 2.4 0 0 0 | 2.9 0 0 0 | 4.0 -42 -6 35 "
     "| 4.7 -8 0 20 | 5.2 -8 0 20",
-    Activity.JUMP: "0 0 0 0 | 0.2 0 0 0 | 0.8 -36 -8 -30 | 1.13 0 0 60",
+    Activity.JUMP: "0 0 0 0 | 0.4 0 0 0 | 1.0 -36 -8 -30 | 1.33 0 0 60",
     Activity.RUN: "0 -12 -4 0 | 1 -12 -4 0",
     Activity.STAIRS: "0 -12 -4 0 | 1 -12 -4 0",
 }
@@ -181,7 +188,7 @@ def _contacts(activity: Activity, ends: tuple[float, float]) -> tuple[Contact, .
     return tuple(Contact(k, *stand, places[k]) for stand in stands for k in range(len(SIDES)))
 
 
-TAKE_OFF_S, FLIGHT_S = 1.06, 0.36
+TAKE_OFF_S, FLIGHT_S = 1.18, 0.34
 """s, of the jump: its landing is the push-off backwards."""
 
 
@@ -194,21 +201,30 @@ def movement(activity: Activity, parameters: Parameters) -> Movement:
         lasts = 2 * TAKE_OFF_S + FLIGHT_S
     else:
         lasts = (REPEATS if activity is Activity.SQUAT else 2) * _table(_LEGS[activity])[0][-1]
-    time = np.arange(round(lasts * RATE_HZ) + 1) / RATE_HZ
+    per_span = FAST_SPAN if activity in FAST else SLOW_SPAN
+    spans = round(lasts * RATE_HZ / per_span)
+    time = np.arange(spans * per_span + 1) / RATE_HZ
     phase = STRIDES[0] + time / STRIDE_S[activity] if activity in STRIDE_S else None
     mirrored = np.minimum(time, 2 * TAKE_OFF_S + FLIGHT_S - time) if activity is Activity.JUMP else time
     contacts = _contacts(activity, (0.0, float(time[-1])))
     q = _postures(activity, mirrored, phase)
     on = _Feet(contacts, time, strides=phase is not None)
     q[:, :3] = on.carry(q)
-    basis = spline_basis(time, max(12, round(lasts / (0.04 if activity in (Activity.RUN, Activity.JUMP) else 0.1))))
+    for name, size, hz in SWAYING:
+        q[:, COORDINATE_INDEX[name]] += size * np.sin(2 * np.pi * hz * time + 1.0)
+    basis = spline_basis(time, spans + DEGREE)
     if not is_nominal(parameters):
         q = basis.evaluate(looking_like_nominal(parameters, basis, q))
     ground = on.ground(q, _seat_share(activity, time))
     fitted = basis.fit(q)
     meant = Meant(basis.evaluate(fitted), basis.evaluate(fitted, 2), spread=SPREAD)
-    moved = TrueMotion(basis, carried_nodes(parameters, basis, ground, meant), ground=ground)
-    return Movement(motion=moved, contacts=contacts, belt=activity is Activity.RUN)
+    moved = to_bspline(basis, carried_nodes(parameters, basis, ground, meant))
+    cut = ENDS * per_span  # at an end nothing holds accelerations
+    inner = slice(cut, len(time) - cut)
+    kept = spline_basis(time[inner], basis.nodes - 2 * ENDS)
+    ground = Ground(**{f.name: getattr(ground, f.name)[inner] for f in fields(Ground)})
+    motion = TrueMotion(kept, kept.fit(moved(time[inner])), ground=ground)
+    return Movement(motion=motion, contacts=contacts, belt=activity is Activity.RUN)
 
 
 def _seat_share(activity: Activity, time: Array) -> Array:
@@ -237,6 +253,9 @@ class _Feet:
             self.level[near, foot] = c.place[1]
             if strides:
                 self.part[inside, foot] = PchipInterpolator(*ROLL)(own[inside])
+            else:
+                off = (c.stop < time[-1]) * ramp((own - 0.8) / 0.15) + (c.start > time[0]) * ramp((0.2 - own) / 0.15)
+                self.part[inside, foot] += (BALL - STANDING) * off[inside]
             for points, (begin, end) in zip(([0], [2, 3]), RESTS[strides], strict=True):
                 comes = ramp((own - begin) / RESTS_WITHIN) if c.start > time[0] else 1.0
                 goes = ramp((end - own) / RESTS_WITHIN) if c.stop < time[-1] else 1.0
