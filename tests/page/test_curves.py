@@ -100,7 +100,7 @@ def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
     agree = []
     for base, kind in {(c["base"], c["kind"]) for c in sheet["trials"][0]["curves"]}:
         told = page.run(f"""(() => {{ const c = gaitcal.curves;
-            const traces = new Gaitcal.Traces({{ base: '{base}', kind: '{kind}' }}, c.strides, c.conventions);
+            const traces = new Gaitcal.Traces({{ base: '{base}', kind: '{kind}' }}, c.strides, c.convention);
             return ['r', 'l'].map((side) => (({{ counts, value, sd, se }}) =>
               [counts, value, sd, se].map((part) => Array.from(part)))(traces.main(side))); }})()""")
         for side, (n, mean, sd, se) in zip("rl", np.array(told, dtype=float), strict=True):
