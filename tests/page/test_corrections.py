@@ -82,10 +82,10 @@ def test_a_tick_takes_a_stride_out_of_means(page: Page) -> None:
     traces = f"new Gaitcal.Traces({subject}, gaitcal.curves.strides, gaitcal.curves.convention)"
     count = f"Math.max(...{traces}.main('r').counts)"
     assert page.run(count) == 3
-    assert page.run("document.getElementById('part-0-0-r-2').disabled"), "it turns"
-    page.run("document.getElementById('part-0-0-r-1').click()")
+    assert page.run("document.getElementById('part-0-r-2').disabled"), "it turns"
+    page.run("document.getElementById('part-0-r-1').click()")
     assert page.run(told) == "In means: 2 of 3 right, 1 of 1 left straight strides." and page.run(count) == 2
-    page.run("document.getElementById('part-0-1').click()")
+    page.run("document.getElementById('part-1').click()")
     assert page.run(told) == "In means: 1 of 3 right, 1 of 1 left straight strides."
     page.run("gaitcal.state.set({off: new Set()})")
     assert page.console == []
