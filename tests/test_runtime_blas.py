@@ -1,7 +1,5 @@
 """BLAS has one thread while something is computed, and as many as before afterwards: the same bits for everybody."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os

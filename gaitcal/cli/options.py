@@ -92,11 +92,14 @@ Into = Annotated[
 ]
 Names = Annotated[Path | None, typer.Option(help="For --into: a TOML file that says which joints of it are meant.")]
 Transferred = Annotated[str, typer.Option("--parameters", help="For --into: joints, or joints,masses.")]
+Attachments = Annotated[
+    str, typer.Option(help="For --into: muscle points, wraps and meshes stay on their bones, or follow its two joints.")
+]
 Muscles = Annotated[
     bool, typer.Option("--muscles", help="For --into: lengths and moment arms before and after, by OpenSim.")
 ]
 ModelDraws = Annotated[
-    int, typer.Option("--draws", min=0, help="For --into: further models with joints drawn from their error bars.")
+    int, typer.Option("--draws", min=0, help="For --into: further models drawn from the error bars.")
 ]
 ModelSeed = Annotated[int, typer.Option("--seed", min=0, help="For --draws: seed of the draws.")]
 Inputs = Annotated[

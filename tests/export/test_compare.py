@@ -1,7 +1,5 @@
 """Reading a peer's model: our own comes back as it is, in any body frames, in both generations of files."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """SIGTERM and SIGHUP end a run as Ctrl-C does: cleaned up, once, and not in the middle of what must not be broken."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

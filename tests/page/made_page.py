@@ -1,7 +1,5 @@
 """Page data made up: a plain one, one with several strides of each leg, and one with blocks of every kind."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Bones on a person: what must meet, what must not matter, and what is measured of the knee axes."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Address, switches, hostile names, phones and long walks of the page, in a browser."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a reader changes: strides in and out of means, events, comments; and what is first seen."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Curves in a browser: one clock, the conventions and means of Python, names as data, paper, and speed."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Callable

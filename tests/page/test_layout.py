@@ -1,7 +1,5 @@
 """Where things stand: switches in a row, curves above the fold, the verdict of a phone, the order of Trust, paper."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Names, notes and files of a study are data on its page, whatever they are: in the text, and in a browser."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

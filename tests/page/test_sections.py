@@ -1,7 +1,5 @@
 """Tables, pictures, verdict and steps of the page, and what it is on paper."""
 
-from __future__ import annotations
-
 import base64
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A page of however many and long trials stays under its limit, and says what it leaves out."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """`result.html` of a result and of its further trials: all of them, none mixed up, whatever befalls the files."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
