@@ -252,6 +252,16 @@ def test_how_somebody_stands_is_told_and_no_landmark_accused(
     assert bool(found) is bool(cause)
 
 
+@pytest.mark.parametrize(("share", "severity"), [(0.479, None), (0.455, Severity.INFO), (0.41, WARNING)])
+def test_legs_are_doubted_where_hardly_anybody_has_them(
+    sound: Study, share: float, severity: Severity | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Legs of one person in twelve, in fifty, in three thousand, where no other length speaks against a height."""
+    trial = evidence(sound, sound.static)
+    monkeypatch.setattr("gaitcal.faults.static_landmarks.hip_height", lambda t: share * t.subject.height)
+    assert [f.severity for f in proportions(trial)] == ([] if severity is None else [severity])
+
+
 @pytest.mark.parametrize("seed", range(1, 7))
 def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Path) -> None:
     """Every joint axis turned by up to 10 degrees, every joint shifted by up to 10 mm, in both of its segments."""
