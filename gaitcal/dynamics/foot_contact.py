@@ -358,7 +358,7 @@ def distance_to_line(point: Array, a: Array, b: Array) -> Array:
 
 def _under_neither(plate: ForcePlate, span: str, seat: bool) -> Finding:
     if seat:
-        found = f"{span}: it lies {100 * SEAT_ABOVE_M:.0f} cm and more above both feet: a seat, or a support of the hands"
+        found = f"{span}: it lies {100 * SEAT_ABOVE_M:.0f} cm and more above both feet: a seat, or a rest of the hands"
         return Finding(
             severity=Severity.INFO,
             topic="plate to foot",

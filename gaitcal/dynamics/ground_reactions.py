@@ -18,7 +18,16 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import FOOT_BREADTH, FootPoints, Step, ground_velocity, near, on_the_floor, steps_on
+from gaitcal.dynamics.foot_contact import (
+    FOOT_BREADTH,
+    RESTING,
+    FootPoints,
+    Step,
+    ground_velocity,
+    near,
+    on_the_floor,
+    steps_on,
+)
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
 from gaitcal.dynamics.off_sole import beside_plates, off_sole_frames, shared_plates
 from gaitcal.dynamics.plate_errors import foot_tip
@@ -51,6 +60,8 @@ SMOOTHED_ENDS = 0.5
 """Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only; not valid."""
 CONTRADICTION = 0.25
 """Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
+FALLING = 0.5
+"""Of gravity, by which heel and toe of a foot accelerate downwards together that is in the air."""
 SITTING_DEG = 60.0
 """Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40."""
 SEAT = 0.05
@@ -376,6 +387,9 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
     velocity = {end: np.gradient(p, motion.time, axis=0) for end, p in points.items()}
     ground = ground_velocity(*(np.concatenate([of["heel"], of["toe"]], axis=1) for of in (points, velocity)))
     speed = {end: np.linalg.norm(v - ground, axis=2) for end, v in velocity.items()}
+    # the feet of who jumps stand still at the top, and rest on nothing
+    falls = [np.gradient(v[:, :, 1], motion.time, axis=0) < -FALLING * GRAVITY for v in velocity.values()]
+    speed = {end: np.where(np.all(falls, axis=0), np.maximum(s, RESTING), s) for end, s in speed.items()}
     return FootPoints(
         heel=points["heel"],
         toe=points["toe"],

@@ -58,8 +58,8 @@ class GaitEvents:
     """The events of one trial, and what speaks against those of its file."""
 
     events: tuple[GaitEvent, ...] = ()  # in order of time
-    repeats: tuple[GaitCycle, ...] = ()  # of an activity that is no gait, instead of strides
     findings: tuple[Finding, ...] = ()  # without the name of the trial
+    repeats: tuple[GaitCycle, ...] = ()  # of an activity that is no gait, instead of strides
 
     def of(self, side: str) -> FootEvents:
         """Strikes and offs of one foot."""

@@ -9,7 +9,8 @@ Else it repeats what the pelvis does between two rests: with its height h(t) and
 
 So one squat is from standing to standing, one sit-to-stand from sitting to sitting where the person sits first, one
 jump from standing to standing with the flight in it. Who ends elsewhere (stands up once, drops from a box) repeats
-nothing: that is one repetition, from the first rest to the last still frame. A pelvis that keeps its height has none.
+nothing: that is one repetition, from the first rest to where the pelvis comes to stay. A pelvis that keeps its height
+has none.
 """
 
 from __future__ import annotations
@@ -19,9 +20,12 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import GaitCycle
 from gaitcal.io.still import runs
+from gaitcal.model.subject_model import GRAVITY
 
 STILL, NEAR, FAR = 0.05, 0.1, 0.5
 """Parts of the fastest rate, and of the range of heights."""
+FALLING = 0.8
+"""Of gravity, by which the pelvis accelerates downwards at the top of a jump, where it rests on nothing."""
 LEAST_RANGE_M = 0.05
 """m: a pelvis goes up and down by as much in walking; less is no squat, rise or jump."""
 TOGETHER_S = 0.1
@@ -46,8 +50,9 @@ def repetitions(time: Array, height: Array) -> tuple[GaitCycle, ...]:
     reach = float(np.ptp(height))
     if reach < LEAST_RANGE_M:
         return ()
-    rate = np.abs(np.gradient(height, time))
-    still = np.flatnonzero(rate < STILL * rate.max())
+    rate = np.gradient(height, time)
+    falls = np.gradient(rate, time) < -FALLING * GRAVITY
+    still = np.flatnonzero((np.abs(rate) < STILL * np.abs(rate).max()) & ~falls)
     if not len(still):
         return ()
     level = height[still[0]]
@@ -56,6 +61,7 @@ def repetitions(time: Array, height: Array) -> tuple[GaitCycle, ...]:
     rests[still] = away[still] < NEAR * reach
     spans = [(run.start - 1, run.stop) for run in runs(~rests) if away[run].max() > FAR * reach]
     inner = [(a, b) for a, b in spans if a >= 0 and b < len(time)]
-    if not inner and spans and spans[0][0] >= 0 and still[-1] > spans[0][0]:
-        inner = [(spans[0][0], int(still[-1]))]
+    if not inner and spans and 0 <= spans[0][0] < still[-1]:
+        there = runs(np.abs(height - height[still[-1]]) < NEAR * reach)[-1]
+        inner = [(spans[0][0], there.start)]
     return tuple(GaitCycle(float(time[a]), float(time[b]), None) for a, b in inner)

@@ -265,6 +265,8 @@ def trial_page_data(
         "file": PureWindowsPath(trial.recording.source).name,
         "role": role_words(trial.role, trial.joint),
         "joint": trial.joint,
+        "activity": trial.activity,
+        "repeats": bool(trial.events.repeats),
         "refused": list(trial.refused_legs),
         "verdict": None
         if verdict is None

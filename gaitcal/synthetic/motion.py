@@ -253,7 +253,7 @@ def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     total = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((len(q), 2, 6))))
     force, moment = total[:, :3], total[:, 3:] + np.cross(q[:, :3], total[:, :3])
-    carried = ground.share.any(axis=1)
+    carried = np.asarray(ground.share.any(axis=1))
     up = np.where(carried, force[:, 1], 1.0)
     middle = np.stack([moment[:, 2] / up, np.zeros(len(up)), -moment[:, 0] / up], axis=1)  # no tipping moment there
     free = moment[:, 1] - np.cross(middle, force)[:, 1]

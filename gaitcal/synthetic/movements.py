@@ -90,8 +90,8 @@ class Movement:
     """A movement of the built-in person."""
 
     motion: TrueMotion
-    contacts: tuple[Contact, ...]
-    """A plate is under each foothold."""
+    contacts: tuple[Contact, ...] = ()
+    """A plate is under each foothold; none: a walk."""
     belt: bool = False
     """One plate is under all."""
 
@@ -123,7 +123,7 @@ STEP_M = {Activity.RUN: (1.05, 0.0, 0.05), Activity.STAIRS: (0.29, 0.17, 0.09)}
 """m: length, rise, and from the middle line."""
 STANCE_WIDTH = 0.12
 """m from the middle line to a foot that stands."""
-STRIDES = (0.15, 2.2)
+STRIDES = (0.15, 2.7)
 """Of a run or a climb, since a right strike."""
 REPEATS = 3
 
@@ -144,7 +144,7 @@ def _postures(activity: Activity, time: Array, phase: Array | None) -> Array:
         if activity is Activity.JUMP:
             at = time
 
-        def along(values: Array, _: float) -> Array:
+        def along(values: Array, shift: float) -> Array:
             out = np.tile(values[0], (len(at), 1))
             for k in range(len(moments) - 1):
                 out += ramp((at - moments[k]) / (moments[k + 1] - moments[k]))[:, None] * (values[k + 1] - values[k])

@@ -108,9 +108,8 @@ def synthesize(
             labels = model.markers.labels if name == "static" else tracking
             placed = on_the_floor(model, motion)
             ground = None if placed.ground is None else ground_on_feet(model.parameters, placed)
-            recording = recording_of(name, placed, model, labels)
-            if ground is not None:
-                recording = replace(recording, plates=_plates(placed, ground, movements.get(name)))
+            plates = () if ground is None else plates_under(movements.get(name, Movement(motion=placed)), ground)
+            recording = recording_of(name, placed, model, labels, plates)
             if name != "static":
                 curves[name] = placed, None if ground is None else ground.wrench
             if noise and name != "static":
@@ -148,17 +147,19 @@ def on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
     return TrueMotion(motion.basis, nodes)
 
 
-def recording_of(name: str, motion: TrueMotion, model: SubjectModel, labels: tuple[str, ...]) -> Recording:
-    """What markers with these labels show of a motion."""
+def recording_of(
+    name: str, motion: TrueMotion, model: SubjectModel, labels: tuple[str, ...], plates: tuple[ForcePlate, ...] = ()
+) -> Recording:
+    """What markers with these labels show of a motion over plates."""
     every = synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
-    return Recording(source=name, time=motion.basis.time, labels=labels, markers=chosen)
+    return Recording(source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates)
 
 
-def _plates(motion: TrueMotion, ground: GroundOnFeet, found: Movement | None) -> tuple[ForcePlate, ...]:
+def plates_under(found: Movement, ground: GroundOnFeet) -> tuple[ForcePlate, ...]:
     """Two long plates under a walk; under another movement one for each foothold, for runners one for all."""
-    time, wrench = motion.basis.time, ground.wrench
-    if found is None:
+    time, wrench = found.motion.basis.time, ground.wrench
+    if not found.contacts:
         x, halves = PLATE_X, ((0.0, PLATE_Z), (-PLATE_Z, 0.0))
         return tuple(_plate(k, time, wrench[:, k], x, z, 0.0) for k, z in enumerate(halves))
     if found.belt:
@@ -167,10 +168,10 @@ def _plates(motion: TrueMotion, ground: GroundOnFeet, found: Movement | None) ->
     for contact in found.contacts:
         of_place.setdefault((contact.foot, contact.place), []).append(contact)
     plates = []
-    for k, ((foot, (x, y, z)), stands) in enumerate(of_place.items()):
+    for k, ((foot, (ahead, y, z)), stands) in enumerate(of_place.items()):
         there = np.any([(time >= c.start) & (time <= c.stop) for c in stands], axis=0)
         sides = (0.0, PLATE_Z) if z > 0 else (-PLATE_Z, 0.0)
-        ends = (x - FOOTHOLD_X, x + FOOTHOLD_X)
+        ends = (ahead - FOOTHOLD_X, ahead + FOOTHOLD_X)
         plates.append(_plate(k, time, np.where(there[:, None], wrench[:, foot], 0.0), ends, sides, y))
     return tuple(plates)
 

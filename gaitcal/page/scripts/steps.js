@@ -7,11 +7,12 @@ Gaitcal.OF_BOTH_FEET = ["step", "first_double", "second_double", "double", "sing
 Gaitcal.measureCounts = (name, side, refused) =>
   !refused.includes(side) && !(refused.length && Gaitcal.OF_BOTH_FEET.some((begin) => name.startsWith(begin)));
 
-// Of all trials together, with what is switched on.
+// Of all trials of the chosen one's activity together, with what is switched on.
 Gaitcal.stepsOf = ({ result, state }) => {
   const { trials, measures } = result.sheet;
-  const known = trials.flatMap(({ measures: strides, refused }, index) =>
-    strides
+  const { activity } = trials[state.trial] ?? trials[0];
+  const known = trials.flatMap(({ measures: strides, refused, activity: own }, index) =>
+    (own === activity ? strides : [])
       .filter((stride) => !stride.turns && Gaitcal.isOn(state, index, stride))
       .map(({ side, values }) => ({ side, values, refused })),
   );
