@@ -14,7 +14,7 @@ from gaitcal.gait.moments import SIDE_WORDS, MomentNumbers, counted, explained, 
 from gaitcal.gait.norms import Norm
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean
 from gaitcal.gait.profile_score import BOTH, Score, score_title
-from gaitcal.gait.strides import Layout, layout
+from gaitcal.gait.strides import Layout, layout, strides_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.plain_data import Block, cell, fold, heading, named, number, table, text, visible, words_column
