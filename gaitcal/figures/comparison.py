@@ -213,6 +213,7 @@ def paper_panels(
             error={side: band for side, (_, _, band) in told.items()},
             norm=None,
             least=LEAST[kind],
+            thin=(0.7, 0.9),
         )
 
 

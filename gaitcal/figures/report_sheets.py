@@ -52,6 +52,8 @@ class CurvePanel:
     norm: tuple[Array, Array] | None
     """Mean and SD (101,) of healthy people."""
     least: float
+    thin: tuple[float, float] = (0.4, 0.35)
+    """Width in points and opacity of the lines of strides."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,9 +246,9 @@ class _Axes:
         at = np.arange(101.0)
         for side, strides in panel.strides.items():
             canvas.setStrokeColor(SIDE_COLOURS[side])
-            canvas.setStrokeAlpha(0.35)
+            canvas.setStrokeAlpha(panel.thin[1])
             for stride in strides:
-                self._line((at, stride), 0.4, SIDE_DASHES[side])
+                self._line((at, stride), panel.thin[0], SIDE_DASHES[side])
             canvas.setStrokeAlpha(1.0)
         for side, mean in panel.mean.items():
             self._band(mean, panel.error[side], SIDE_COLOURS[side], 0.18)

@@ -17,7 +17,7 @@ from gaitcal.compare.difference import DIFFERENCES_HEADER, MDC
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Session
 from gaitcal.errors import InputError
-from gaitcal.figures.comparison import SHOWN, comparison_page, figure_rows, paper_panels
+from gaitcal.figures.comparison import comparison_page, figure_rows, paper_panels
 from gaitcal.figures.document import ComparisonContent
 from gaitcal.figures.report_sheets import Sheet
 from gaitcal.gait.cycles import typed
@@ -50,6 +50,8 @@ SHARED_HEADER = (
     "standard error",
 )
 
+PRINTED = 30
+"""Figures beside steps that a report on paper lists; `differences.csv` has all."""
 SHEETS = {"Kinematics": KINEMATICS, "Kinetics": KINETICS}
 
 
@@ -115,7 +117,7 @@ def comparison_content(
         words=comparison.lines,
         scores=(("deg, ± standard error", *against, "difference"), *scores),
         steps=(head, *figure_rows(steps)),
-        others=(head, *figure_rows(others[:SHOWN])),
+        others=(head, *figure_rows(others[:PRINTED])),
         sheets=tuple(
             Sheet(
                 title=title,

@@ -15,7 +15,6 @@ from gaitcal.cli.view import print_report
 from gaitcal.codes import Code
 from gaitcal.compare.stride_sets import Common
 from gaitcal.errors import InputError, UsageError
-from gaitcal.figures.comparison import SHOWN
 from gaitcal.figures.document import write_pdf
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.model_file import save_model
@@ -25,6 +24,7 @@ from gaitcal.results.sessions import (
     CURVES,
     DIFFERENCES,
     PAGE,
+    PRINTED,
     WORDS,
     compare_results,
     comparison_content,
@@ -108,7 +108,7 @@ def test_the_report_of_two_sessions_holds_both_means(results: tuple[Path, Path],
         (panel.error["r"], "mdc95", 1),
     ):
         np.testing.assert_allclose(drawn, sign * rows[column].to_numpy(), err_msg="clinical: anterior tilt is positive")
-    assert len(content.others) <= SHOWN + 1 and content.people[0] == ("", *found.names)
+    assert len(content.others) <= PRINTED + 1 and content.people[0] == ("", *found.names)
     pages = write_pdf(content, tmp_path / "two.pdf")
     assert 3 <= pages <= 5 and 2_000 < (tmp_path / "two.pdf").stat().st_size < 1_000_000
     with pytest.raises(UsageError, match="found two results; needed: --pdf FILE"):
