@@ -233,13 +233,13 @@ def _everything_of(trial: MotionScene, strides: tuple[Stride, ...]) -> dict[str,
         for k, side in enumerate("rl")
     ]
     legs = {side: "refused" if side in refused else "trustworthy" for side in "rl"}
+    curves = (*(Curve(k, "", k, u, v, valid, nominal=1.2 * v) for k, u, v in kinds), *joint)
+    counted = [base64_of(usable(time, mask, GaitCycle(0.1, 0.9, 0.6)).astype("<u1")) for mask in masks_of(curves)]
+    stride = {"number": 1, "start": 0.1, "stop": 0.9, "off": 0.6, "turns": False, "peaks": {}, "valid": counted}
     return trial_data(
         trial,
-        (*(Curve(k, "", k, u, v, valid, nominal=1.2 * v) for k, u, v in kinds), *joint),
-        [
-            {**_USE, "side": s, "number": 1, "start": 0.1, "stop": 0.9, "off": 0.6, "turns": False, "peaks": {}}
-            for s in "rl"
-        ],
+        curves,
+        [{**_USE, "side": s, **stride} for s in "rl"],
         verdict={"judgement": "refused" if refused else "trustworthy", **legs},
         measures=[{"side": s.side, "number": s.number, "values": dict(s.measures)} for s in counting(strides, refused)],
         sections={preset: every_block() for preset in PRESETS},
