@@ -30,7 +30,7 @@ from gaitcal.session.draft import (
     study_of,
     unconfirmed_words,
 )
-from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
+from gaitcal.session.drafting import draft_of, draft_study, faulty_notes, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.study.study import nominal_of
@@ -198,9 +198,9 @@ def tell_draft(console: Console, draft: Draft) -> None:
 
 
 def tell_faulty(console: Console, faulty: Mapping[str, str]) -> None:
-    """Which trials of a drafted study are left out, as the checks find an error in them."""
-    for name, error in faulty.items():
-        console.line(f"not used: trial '{name}': {error}")
+    """Which trials are left out, as the checks find an error in them."""
+    for note in faulty_notes(faulty):
+        console.line(note)
 
 
 COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}

@@ -79,14 +79,12 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     plates.told_on_reading,
     plates.signals,
     plates.corners,
-    plates.standing_mass,
     plates.step_loads,
     plates.covered,
     foot_on_plate.contacts,
     plates.horizontal,
     plates.free_moment,
     plates.beside_feet,
-    plates.carried_mass,
 )
 
 
@@ -141,6 +139,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     return (
         *findings,
         *knee_line.knee_lines(measured, findings),
+        *plates.body_mass(trials),
         *sampling.rates_differ(trials),
         *sampling.same_recording(trials),
         *role.statics_agree(trials),
@@ -154,7 +153,8 @@ def check_further(
     """All findings on one further trial against a saved model and its marker set, the worst first."""
     evidence = MarkerEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
     found = without_consequences(_check_trial(evidence))
-    return tuple(_worst_first([*found, *static_consistency.static_consistency((evidence,))]))
+    of_body = (*plates.body_mass((evidence,)), *static_consistency.static_consistency((evidence,)))
+    return tuple(_worst_first([*found, *of_body]))
 
 
 def evidence_of(study: Study, model: SubjectModel | None) -> tuple[MarkerEvidence, ...]:

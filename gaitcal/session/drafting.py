@@ -385,8 +385,8 @@ def without_faulty_trials(
     """The study without trials that an error speaks against, what the checks find then, and trial -> error.
 
     Nothing is left out where the first static trial, or the study as a whole, is at fault, or where no trial of a kind
-    (walks, or isolated trials without walks) would be left. Somebody who names a trial in a study file wants it, and is
-    asked to look at it; a folder holds what was recorded, bad takes too.
+    (walks, or isolated trials without walks) would be left. A folder holds what was recorded, bad takes too; of a study
+    file a trial is left out where its errors would stop the others.
     """
     faulty: dict[str, str] = {}
     for f in findings:
@@ -399,6 +399,11 @@ def without_faulty_trials(
         return study, findings, {}
     rest = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
     return rest, check_study(rest), faulty
+
+
+def faulty_notes(faulty: Mapping[str, str]) -> tuple[str, ...]:
+    """That trials are left out, and why (trial -> error)."""
+    return tuple(f"not used: trial '{name}': {error}" for name, error in faulty.items())
 
 
 def rejected_forces(draft: Draft) -> tuple[Finding, ...]:

@@ -1,7 +1,5 @@
 """Marker sets: built-in ones are sound, own ones are read and written, mistakes are told, and labels covered."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
