@@ -143,6 +143,8 @@ class Study:
     """What is known to be true of a made-up person, where the study file names it (`[truth]`)."""
     joint_prior: JointPrior | None = None
     """What a cohort says of the joint parameters (`priors.json`), if one is asked."""
+    loosened: Mapping[str, float] = field(default_factory=dict)
+    """Joint parameter -> m, rad by which more it is uncertain, as a cluster of its segment was put back."""
 
     @classmethod
     @with_one_blas_thread
