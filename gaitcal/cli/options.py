@@ -153,7 +153,7 @@ FigureExternal = Annotated[bool, typer.Option("--external", help="For paper: ext
 FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/kg (unless given), Nm or %BW*H.")]
 
 Other = Annotated[
-    Path | None, typer.Argument(metavar="[DIR2]", help="A second result, shown beside: before and after.")
+    Path | None, typer.Argument(metavar="[DIR2]", help="The same person's other session: the page compares both.")
 ]
 OtherResult = Annotated[
     Path | None,

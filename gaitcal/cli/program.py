@@ -290,10 +290,10 @@ def figures(
 def view(
     console: "Console", result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None
 ) -> None:
-    """Page of a result, or of two side by side: live on this machine only, or one self-contained file."""
-    from gaitcal.cli.view import view_results
+    """Page of a result, or of the comparison of two: live on this machine only, or one self-contained file."""
+    from gaitcal.cli.view import view_result
 
-    view_results((result,) if other is None else (result, other), html, console, geometry)
+    view_result(result, other, html, console, geometry)
 
 
 @command
