@@ -1,9 +1,9 @@
 """A cluster that was knocked between the static trial and the moving ones, put where the rest of the leg has it.
 
-A cluster that slid or turned on its segment (`contradiction.py`) says nothing of the bone by its static place; its place
-while the person moves is told by what it did not take along. Points p_k that the bone has in the static posture - the
-joint centres and the axis of the knee, and markers of the segment on landmarks - are seen in every frame at x_k, joints
-as the neighbouring segments carry them. With R_f, o_f the rigid motion of the p_k nearest to the x_k, marker i at y_i is
+A cluster that slid or turned on its segment (`contradiction.py`) says nothing of the bone by its static place; its
+place while the person moves is told by what it did not take along. Points p_k that the bone has in the static posture
+(the joint centres, the axis of the knee, markers of the segment on landmarks) are seen in every frame at x_k, joints as
+the neighbouring segments carry them. With R_f, o_f the rigid motion of the p_k nearest to the x_k, marker i at y_i is
 
     l_i = median_f R_f^T (y_i,f - o_f)
 
@@ -11,8 +11,8 @@ in the static posture, the mean over the trials that tell of it. The neighbours 
 trials must agree with the static posture then: else nothing is placed.
 
 How far R_f, o_f and the cluster wander about each other, RMS over the frames, and how far joints of people who move lie
-from where they stand (the limits of `joint_link.py` over SPREAD) is how far the place of the cluster is uncertain: by so
-much the joint parameters in that segment may lie elsewhere than its neighbours say.
+from where they stand (the limits of `joint_link.py` over SPREAD) is how far the place of the cluster is uncertain: by
+so much the joint parameters in that segment may lie elsewhere than its neighbours say.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ class Placement:
         turn, _ = alignment(self.before, self.place)
         way = 1e3 * float(np.linalg.norm((self.place - self.before).mean(axis=0)))
         found = f"{listed([repr(m) for m in self.labels])} of {self.segment} sit {way:.0f} mm and "
-        found += f"{np.rad2deg(angle_of(turn)):.0f} deg from where the static trial has them; they are placed by the rest "
+        found += (
+            f"{np.rad2deg(angle_of(turn)):.0f} deg from where the static trial has them; they are placed by the rest "
+        )
         found += f"of the leg in {listed(list(self.trials))}, to {1e3 * self.shift_spread:.0f} mm and "
         found += f"{np.rad2deg(self.turn_spread):.0f} deg, which the error bars count"
         return Finding(
@@ -99,7 +101,9 @@ def _placement(segment: str, labels: tuple[str, ...], trials: Sequence[MarkerEvi
     turn, _ = rigid_motions(place, wander)
     away = wander.mean(axis=1) - middle
     links = [link for t in trials for link in t.links.values() if segment in (link.above, link.below)]
-    gap, turned = (max(limits) / SPREAD for limits in ([k.gap_base for k in links], [*(k.turn_base.max() for k in links)]))
+    gap, turned = (
+        max(limits) / SPREAD for limits in ([k.gap_base for k in links], [*(k.turn_base.max() for k in links)])
+    )
     return Placement(
         segment=segment,
         labels=labels,

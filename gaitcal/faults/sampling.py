@@ -216,11 +216,11 @@ def same_recording(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
 
 
 def spikes(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Single positions that lie out of line with the frames before and after: those that were left out, and the rest."""
+    """Single positions out of line with the frames before and after: those that were left out, and the rest."""
     x, fitted = trial.recording.markers, set(trial.as_fitted.present)
-    if out := {label: found for label, found in trial.trial.spikes.items() if label in fitted}:
-        found = f"single positions up to {1e3 * max(m for _, m in out.values()):.0f} mm out of line with their "
-        found += f"neighbours are left out: {listed([f'{label} ({n} frames)' for label, (n, _) in out.items()])}"
+    if gone := {label: spikes for label, spikes in trial.trial.spikes.items() if label in fitted}:
+        found = f"single positions up to {1e3 * max(m for _, m in gone.values()):.0f} mm out of line with their "
+        found += f"neighbours are left out: {listed([f'{label} ({n} frames)' for label, (n, _) in gone.items()])}"
         yield trial.info("jumps", found, "nothing: their paths go on without them", code=Code.SPIKES)
     if len(x) < 3:
         return

@@ -126,7 +126,7 @@ def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[Trial, ...], tu
 def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
     study, placed = placed_by_motion(study)
-    model, faults, trials = _looked_at(study)
+    _, faults, trials = _looked_at(study)
     findings: list[Finding] = [one.finding for one in placed]
     measured: list[MarkerEvidence] = []
     for trial in trials:

@@ -78,7 +78,7 @@ BRIDGED_S = 0.2
 
 
 def cleaned_trial(trial: Trial, segment_of: Mapping[str, str]) -> Trial:
-    """The trial without markers metres away from the body and, where it moves, without single positions out of line, and
+    """The trial without markers metres away from the body and, where it moves, without single positions out of line,
     cut to the longest part that shows the pelvis it hangs on; `segment_of`: label -> segment.
     """
     if trial.strays is not None:

@@ -116,7 +116,7 @@ KNOCKED = {
     "subject01": ("R.Thigh.Upper", "R.Thigh.Front", "R.Thigh.Rear"),
     "uf3": ("R_Thigh_Superior", "R_Thigh_Inferior", "R_Thigh_Lateral"),
 }
-PLACED_M = 0.010
+PLACED_M = 0.012
 """By the rest of the leg, whose joints moving people have this far from where they stand."""
 
 
@@ -136,11 +136,13 @@ def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
     spoilt = replace(study, trials=tuple(knocked if t is study.static else t for t in study.trials))
     found = [f for f in check_study(spoilt) if f.code is Code.CLUSTER_SLID]
     assert [f.severity for f in found] == [Severity.INFO] and "which the error bars count" in found[0].found
-    assert told(spoilt) == []
+    assert [f.line for f in check_study(spoilt) if f.severity is not Severity.INFO] == []
     placed, (one,) = placed_by_motion(spoilt)
     away = (placed.static.recording.markers - static.markers)[:, at]
     assert np.linalg.norm(away, axis=2).max() < PLACED_M < one.shift_spread
-    assert {parameter for parameter in placed.loosened if "hip_r" in parameter} == {f"hip_r.thigh.{d}" for d in ("ant", "sup", "lat")}
+    assert {parameter for parameter in placed.loosened if "hip_r" in parameter} == {
+        f"hip_r.thigh.{d}" for d in ("ant", "sup", "lat")
+    }
     prior = ANATOMY.loosened(placed.loosened)
     k = prior.names.index("hip_r.thigh.sup")
     more = prior.covariance[k, k] - ANATOMY.covariance[k, k]
