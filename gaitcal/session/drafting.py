@@ -13,11 +13,11 @@ from pathlib import PurePath, PureWindowsPath
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.faults.body_plan import likely_height
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
+from gaitcal.model.anthropometry import likely_height
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
