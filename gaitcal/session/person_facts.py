@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io.labels import OLDEST, Facts, years_between
 from gaitcal.io.force_plate import BODY_N
+from gaitcal.io.labels import OLDEST, Facts, years_between
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.io.still import duration, runs
 from gaitcal.model.linkage import SIDES
@@ -216,7 +216,7 @@ def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> f
 
 
 def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
-    """Mass (kg) by the plates of a walk: over a whole stride the vertical force of both feet is body weight in the mean.
+    """Mass (kg) by the plates of a walk: over a whole stride the mean vertical force of both feet is body weight.
 
     Three steps in a row that overlap, the third after the first has ended, are a stride from the first's beginning to
     the third's: what the first and the second push in all, wherever in time, carries the body for so long. They are
@@ -230,7 +230,9 @@ def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
                 pushed = float(np.trapezoid(up[run], plate.time[run]))
                 steps.append((float(plate.time[run.start]), float(plate.time[run.stop - 1]), pushed))
     told = []
-    for (begin, end, one), (second, off, other), (third, _, _) in zip(*(sorted(steps)[k:] for k in range(3)), strict=False):
+    for (begin, end, one), (second, off, other), (third, _, _) in zip(
+        *(sorted(steps)[k:] for k in range(3)), strict=False
+    ):
         if begin < second < end < third < off and abs(one - other) < ALIKE * one:
             told.append((one + other) / (GRAVITY * (third - begin)))
     mass = float(np.median(told)) if told else 0.0
