@@ -11,9 +11,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import PurePath, PureWindowsPath
 
-from gaitcal.codes import Code
 import numpy as np
 
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
@@ -40,14 +40,7 @@ from gaitcal.session.label_proposal import LANDMARK_SET, propose_labels
 from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, candidates, choose_set, explained, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
-from gaitcal.session.person_facts import (
-    Options,
-    figures_in_doubt,
-    mass_fault,
-    person_of,
-    weighed,
-    weighed_walking,
-)
+from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed, weighed_walking
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 
