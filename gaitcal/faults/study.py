@@ -27,12 +27,12 @@ from gaitcal.faults.cluster import Stance
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
 from gaitcal.findings import Finding, Severity
-from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, cleaned, completed_static
+from gaitcal.study.study import Study, cleaned, completed_static, marker_set_of
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from gaitcal.study.study_trial import Trial, read_trial
 
@@ -94,7 +94,7 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     path = Path(path)
     try:
         file = load_study_file(path)
-        marker_set = load_marker_set(file.markers.set)
+        marker_set = marker_set_of(file, path)
         trials, unreadable = _read(file, marker_set)
         if unreadable:
             return unreadable
