@@ -23,6 +23,7 @@ from gaitcal.io.event_table import events_beside, with_corrected_events
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.segment_poses import upright
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.rebuilt_markers import Outlier, without_outliers
@@ -88,6 +89,8 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     """
     whole = with_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
     recording = marker_set.renamed(_rename(whole, rename))
+    if trial.role == Role.STATIC.value:
+        recording = upright(recording)
     known = [plate.name for plate in recording.plates]
     for name in trial.plates:
         if name not in known:
