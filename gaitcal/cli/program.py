@@ -221,6 +221,7 @@ def export(
     into: told.Into = None,
     names: told.Names = None,
     parameters: told.Transferred = "joints",
+    attachments: told.Attachments = "stay",
     muscles: told.Muscles = False,
     draws: told.ModelDraws = 0,
     seed: told.ModelSeed = 0,
@@ -232,11 +233,25 @@ def export(
         to.require_no_into(format=formats != told.MODELS, inputs=inputs, replace=replace, convention=convention)
         to.require_no_into(moments=moments, external=external, units=units)
         chosen = to.IntoOptions(
-            model=into, out=out, names=names, parameters=parameters, muscles=muscles, draws=draws, seed=seed
+            model=into,
+            out=out,
+            names=names,
+            parameters=parameters,
+            attachments=attachments,
+            muscles=muscles,
+            draws=draws,
+            seed=seed,
         )
         to.export_into(result, chosen, console)
         return
-    to.require_into(names=names, parameters=parameters != "joints", muscles=muscles, draws=draws, seed=seed)
+    to.require_into(
+        names=names,
+        parameters=parameters != "joints",
+        attachments=attachments != "stay",
+        muscles=muscles,
+        draws=draws,
+        seed=seed,
+    )
     told_as = to.convention_of(convention, moments, units, external=external)
     to.export_model(result, formats, out, inputs, console, told_as, replace=replace)
 
@@ -275,10 +290,10 @@ def figures(
 def view(
     console: "Console", result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None
 ) -> None:
-    """Page of a result, or of two side by side: live on this machine only, or one self-contained file."""
-    from gaitcal.cli.view import view_results
+    """Page of a result, or of the comparison of two: live on this machine only, or one self-contained file."""
+    from gaitcal.cli.view import view_result
 
-    view_results((result,) if other is None else (result, other), html, console, geometry)
+    view_result(result, other, html, console, geometry)
 
 
 @command

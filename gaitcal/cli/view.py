@@ -2,56 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.cli.console import Console
+from gaitcal.errors import UsageError
 from gaitcal.gait.moments import counted
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.result_folder import file_in_place
 from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.server import serve
-from gaitcal.page.view import Shown, page_html, sentences
+from gaitcal.page.view import page_html, sentences
 from gaitcal.results.calibration import result_page
 
 REPORT, COMMENTS = "report.pdf", "comments.toml"
 
 
-def view_results(results: tuple[Path, ...], html: Path | None, console: Console, geometry: Path | None = None) -> None:
-    """Show a result in the browser, or two side by side, or write the page.
+def view_result(
+    result: Path, other: Path | None, html: Path | None, console: Console, geometry: Path | None = None
+) -> None:
+    """Show the page of a result in the browser, or write it; with another one, that of their comparison.
 
     `geometry`: bones of this folder, else the installed ones.
     """
-    bones = None if geometry is None else bones_of_folder(geometry)
-    shown = [_read(result, console) for result in results]
-    named = [replace(part, name=name) for part, name in zip(shown, _names(results), strict=True)]
-    for sentence in sentences(named):
-        console.line(sentence)
-    page = page_html(named, bones)
+    if other is None:
+        bones = None if geometry is None else bones_of_folder(geometry)
+        shown, lines = result_page(result)
+        for line in (*lines, *sentences(shown)):
+            console.line(line)
+        page = page_html(shown, bones)
+    else:
+        if geometry is not None:
+            raise UsageError("found two results, whose page has no bones; allowed: with one result", field="--geometry")
+        from gaitcal.results.sessions import compare_results, comparison_html
+
+        page = comparison_html(compare_results(result, other), (result, other))
     if html is not None:
         with file_in_place(html) as path:
             atomic_text(path, page)
         console.line(f"wrote {html}")
         return
     serve(page, ready=lambda url: console.line(f"{url}  (Ctrl-C ends)"))
-
-
-def _read(result: Path, console: Console) -> Shown:
-    shown, lines = result_page(result)
-    for line in lines:
-        console.line(line)
-    return shown
-
-
-def _names(results: tuple[Path, ...]) -> list[str]:
-    """The last parts of their paths, as many as tell them apart."""
-    parts = [result.resolve().parts for result in results]
-    for count in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(part[-count:]) for part in parts]
-        if len(set(names)) == len(names):
-            return names
-    return [f"{'/'.join(part[-1:])} ({k})" for k, part in enumerate(parts, start=1)]
 
 
 def print_report(result: Path, pdf: Path | None, comments: Path | None, normal: Path | None, console: Console) -> None:

@@ -50,6 +50,7 @@ MEMBERS = {
     "markerless": "markerless",
     "cohorts": "cohorts",
     "coverage": "coverage",
+    "muscles": "muscles",
     "events": "events",
     "readers": "readers",
 }

@@ -1,7 +1,5 @@
 """What an OpenSim model differs in, in words."""
 
-from __future__ import annotations
-
 from gaitcal.compare.comparison import ComparisonRow
 from gaitcal.compare.osim_words import osim_words
 
