@@ -111,8 +111,6 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     """
     whole = with_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
     recording = marker_set.renamed(_rename(whole, rename))
-    if trial.role == Role.STATIC.value:
-        recording = upright(recording)
     known = [plate.name for plate in recording.plates]
     for name in trial.plates:
         if name not in known:
@@ -125,6 +123,8 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
             message = f"found [{low:g}, {high:g}]; the recording runs from {time[0]:g} to {time[-1]:g} s"
             raise _fault(message, trial.file, f"trial '{trial.name}'.time")
         recording = recording.frames(inside)
+    if trial.role == Role.STATIC.value:
+        recording = upright(recording)
     _check_forces_cover(recording, trial)
     files = {"file": trial.file}
     if trial.forces is not None:
