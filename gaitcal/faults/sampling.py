@@ -225,7 +225,7 @@ def spikes(trial: MarkerEvidence) -> Iterator[Finding]:
     if len(x) < 3:
         return
     away = np.linalg.norm(x[1:-1] - 0.5 * (x[2:] + x[:-2]), axis=2)
-    limit = jump_limit(trial.recording)
+    limit = jump_limit(trial.recording, trial.marker_set.noise)
     sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
     peak = (sides[1:-1] >= sides[:-2]) & (sides[1:-1] >= sides[2:])  # a spike is out of line, and so are its neighbours
     for one in seams(x):  # the frames on either side of a seam

@@ -40,6 +40,7 @@ from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import runs, spans, still_window
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, segment_kind
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.point_noise import PointNoise
 from gaitcal.model.present_markers import path_of
 from gaitcal.model.segment_frames import HipCentre, hip_centre, off_line, pelvis_frame, rigid_motions
 
@@ -369,16 +370,21 @@ MOST_SPIKES = 0.05
 """Share of a marker's frames: what is out of line in more of them is noise, which has no exceptions."""
 
 
-def jump_limit(recording: Recording) -> float:
-    """m, how far a marker may be out of line with the frames before and after."""
-    return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / recording.rate**2)
+SPIKE_DEVIATIONS = 6.0
+"""Standard deviations of a coordinate of points that are no markers; three frames of white noise make 1.2 of one."""
 
 
-def without_spikes(recording: Recording) -> tuple[Recording, dict[str, tuple[int, float]]]:
-    """The recording without single positions that lie out of line with their neighbours, and marker -> how many these
-    were, and how far (m) the farthest.
-    """
-    x, limit = recording.markers, jump_limit(recording)
+def jump_limit(recording: Recording, noise: PointNoise | None) -> float:
+    """m, how far a marker, or a point with a noise of its own, may be out of line with the frames before and after."""
+    of_noise = 0.0 if noise is None else SPIKE_DEVIATIONS * 1e-3 * noise.size_mm
+    return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / recording.rate**2, of_noise)
+
+
+def without_spikes(
+    recording: Recording, noise: PointNoise | None = None
+) -> tuple[Recording, dict[str, tuple[int, float]]]:
+    """The recording without single positions that lie out of line with their neighbours, and which these were."""
+    x, limit = recording.markers, jump_limit(recording, noise)
     if len(x) < 5:
         return recording, {}
     before, one, after = x[1:-3] - x[:-4], x[3:-1] - x[1:-3], x[4:] - x[3:-1]
