@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -380,9 +381,11 @@ def jump_limit(recording: Recording, noise: PointNoise | None) -> float:
     return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / recording.rate**2, of_noise)
 
 
-def without_spikes(
-    recording: Recording, noise: PointNoise | None = None
-) -> tuple[Recording, dict[str, tuple[int, float]]]:
+Spikes: TypeAlias = dict[str, tuple[int, float]]
+"""Marker -> how many single positions lie out of line, and how far (m) the farthest."""
+
+
+def without_spikes(recording: Recording, noise: PointNoise | None = None) -> tuple[Recording, Spikes]:
     """The recording without single positions that lie out of line with their neighbours, and which these were."""
     x, limit = recording.markers, jump_limit(recording, noise)
     if len(x) < 5:
