@@ -28,6 +28,7 @@ from gaitcal.session.draft import (
     missing_words,
     own_study,
     study_of,
+    unconfirmed_words,
 )
 from gaitcal.session.drafting import draft_of, draft_study, faulty_notes, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
@@ -77,7 +78,9 @@ def draft_study_file(path: Path, out: Path | None, console: Console, options: Op
     atomic_text(target, draft_text(draft, real_path(target).parent))
     console.line(f"study: {target}")
     _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
-    nominal_of(study_of(draft))  # an error of the static trial is told now
+    nominal_of(study_of(draft, proposed=True))  # an error of the static trial is told now
+    if unconfirmed_words(draft):
+        console.line("asked: is each marker what [markers.rename] and [markers.tracking] say? Then confirmed = true")
     console.line(f"next:  look through it, then gaitcal calibrate {target} --out {path.resolve().name}-result")
 
 
@@ -117,6 +120,8 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | Dra
         print_seen(console, draft)
         raise InputError(draft.fault, source=path, code=Code.FOLDER)
     tell_draft(console, draft)
+    if words := unconfirmed_words(draft):
+        raise InputError(words, source=path, code=Code.UNKNOWN_LABEL)
     _stop_on_problem(draft, path)
     return draft
 

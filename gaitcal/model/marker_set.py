@@ -12,6 +12,7 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
     [knee_device]    lateral knee marker -> the three markers of the device that stands in for it in the static trial
     [weights]        marker -> { weight, reason } where the weight is not 1
     [aliases]        marker -> other spellings of its label in files
+    [noise]          how points err that are no markers on skin (`point_noise.py`)
 
 `{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides. `marker_set_text` writes a
 set as such a file again, so that a result can keep the one it was made with.
@@ -32,6 +33,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.io.toml import Table, models_path, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.linkage import LEG_SEGMENTS, SIDES, of_side
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
+from gaitcal.model.point_noise import PointNoise
 
 _LANDMARKS_OF = (
     ("pelvis", "asis"),
@@ -72,6 +74,13 @@ PARTNER: dict[str, str] = {
 PELVIS_NEEDS = 3  # markers of the pelvis, from which the pose of the body starts
 DEVICE_MARKERS = 3  # of a knee alignment device
 NO_REASON = "weight of the study"  # stands as the reason of weights that a study gave without one
+_GIRDLE = "the moving shoulder girdle, which the model lacks, carries the arm"
+_OF_FURTHER = {
+    "head": (0.05, "the back's three turns about one point are only a rough model of the spine"),
+    "upper_arm": (0.02, _GIRDLE),
+    "forearm_hand": (0.02, _GIRDLE),
+}
+"""Segment without its last word -> weight of further markers on it, and why it is not 1; as in the built-in sets."""
 _FOLLOWING = ("tracking", "static_only", "optional")  # tables segment -> markers
 
 
@@ -117,6 +126,8 @@ class MarkerSet:
     """Marker -> why its weight is not 1."""
     aliases: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Marker -> other spellings of its label."""
+    noise: PointNoise | None = None
+    """Of points that are no markers; None of markers, which skin moves."""
     devices: tuple[str, ...] = field(default=(), compare=False)
     """Markers of knee alignment devices that the set knows, and whose part in the static trial is done."""
     notes: tuple[str, ...] = ()
@@ -155,6 +166,31 @@ class MarkerSet:
     def with_weights(self, weights: Mapping[str, float]) -> MarkerSet:
         """The same set with other weights for some markers."""
         return replace(self, weights={**self.weights, **weights}) if weights else self
+
+    def with_further(self, markers: Mapping[str, Iterable[str]], source: Path = Path()) -> MarkerSet:
+        """The same set with further markers, segment -> labels, that are tracked where a trial has them.
+
+        InputError for a segment that markers cannot be on, and for a label that the set knows.
+        """
+        require_known(markers, MASSIVE_SEGMENTS, "segment", source=source, field="markers.tracking", listed=True)
+        known, segments = set(self.labels), self.segment_of
+        further = {segment: tuple(labels) for segment, labels in markers.items()}
+        for segment, labels in further.items():
+            for label in labels:
+                if label in known:
+                    on = f"on {segments[label]}" if label in segments else "as a landmark"
+                    message = f"found '{label}' on {segment}; the marker set has it {on}"
+                    raise InputError(message, source=source, field="markers.tracking", code=Code.MARKER_SET)
+                known.add(label)
+                segments[label] = segment
+        kinds = {label: segment.rsplit("_", 1)[0] for segment, labels in further.items() for label in labels}
+        weak = {label: _OF_FURTHER[kind] for label, kind in kinds.items() if kind in _OF_FURTHER}
+        return replace(
+            self,
+            optional={s: (*self.optional.get(s, ()), *further.get(s, ())) for s in {**self.optional, **further}},
+            weights={**self.weights, **{label: weight for label, (weight, _) in weak.items()}},
+            reasons={**self.reasons, **{label: why for label, (_, why) in weak.items()}},
+        )
 
     def renamed(self, recording: Recording) -> Recording:
         """The recording with the set's own spelling of every label; a note tells what was changed."""
@@ -271,6 +307,7 @@ class _File(Table):
     knee_device: dict[str, _Labels] = Field(default={}, description="a table, marker = list of three markers")
     weights: dict[str, _Weight] = Field(default={}, description="a table, marker = { weight = ..., reason = ... }")
     aliases: dict[str, _Labels] = Field(default={}, description="a table, marker = list of other spellings")
+    noise: PointNoise | None = Field(default=None, description="a table, of points that are no markers on skin")
 
 
 def built_in_sets() -> tuple[str, ...]:
@@ -357,6 +394,7 @@ def _read(path: Path, name: str) -> MarkerSet:
         weights={label: entry.weight for label, entry in weighed.items()},
         reasons={label: entry.reason for label, entry in weighed.items()},
         aliases=groups["aliases"],
+        noise=file.noise or base.noise,
     )
     for landmark in missing_landmarks(made.landmarks):
         raise fault(f"'{landmark}' is missing: give {instead_of(landmark)}", "landmarks")
@@ -412,5 +450,6 @@ def marker_set_text(marker_set: MarkerSet) -> str:
         *(table(name, group) for name in ("optional", "knee_device") if (group := getattr(marker_set, name))),
         table("aliases", marker_set.aliases),
         table("weights", weights),
+        *([table("noise", marker_set.noise.model_dump())] if marker_set.noise else []),
     ]
     return "\n".join(tables)

@@ -11,14 +11,17 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import PurePath, PureWindowsPath
 
+import numpy as np
+
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.faults.body_plan import likely_height
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.io.segment_poses import holds_poses
+from gaitcal.model.anthropometry import likely_height
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
 from gaitcal.session.draft import FIRST_LABELS, Draft, Drafted, Seen, row_of
@@ -34,10 +37,11 @@ from gaitcal.session.folder import (
     read_folder,
     trial_names,
 )
-from gaitcal.session.marker_sets import SetChoice, candidates, choose_set, explained, respelt
+from gaitcal.session.label_proposal import LANDMARK_SET, propose_labels
+from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, candidates, choose_set, explained, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
-from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed
+from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed, weighed_walking
 from gaitcal.study.study import Study
 
 
@@ -110,7 +114,10 @@ def draft_study(folder: Folder, options: Options) -> Draft:
     ]
     choices = _choices(recordings, own)
     if not choices:
-        return refused(folder, no_set(recordings, own), {})
+        try:
+            choices = [_proposed(recordings, options)]
+        except InputError as fault:
+            return refused(folder, f"{no_set(recordings, own)}; nor do places and movement tell them: {fault}", {})
     if choices[0].people:
         return refused(folder, *several_people(files, choices[0].people))
     for choice in choices:
@@ -136,6 +143,24 @@ def draft_study(folder: Folder, options: Options) -> Draft:
     elif parts:
         message += f'; in {parts[0]} somebody stands for a part: call the file static, or write role = "static" for it'
     return refused(folder, f"{message} (marker set {choices[0].entry})", told)
+
+
+def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
+    """The set "landmarks", labels as places and movement propose them; InputError where they tell too little."""
+    height = options.height or next((r.facts.height for r in recordings if r.facts.height), None)
+    proposal = propose_labels(recordings, height)
+    marker_set = load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
+    found = explained(marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename))
+    if len(found.missing) > MOST_MISSING:
+        raise InputError(f"no marker lies where these are: {', '.join(found.missing)}")
+    return SetChoice(
+        marker_set=marker_set,
+        entry=LANDMARK_SET,
+        rename=proposal.rename,
+        explained=found,
+        members=tuple(range(len(recordings))),
+        proposal=proposal,
+    )
 
 
 def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:
@@ -192,6 +217,9 @@ class _Drafting:
             i: f"the same recording as {self.files[j].name}" for i, j in self._copies(statics)
         }
         statics = self._with_model([i for i in statics if i not in out])
+        # segment poses make a standing posture of any movement, which is a trial beside it
+        made = [i for i in statics[:1] if holds_poses(self.spelt[i].labels) and moves[i].shows is not Shows.STANDS]
+        statics = [i for i in statics if i not in made]
         roles: dict[int, tuple[str, str]] = dict.fromkeys(statics, ("static", ""))
         for i, found in moves.items():
             if i in roles or i in out:
@@ -211,15 +239,33 @@ class _Drafting:
         }
         forces, unpaired = pair_forces(walks, self.choice.marker_set, self.folder.files)
         order = sorted(roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i))
-        names = trial_names([self.files[i].path.stem for i in order])
-        trials = tuple(
+        stems = [self.files[i].path.stem for i in order]
+        first, *names = trial_names([f"{self.files[i].path.stem}_upright" for i in made] + stems)
+        names = names if made else [first, *names]
+        upright = tuple(
+            Drafted(
+                name=first,
+                role="static",
+                joint="",
+                file=self.files[i],
+                forces=None,
+                reason="nobody has to stand: the segments of its poses with their axes in line",
+                certain=True,
+            )
+            for i in made
+        )
+        trials = upright + tuple(
             self._trial(i, name, roles[i], moves.get(i), forces.get(i), statics)
             for i, name in zip(order, names, strict=True)
         )
         plates = self._weighed(statics)
         facts = self._facts([*statics, *(i for i in order if i not in statics)])
-        tall = likely_height(session.postures[statics[0]].landmarks)
-        person = person_of(self.folder.name, self.options, facts, plates, tall)
+        tall = likely_height(session.postures[(made or statics)[0]].landmarks)
+        on_plates = {i: self.spelt[i].plates for i, (role, _) in roles.items() if role == "gait"}
+        on_plates |= {i: choice.file.forces.plates for i, choice in forces.items() if choice.file.forces}
+        strides = {self.files[i].name: kg for i, of in on_plates.items() if (kg := weighed_walking(of)) is not None}
+        walking = (", ".join(strides), float(np.median(list(strides.values())))) if strides else None
+        person = person_of(self.folder.name, self.options, facts, plates, tall, walking)
         moving = any(trial.role != "static" for trial in trials)
         number = {file.name: i for i, file in enumerate(self.files)}
         owner = {choice.file.name: self.files[i].name for i, choice in forces.items()}

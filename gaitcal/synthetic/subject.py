@@ -28,7 +28,6 @@ from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.synthetic.motion import (
-    GroundOnFeet,
     TrueMotion,
     ground_on_feet,
     isolated_motion,
@@ -108,7 +107,7 @@ def synthesize(
             labels = model.markers.labels if name == "static" else tracking
             placed = on_the_floor(model, motion)
             ground = None if placed.ground is None else ground_on_feet(model.parameters, placed)
-            plates = () if ground is None else plates_under(movements.get(name, Movement(motion=placed)), ground)
+            plates = () if ground is None else footholds(movements.get(name, Movement(motion=placed)), ground.wrench)
             recording = recording_of(name, placed, model, labels, plates)
             if name != "static":
                 curves[name] = placed, None if ground is None else ground.wrench
@@ -156,12 +155,17 @@ def recording_of(
     return Recording(source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates)
 
 
-def plates_under(found: Movement, ground: GroundOnFeet) -> tuple[ForcePlate, ...]:
-    """Two long plates under a walk; under another movement one for each foothold, for runners one for all."""
-    time, wrench = found.motion.basis.time, ground.wrench
+def plates_under(motion: TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
+    """One long plate under each foot, with wrenches (nf, 2, 6) N, N·m about the laboratory origin."""
+    halves = ((0.0, PLATE_Z), (-PLATE_Z, 0.0))
+    return tuple(_plate(k, motion.basis.time, wrench[:, k], PLATE_X, z, 0.0) for k, z in enumerate(halves))
+
+
+def footholds(found: Movement, wrench: Array) -> tuple[ForcePlate, ...]:
+    """One plate under each foothold, for runners one for all; two long ones under a walk."""
+    time = found.motion.basis.time
     if not found.contacts:
-        x, halves = PLATE_X, ((0.0, PLATE_Z), (-PLATE_Z, 0.0))
-        return tuple(_plate(k, time, wrench[:, k], x, z, 0.0) for k, z in enumerate(halves))
+        return plates_under(found.motion, wrench)
     if found.belt:
         return (_plate(0, time, wrench.sum(axis=1), BELT_X, (-PLATE_Z, PLATE_Z), 0.0),)
     of_place: dict[tuple[int, tuple[float, float, float]], list[Contact]] = {}

@@ -17,7 +17,7 @@ from gaitcal.session.movement import Shows, movement, standing
 from gaitcal.synthetic.motion import ground_on_feet, standing_pose, static_motion
 from gaitcal.synthetic.movements import Activity
 from gaitcal.synthetic.movements import movement as made_up
-from gaitcal.synthetic.subject import on_the_floor, plates_under, recording_of, synthetic_model
+from gaitcal.synthetic.subject import footholds, on_the_floor, recording_of, synthetic_model
 
 FLYING_N = 10.0
 """Of a body in flight that weighs 680 N."""
@@ -45,7 +45,7 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     assert residual[flies].max(initial=0.0) < FLYING_N and residual[~flies & ~sits].max() < 1e-6
     assert sits.any() == (activity is Activity.SIT_TO_STAND)
 
-    recording = recording_of(activity.value, motion, model, model.markers.labels, plates_under(found, ground))
+    recording = recording_of(activity.value, motion, model, model.markers.labels, footholds(found, ground.wrench))
     marker_set = load_marker_set("published")
     still = on_the_floor(model, static_motion(standing=standing_pose()))
     posture, _ = standing(recording_of("static", still, model, model.markers.labels), marker_set)
