@@ -254,7 +254,7 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
     files = recordings()
     folder = write(tmp_path / "person", files | {"walk": other_person(files["walk"])})
     made = draft(folder, Options())
-    assert made.problem.startswith("no recording that is used shows walking")
+    assert made.problem.startswith("no recording that is used shows somebody moving")
     assert "walk.csv is not used: another person" in made.problem
     with pytest.raises(InputError, match="walk.csv is not used: another person"):
         study_or_draft(folder, Options(), Console(quiet=True, verbose=False))

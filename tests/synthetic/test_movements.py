@@ -21,7 +21,7 @@ from gaitcal.synthetic.subject import footholds, on_the_floor, recording_of, syn
 
 FLYING_N = 10.0
 """Of a body in flight that weighs 680 N."""
-TORQUE_NM = {Activity.JUMP: 2.5, Activity.RUN: 7.0}
+TORQUE_NM = {Activity.JUMP: 4.0, Activity.RUN: 7.0}
 """RMS over valid frames and joints: what the filter of the forces and knots far apart make of a landing; else 1."""
 REPEATS = {Activity.SQUAT: 3, Activity.SIT_TO_STAND: 2, Activity.JUMP: 1}
 """From rest to rest, of both legs."""
