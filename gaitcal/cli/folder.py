@@ -193,7 +193,7 @@ def tell_draft(console: Console, draft: Draft) -> None:
             if trial.role == role
         ]
         if names:
-            console.line(f"{role}: {', '.join(names)}")
+            console.line(f"{role.value}: {', '.join(names)}")
     for line in doubtful_lines(draft):
         console.line(line)
 

@@ -249,6 +249,8 @@ Gaitcal.Curves = class {
   tell() {
     const { strides, state } = this;
     const { percent, counts, sheet } = strides;
+    const [axis] = document.getElementById("switch-axis")?.options ?? [];
+    if (axis) axis.textContent = strides.trial.repeats ? "% repetition" : "% gait cycle";
     const many = Math.max(...counts) > 1;
     const means = percent && state.spread === "mean" && many;
     const has = (part) => sheet.trials.some(({ packed }) => packed.curves.some((curve) => curve[part] && curve.joint));
