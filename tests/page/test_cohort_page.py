@@ -10,7 +10,7 @@ import pytest
 
 from gaitcal.cohort.one_person import STEPS
 from gaitcal.gait.cycles import Kind
-from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
+from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.page.browser import Page
 from tests.page.test_accessible import FAULTS, SETTLED, SIZES, SMALL, TARGET, UNNAMED
 
