@@ -287,7 +287,6 @@ Gaitcal.Curves = class {
       return [`Against the time of ${strides.trial.name}${why}.`, ...relative];
     }
     const on = (side) => strides.on(side);
-    const trials = (side) => Gaitcal.count(new Set(on(side).straight.map(({ trial }) => trial)).size, "trial");
     const turning = on("r").turning.length + on("l").turning.length;
     const [turns, takes] = turning === 1 ? ["turns", "takes"] : ["turn", "take"];
     const without = ["r", "l"].filter((side) => !strides.near(side, state.seconds));
@@ -295,8 +294,7 @@ Gaitcal.Curves = class {
     return [
       strides.trial.repeats
         ? `0 to 100 % of ${Gaitcal.count(right, "repetition")} of ${strides.trial.name}, from rest to rest of the pelvis.`
-        : `0 to 100 % of each leg’s own stride, from strike to next strike: right ${Gaitcal.count(right, "stride")} of ` +
-          `${trials("r")}, left ${Gaitcal.count(left, "stride")} of ${trials("l")}.`,
+        : `0 to 100 % of each leg’s own stride, from strike to next strike: right ${right}, left ${left}.`,
       ...(turning ? [`${Gaitcal.count(turning, "stride")} ${turns} and ${takes} no part in means.`] : []),
       ...without.map((side) => `The ${Gaitcal.LEGS[side]} leg makes no complete stride in ${strides.trial.name}.`),
       ...[...sources].map((source) => `Healthy people: ${source}.`),
