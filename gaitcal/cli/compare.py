@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.text import Text
 
 from gaitcal.cli.console import Console, frameless_table
-from gaitcal.compare.comparison import compare
+from gaitcal.compare.comparison import compare, osim_words
 from gaitcal.compare.difference import numbers_of, subject
-from gaitcal.compare.osim_words import osim_words
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.errors import UsageError
 from gaitcal.findings import note_of
@@ -26,43 +24,38 @@ WIDTH = 40
 """Characters of a figure's name, at least."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """The options of the command line, as they were written."""
-
-    osim: Path | None = None
-    out: Path | None = None
-    shared_model: bool = False
-    studies: Sequence[Path] = ()
-
-
-def compare_sessions_or_models(result: Path, other: Path | None, options: Options, console: Console) -> None:
+def compare_sessions_or_models(
+    console: Console,
+    result: Path,
+    other: Path | None = None,
+    *,
+    osim: Path | None = None,
+    out: Path | None = None,
+    shared_model: bool = False,
+    study: Sequence[Path] | None = None,
+) -> None:
     """Compare two results, or one with an OpenSim model."""
-    _require_usable(other, options)
-    if options.osim is not None:
-        compare_models(result, options.osim, console)
+    if osim is not None and (other is not None or out is not None or shared_model):
+        message = "found a second result, --out or --shared-model beside it; allowed: one result and --osim FILE"
+        raise UsageError(message, field="--osim")
+    if study and not shared_model:
+        raise UsageError("found without --shared-model, which alone needs them", field="--study")
+    if osim is not None:
+        compare_models(result, osim, console)
         return
     if other is None:
         raise UsageError("found one result; allowed: two results, or one and --osim FILE", field="compare")
-    if options.out is not None:
-        require_room(options.out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)])
+    if out is not None:
+        require_room(out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)])
     shared = None
-    if options.shared_model:
+    if shared_model:
         with console.working() as step:
-            shared = compare_with_shared_model(result, other, options.studies, step)
+            shared = compare_with_shared_model(result, other, study or (), step)
     comparison = compare_results(result, other) if shared is None else shared.comparison
     tell(comparison, console)
-    if options.out is not None:
-        write_comparison(comparison, options.out, (result, other), None if shared is None else shared.parameters)
-        console.line(f"wrote {options.out}")
-
-
-def _require_usable(other: Path | None, options: Options) -> None:
-    if options.osim is not None and (other is not None or options.out is not None or options.shared_model):
-        message = "found a second result, --out or --shared-model beside it; allowed: one result and --osim FILE"
-        raise UsageError(message, field="--osim")
-    if options.studies and not options.shared_model:
-        raise UsageError("found without --shared-model, which alone needs them", field="--study")
+    if out is not None:
+        write_comparison(comparison, out, (result, other), None if shared is None else shared.parameters)
+        console.line(f"wrote {out}")
 
 
 def tell(comparison: SessionComparison, console: Console) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,21 +39,20 @@ COLUMN: Final = 85.0
 """mm: one column of most journals."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """What the user asked for, as text."""
-
-    purpose: str
-    only: Sequence[str]
-    formats: str | None
-    width: str | None
-    normal: Path | None
-    signs: str | None
-    units: str | None
-    external: bool
-
-
-def draw_figures(result: Path, out: Path | None, options: Options, console: Console) -> None:
+def draw_figures(
+    console: Console,
+    result: Path,
+    out: Path | None = None,
+    *,
+    purpose: str = PAPER,
+    only: Sequence[str] | None = None,
+    width: str | None = None,
+    formats: str | None = None,
+    normal: Path | None = None,
+    convention: str | None = None,
+    external: bool = False,
+    units: str | None = None,
+) -> None:
     """Draw the figures of a result, or of further trials, into a folder.
 
     Raises
@@ -64,15 +62,17 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
     InputError
         The folder is no result that pages are made of.
     """
-    if options.purpose not in OF_PURPOSE:
-        found = f"found '{options.purpose}'; allowed: {', '.join(OF_PURPOSE)}"
-        raise UsageError(f"{found}{nearest(options.purpose, OF_PURPOSE)}", field="--for")
-    formats = _formats(options.formats or OF_PURPOSE[options.purpose])
-    if options.purpose == REPORT:
-        _only_for_papers(options)
-    width = COLUMN if options.width is None else _width(options.width)
-    signs = options.signs or Signs.CLINICAL.value
-    convention = convention_of(signs, None, options.units or "Nm/kg", external=options.external)
+    if purpose not in OF_PURPOSE:
+        found = f"found '{purpose}'; allowed: {', '.join(OF_PURPOSE)}"
+        raise UsageError(f"{found}{nearest(purpose, OF_PURPOSE)}", field="--for")
+    endings = _formats(formats or OF_PURPOSE[purpose])
+    for_papers = {"--width": width, "--convention": convention, "--units": units, "--external": external or None}
+    for field, value in for_papers.items():
+        if purpose == REPORT and value is not None:
+            message = "found with --for report, whose pages show the result as its files do; allowed: with --for paper"
+            raise UsageError(message, field=field)
+    wide = COLUMN if width is None else _width(width)
+    signs = convention_of(convention or Signs.CLINICAL.value, None, units or "Nm/kg", external=external)
     put_back(result)
     if not result.is_dir():
         raise InputError(
@@ -83,17 +83,17 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
     names = [name for name in (PAGE_DATA, SUMMARY, CYCLES, PARAMETERS, TRUTH) if (result / name).exists()]
     with console.working() as step:
         step("reading the result")
-        if options.purpose == REPORT:
-            told, read = read_whole(result, names, lambda: _told(result, options.normal))
+        if purpose == REPORT:
+            told, read = read_whole(result, names, lambda: _told(result, normal))
             charts, sheet = report_charts(told), told.sheet
         else:
-            (strides, sheet), read = read_whole(result, names, lambda: _strides(result, options.normal))
-            charts = paper_charts(strides, convention, width) if convention else []
-        charts = chosen(charts, options.only)
+            (strides, sheet), read = read_whole(result, names, lambda: _strides(result, normal))
+            charts = paper_charts(strides, signs, wide) if signs else []
+        charts = chosen(charts, only or ())
         folder = out or result / FOLDER
         with amended(folder) as stage:
             step(f"drawing {counted(len(charts), 'figure')}")
-            files = write_charts(charts, stage, formats)
+            files = write_charts(charts, stage, endings)
             read.require_unchanged()
     for remark in read.remarks:
         console.line(f"warning: {remark}")
@@ -136,19 +136,6 @@ def _formats(text: str) -> list[str]:
             message = f"found '{name}'; allowed: {', '.join(FORMATS)}, with commas between them"
             raise UsageError(f"{message}{nearest(name, FORMATS)}", field="--format")
     return found
-
-
-def _only_for_papers(options: Options) -> None:
-    given = {
-        "--width": options.width,
-        "--convention": options.signs,
-        "--units": options.units,
-        "--external": options.external or None,
-    }
-    for field, value in given.items():
-        if value is not None:
-            message = "found with --for report, whose pages show the result as its files do; allowed: with --for paper"
-            raise UsageError(message, field=field)
 
 
 def _width(text: str) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,6 +12,7 @@ from rich.text import Text
 
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cli.console import Console, frameless_table
+from gaitcal.cli.options import MODELS
 from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError, UsageError, nearest
@@ -47,12 +47,14 @@ from gaitcal.results.saved import MODEL, load_result, load_result_model, recorde
 from gaitcal.results.table_file import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
+JOINTS, MASSES = "joints", "masses"
+"""What `--parameters` allows; the second never without the first."""
 SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
 """What `--convention` allows; a file of normal bands says `gaitcal` or `opensim` for the same."""
 WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
 
 
-def convert_recording(source: Path, target: Path, console: Console) -> None:
+def convert_recording(console: Console, source: Path, target: Path) -> None:
     """Convert one recording and say which files were written."""
     for path in convert(source, target):
         console.line(f"wrote {path}")
@@ -89,15 +91,52 @@ def _chosen(known: Mapping[str, Choice], text: str, field: str) -> Choice:
     raise UsageError(f"found '{text}'; allowed: {', '.join(known)}{nearest(text, tuple(known))}", field=field)
 
 
+def export(
+    console: Console,
+    result: Path,
+    formats: str = MODELS,
+    out: Path | None = None,
+    *,
+    inputs: Path | None = None,
+    replace: bool = False,
+    convention: str | None = None,
+    moments: str | None = None,
+    external: bool = False,
+    units: str | None = None,
+    into: Path | None = None,
+    names: Path | None = None,
+    parameters: str = "joints",
+    muscles: bool = False,
+    draws: int = 0,
+    seed: int = 0,
+) -> None:
+    """The fitted model in other programs' formats, or its joints in the user's own model."""
+    of_result = {"inputs": inputs, "replace": replace, "convention": convention, "moments": moments}
+    of_result |= {"format": formats != MODELS, "external": external, "units": units}
+    of_model = {"names": names, "parameters": parameters != JOINTS, "muscles": muscles, "draws": draws, "seed": seed}
+    for name, value in (of_model if into is None else of_result).items():
+        if value and into is None:
+            raise UsageError("found without --into; allowed: with --into MODEL.osim", field=f"--{name}")
+        if value:
+            message = "found with --into, which writes one OpenSim model; allowed: without --into"
+            raise UsageError(message, field=f"--{name}")
+    if into is None:
+        signs = convention_of(convention, moments, units, external=external)
+        export_model(result, formats, out, inputs, console, signs, replace=replace)
+    else:
+        chosen = (parameters, names, muscles, draws, seed)
+        export_into(result, into, out, console, *chosen)
+
+
 def export_model(
     result: Path,
     formats: str,
     out: Path | None,
     inputs: Path | None,
     console: Console,
-    convention: Convention | None = None,
+    convention: Convention | None,
     *,
-    replace: bool = False,
+    replace: bool,
 ) -> None:
     """Write the fitted model of a result in other programs' formats, its recordings as C3D files, its strides.
 
@@ -169,41 +208,6 @@ def _tell(console: Console, read: Snapshot, doubts: Sequence[Finding]) -> None:
         console.line(f"warning: {text}")
 
 
-# ------------------------------------------------------------------------------------------- a model of the user's own
-
-JOINTS, MASSES = "joints", "masses"
-"""What `--parameters` allows; the second never without the first."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class IntoOptions:
-    """The options of `export --into`, as they were written."""
-
-    model: Path
-    out: Path | None
-    names: Path | None = None
-    parameters: str = JOINTS
-    muscles: bool = False
-    draws: int = 0
-    seed: int = 0
-
-
-def require_into(**given: object) -> None:
-    """UsageError for an option that means something with `--into` only."""
-    for name, value in given.items():
-        if value:
-            raise UsageError("found without --into; allowed: with --into MODEL.osim", field=f"--{name}")
-
-
-def require_no_into(**given: object) -> None:
-    """UsageError for an option that means nothing with `--into`."""
-    for name, value in given.items():
-        if value:
-            raise UsageError(
-                "found with --into, which writes one OpenSim model; allowed: without --into", field=f"--{name}"
-            )
-
-
 def _draws_folder(out: Path) -> Path:
     return out.with_name(f"{out.stem}_draws")
 
@@ -214,25 +218,34 @@ def _earlier(out: Path) -> list[Path]:
     return [*draws, *(p for p in (out.with_suffix(".muscles.csv"),) if p.is_file())]
 
 
-def export_into(result: Path, options: IntoOptions, console: Console) -> None:
+def export_into(
+    result: Path,
+    model: Path,
+    out: Path | None,
+    console: Console,
+    parameters: str,
+    names: Path | None,
+    muscles: bool,
+    draws: int,
+    seed: int,
+) -> None:
     """Write the user's OpenSim model with this person's joints, tables of what was done, and draws of it."""
-    out = options.out
     if out is None or out.suffix != ".osim":
         message = f"found {'nothing' if out is None else repr(str(out))}; allowed: a file FILE.osim to be written"
         raise UsageError(message, field="--out")
-    if out.resolve() == options.model.resolve():
+    if out.resolve() == model.resolve():
         raise UsageError("found the model that is read; allowed: another file", field="--out")
-    if options.model.resolve().parent == _draws_folder(out).resolve():
+    if model.resolve().parent == _draws_folder(out).resolve():
         raise UsageError("found a draw of --out, whose draws are replaced; allowed: another file", field="--into")
-    wanted = {word.strip() for word in options.parameters.split(",")}
+    wanted = {word.strip() for word in parameters.split(",")}
     if wanted not in ({JOINTS}, {JOINTS, MASSES}):
-        message = f"found '{options.parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
+        message = f"found '{parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
         raise UsageError(message, field="--parameters")
-    if MASSES in wanted and options.draws:
+    if MASSES in wanted and draws:
         raise UsageError(
             f"found {MASSES} with --draws, whose masses are those of the model; allowed: {JOINTS}", field="--parameters"
         )
-    if options.muscles and not opensim_is_installed():
+    if muscles and not opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
     if saved.uncertainty.joint is None:
@@ -240,10 +253,10 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         raise InputError(message, source=result, code=Code.NO_RESULT)
     transfer = Transfer.prepared(
         saved.model,
-        options.model,
+        model,
         errors=saved.uncertainty.joint,
         prior=prior_of_study(saved.settings.joint_prior),
-        names=options.names,
+        names=names,
         recorded=recorded_coordinates(result),
         marker_set=saved.marker_set,
     )
@@ -260,16 +273,16 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
     if earlier:
         console.line(f"removed, as of an earlier run: {', '.join(str(p.relative_to(out.parent)) for p in earlier)}")
     _tell_joints(console, done)
-    drawn = [_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(options.draws)]
+    drawn = [_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(draws)]
     with console.working() as step:
-        rng = np.random.default_rng(options.seed)
+        rng = np.random.default_rng(seed)
         for k, path in enumerate(drawn):
             step(f"draw {k + 1} of {len(drawn)}")
             atomic_bytes(path, transfer.drawn(rng))
-        if options.muscles:
+        if muscles:
             ranges = leg_ranges(done.legs)
             step("muscles before")
-            before = muscle_paths(options.model, ranges)
+            before = muscle_paths(model, ranges)
             step("muscles after")
             changes = muscle_changes(before, muscle_paths(out, ranges))
             spread: list[Mapping[tuple[str, str], MusclePath]] = []
@@ -279,16 +292,16 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
             unsure = muscles_about(changes, done.legs, done.left)
             atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread, unsure))
     console.line()
-    if options.muscles:
+    if muscles:
         _tell_muscles(console, changes)
     else:
         console.line("muscles: not computed; --muscles has OpenSim compute lengths and moment arms before and after")
-    for path in (out, out.with_suffix(".joints.csv"), *([out.with_suffix(".muscles.csv")] if options.muscles else [])):
+    for path in (out, out.with_suffix(".joints.csv"), *([out.with_suffix(".muscles.csv")] if muscles else [])):
         console.line(f"wrote {path}")
     if drawn:
         console.line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
         if done.left:
-            table = "; arm_sd_mm is empty for muscles that cross them" if options.muscles and unsure else ""
+            table = "; arm_sd_mm is empty for muscles that cross them" if muscles and unsure else ""
             console.line(f"draws leave {', '.join(done.left)} where they are, which are known least{table}")
 
 

@@ -18,11 +18,14 @@ from gaitcal.results.calibration import result_page
 REPORT, COMMENTS = "report.pdf", "comments.toml"
 
 
-def view_results(results: tuple[Path, ...], html: Path | None, console: Console, geometry: Path | None = None) -> None:
+def view_results(
+    console: Console, result: Path, other: Path | None = None, html: Path | None = None, geometry: Path | None = None
+) -> None:
     """Show a result in the browser, or two side by side, or write the page.
 
     `geometry`: bones of this folder, else the installed ones.
     """
+    results = (result,) if other is None else (result, other)
     bones = None if geometry is None else bones_of_folder(geometry)
     shown = [_read(result, console) for result in results]
     named = [replace(part, name=name) for part, name in zip(shown, _names(results), strict=True)]
@@ -54,7 +57,9 @@ def _names(results: tuple[Path, ...]) -> list[str]:
     return [f"{'/'.join(part[-1:])} ({k})" for k, part in enumerate(parts, start=1)]
 
 
-def print_report(result: Path, pdf: Path | None, comments: Path | None, normal: Path | None, console: Console) -> None:
+def print_report(
+    console: Console, result: Path, pdf: Path | None = None, comments: Path | None = None, normal: Path | None = None
+) -> None:
     """Write the report of a result as a PDF, with the comments that somebody wrote for it."""
     from gaitcal.figures.document import write_pdf
     from gaitcal.results.gait_report import read_comments, report_content

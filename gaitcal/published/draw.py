@@ -44,7 +44,7 @@ from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, RefitSettings, Varied
+from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import marker_noise, synthetic_markers
 
@@ -294,7 +294,7 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
             phi = dynamic_parameters(inertial) - dynamic_parameters(undisturbed)
             errors = (context.regressor @ phi.ravel()).reshape(-1, len(LEG_TORQUES))
             return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
-        fitted = refit(model.problem, model.constants, model.start, context.settings.refit, model.factor)
+        fitted = refit(model.problem, model.constants, model.start, context.settings, model.factor)
         return DrawResult(errors_of(context, model, fitted.nodes), fitted.evaluations, fitted.failure)
     except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
         return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
@@ -316,7 +316,7 @@ def refit(
     problem: MotionProblem,
     constants: ChainConstants,
     start: Array,
-    settings: RefitSettings,
+    settings: MonteCarloSettings,
     known: BandFactor | None = None,
 ) -> Refit:
     """Minimise the weighted sum of squared marker distances over the nodes, starting at `start` (nn, nq).
@@ -333,8 +333,8 @@ def refit(
     """
     rule = DescentSettings(
         gain=0.0,
-        shortest_step=settings.tolerance,
-        most_steps=settings.most_evaluations,
+        shortest_step=settings.refit_tolerance,
+        most_steps=settings.refit_most_evaluations,
         keep_within=np.inf,
         curved=True,
     )

@@ -53,7 +53,7 @@ from gaitcal.published.joint_recovery import (
     true_motion,
 )
 from gaitcal.published.protocol import PROBLEMS, table_one
-from gaitcal.published.tables import JOINT_FIGURES, SENSITIVITY, Cell, TableRow
+from gaitcal.published.tables import JOINT_FIGURES, SENSITIVITY, TableRow
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import ISOLATED_FRAMES, NOISE_AMPLITUDE, RATE, marker_noise
 
@@ -211,7 +211,9 @@ def trial_length_rows(lengths: Sequence[LengthDraws]) -> list[TableRow]:
             for problem, published in _printed(key).items():
                 values = length.values(problem, key)
                 share = f"{np.mean(values <= published):.0%} of the draws are at or below it"
-                rows.append(Cell(SENSITIVITY, f"{words}: {title}", problem, unit).over_draws(published, values, share))
+                rows.append(
+                    TableRow(SENSITIVITY, f"{words}: {title}", problem, unit).over_draws(published, values, share)
+                )
         stuck = sum(not f.converged for found in length.problems for f in found.values())
         for column, found_place, meaning in (
             ("p by distance", length.joint, "as far from their mean"),
@@ -222,7 +224,7 @@ def trial_length_rows(lengths: Sequence[LengthDraws]) -> list[TableRow]:
                 f"share of {len(length.problems)} noise draws and the printed one that are {meaning}",
                 f"{stuck} of {len(length.problems) * len(PROBLEMS)} searches did not converge" if stuck else "",
             )
-            cell = Cell(SENSITIVITY, f"{words}: the seven parameter rows together", column, "")
+            cell = TableRow(SENSITIVITY, f"{words}: the seven parameter rows together", column, "")
             rows.append(cell.filled(None, found_place.p, *notes))
     return rows
 
@@ -340,8 +342,8 @@ def absorbed_rows(shares: Mapping[str, Absorbed]) -> list[TableRow]:
             ("motion of 20 nodes", share.motion, draws),
             ("motion and joint parameters", share.whole, draws),
         ):
-            rows.append(Cell(SENSITIVITY, f"{title}: {words}", problem, "%").filled(None, 100.0 * value, note))
-        cell = Cell(SENSITIVITY, f"{title}: marker distance RMS that is left", problem, "mm")
+            rows.append(TableRow(SENSITIVITY, f"{title}: {words}", problem, "%").filled(None, 100.0 * value, note))
+        cell = TableRow(SENSITIVITY, f"{title}: marker distance RMS that is left", problem, "mm")
         rows.append(cell.over_draws(_DISTANCES[problem], share.left_mm, "to first order"))
     return rows
 

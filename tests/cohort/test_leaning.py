@@ -193,7 +193,7 @@ def test_the_command_learns_when_everybody_has_ended(tmp_path: Path, monkeypatch
     (tmp_path / "lab" / "Ann").mkdir(parents=True)
     (tmp_path / "lab" / "Ann" / "walk.c3d").write_bytes(b"")
     monkeypatch.setattr(command, "run_cohort", ended)
-    monkeypatch.setattr(command, "learn_priors", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
+    monkeypatch.setattr(command, "learn", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
     said = run("cohort", tmp_path / "lab", "--out", tmp_path / "out", "--learn-priors").output
     assert "legs: offset learnt of 9 people" in said and "priors:" in said
     assert "no priors will be learnt: 1 people, of 8 or more they can be" in said
@@ -239,11 +239,11 @@ def test_priors_of_a_cohort_file_are_those_of_everyone_and_no_setting(
 
     monkeypatch.setattr(command, "read_cohort_priors", lambda path: None)
     said = CalibrationSettings(ip="none", priors=tmp_path / "p.json")
-    priors, settings = command._priors(command.CohortOptions(), said)
+    priors, settings = command._priors(None, said, learn_priors=False)
     assert priors == (tmp_path / "p.json").resolve()
     assert CommonSettings(calibration=settings, priors=priors).said == {"ip": "none"}
     with pytest.raises(UsageError, match="--priors: not beside the priors that cohort.toml names"):
-        command._priors(command.CohortOptions(priors=tmp_path / "q.json"), said)
+        command._priors(tmp_path / "q.json", said, learn_priors=False)
 
 
 def test_other_priors_of_a_persons_own_study_are_another_fingerprint(tmp_path: Path) -> None:

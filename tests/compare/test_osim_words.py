@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from gaitcal.compare.comparison import ComparisonRow
-from gaitcal.compare.osim_words import osim_words
+from gaitcal.compare.comparison import ComparisonRow, osim_words
 
 
 def row(quantity: str, difference: float, unit: str = "mm", ours: float = 60.0) -> ComparisonRow:

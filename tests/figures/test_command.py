@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from gaitcal.cli.application import app
 from gaitcal.cli.console import Console
-from gaitcal.cli.figures import Options, chosen
+from gaitcal.cli.figures import chosen
 from gaitcal.cli.figures import draw_figures as run
 from gaitcal.errors import InputError, UsageError
 from gaitcal.figures import report
@@ -62,11 +62,6 @@ def written(calibration: Calibration, out: Path) -> Path:
 
 def figures(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["figures", *map(str, arguments)])
-
-
-def options(**changes: object) -> Options:
-    plain: dict[str, object] = dict.fromkeys(("formats", "width", "normal", "signs", "units"))
-    return Options(**({"purpose": "paper", "only": (), "external": False} | plain | changes))  # type: ignore[arg-type]
 
 
 def mean_lines(chart: Chart) -> dict[str, np.ndarray]:
@@ -225,12 +220,12 @@ def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibr
         ({"width": "3mm"}, "--width: found '3mm'; allowed: 40mm to 400mm"),
         ({"width": "wide"}, "--width: found 'wide'"),
         ({"purpose": "report", "units": "Nm"}, "--units: found with --for report"),
-        ({"signs": "clincal"}, "--convention: found 'clincal'"),
+        ({"convention": "clincal"}, "--convention: found 'clincal'"),
     ],
 )
 def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError) as told:
-        run(folder, tmp_path / "out", options(**changes), Console(quiet=True, verbose=False))
+        run(Console(quiet=True, verbose=False), folder, tmp_path / "out", **changes)  # type: ignore[arg-type]
     assert str(told.value).startswith(message)
     assert not (tmp_path / "out").exists()
 
@@ -238,7 +233,7 @@ def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str,
 def test_a_folder_that_is_no_result(tmp_path: Path) -> None:
     for folder, message in ((tmp_path, "has no page.json"), (tmp_path / "no", "no such folder")):
         with pytest.raises(InputError, match=message):
-            run(folder, None, options(), Console(quiet=True, verbose=False))
+            run(Console(quiet=True, verbose=False), folder)
 
 
 def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(folder: Path, tmp_path: Path) -> None:

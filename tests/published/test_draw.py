@@ -29,7 +29,7 @@ from gaitcal.published.draw import (
     refit,
     torque_column,
 )
-from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, ReactionFrame, RefitSettings, Varied
+from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, ReactionFrame, Varied
 from tests.derivatives import Array, perturbed_parameters
 from tests.motion.test_marker_equations import dense
 
@@ -163,7 +163,7 @@ def test_only_valid_frames_count(case: MonteCarloCase) -> None:
 
 
 def test_a_draw_that_fails_is_recorded_with_its_reason(case: MonteCarloCase) -> None:
-    hasty = MonteCarloContext(case, MonteCarloSettings(refit=RefitSettings(most_evaluations=2)))
+    hasty = MonteCarloContext(case, MonteCarloSettings(refit_most_evaluations=2))
     found = draw(hasty, Varied.JP, 100, 0)
     assert "did not settle" in found.failure
     assert np.isfinite(found.values).all()  # those of the last motion tried
@@ -272,7 +272,7 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         parameters = context.case.parameters.with_joint(context.names, context.joint_values + change.joint)
         constants = context.problem.constants(parameters)
         start = context.case.nodes + context.sensitivity @ change.joint
-        found = refit(context.problem, constants, start, RefitSettings())
+        found = refit(context.problem, constants, start, MonteCarloSettings())
         assert found.failure == ""
         tight = DescentSettings(gain=0.0, most_steps=60)
         kept = track_nodes(context.problem, constants, found.nodes, tight)
@@ -285,7 +285,7 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
     change = 1e-4 * context.settings.joint_bounds * np.random.default_rng(3).uniform(-1, 1, len(context.names))
     parameters = context.case.parameters.with_joint(context.names, context.joint_values + change)
     constants = context.problem.constants(parameters)
-    found = refit(context.problem, constants, context.case.nodes, RefitSettings(tolerance=1e-10))
+    found = refit(context.problem, constants, context.case.nodes, MonteCarloSettings(refit_tolerance=1e-10))
     moved = found.nodes - context.case.nodes
     np.testing.assert_allclose(context.sensitivity @ change, moved, rtol=0, atol=2e-3 * np.abs(moved).max())
 
@@ -295,7 +295,7 @@ def test_noise_is_fitted_from_the_known_factor_as_from_a_fresh_one(context: Mont
     noisy = context.problem.with_measured(context.data.measured + change.noise)
     constants = context.problem.constants(context.case.parameters)
     found = [
-        refit(noisy, constants, context.case.nodes, RefitSettings(), known)
+        refit(noisy, constants, context.case.nodes, MonteCarloSettings(), known)
         for known in (None, context.undisturbed_factor)
     ]
     np.testing.assert_array_equal(found[0].nodes, found[1].nodes)
@@ -306,7 +306,7 @@ def test_a_refit_that_is_cut_short_says_so(context: MonteCarloContext) -> None:
     change = disturb(context, Varied.NOISE, 100, 1)
     noisy = context.problem.with_measured(context.data.measured + change.noise)
     constants = context.problem.constants(context.case.parameters)
-    found = refit(noisy, constants, context.case.nodes, RefitSettings(most_evaluations=2))
+    found = refit(noisy, constants, context.case.nodes, MonteCarloSettings(refit_most_evaluations=2))
     assert "2 evaluations" in found.failure
     lost = context.problem.with_measured(np.full_like(context.data.measured, np.nan))
-    assert refit(lost, constants, context.case.nodes, RefitSettings()).failure
+    assert refit(lost, constants, context.case.nodes, MonteCarloSettings()).failure

@@ -232,7 +232,7 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
             context.names, context.joint_values + sign * step * (np.arange(len(context.names)) == k)
         )
         constants = context.problem.constants(parameters)
-        found = refit(context.problem, constants, case.nodes, context.settings.refit)
+        found = refit(context.problem, constants, case.nodes, context.settings)
         legs = context.legs.disturb(parameters)
         torques.append(context.legs.torques(legs, context.basis, found.nodes, case.wrench, context.feet)[0])
     slope = (torques[0] - torques[1])[:, LEG_TORQUES.index("knee_adduction_l")] / (2 * step)

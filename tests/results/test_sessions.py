@@ -9,7 +9,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gaitcal.cli.compare import Options
 from gaitcal.cli.compare import compare_sessions_or_models as run
 from gaitcal.cli.console import Console
 from gaitcal.codes import Code
@@ -88,7 +87,7 @@ def test_scores_against_other_norms_have_no_difference(results: tuple[Path, Path
 
 
 def test_names_stay_as_they_are_on_the_screen(results: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    run(*results, Options(), Console(quiet=False, verbose=False))
+    run(Console(quiet=False, verbose=False), *results)
     assert "after against before #1 [bold]x" in capsys.readouterr().out
 
 
@@ -97,9 +96,8 @@ def test_a_folder_that_is_taken_is_told_first(tmp_path: Path, *, shared: bool) -
     out = tmp_path / "full"
     out.mkdir()
     (out / "thesis.txt").write_text("")
-    options = Options(out=out, shared_model=shared)
     with pytest.raises(InputError, match="holds 'thesis.txt'") as caught:
-        run(tmp_path / "not", tmp_path / "read", options, Console(quiet=True, verbose=False))
+        run(Console(quiet=True, verbose=False), tmp_path / "not", tmp_path / "read", out=out, shared_model=shared)
     assert caught.value.code is Code.FOLDER_TAKEN
 
 
@@ -137,12 +135,12 @@ def test_options_that_cannot_be(results: tuple[Path, Path], tmp_path: Path) -> N
     before, after = results
     console = Console(quiet=True, verbose=False)
     for other, options in (
-        (None, Options()),
-        (after, Options(osim=tmp_path / "model.osim")),
-        (after, Options(studies=(tmp_path / "study.toml",))),
+        (None, {}),
+        (after, {"osim": tmp_path / "model.osim"}),
+        (after, {"study": (tmp_path / "study.toml",)}),
     ):
         with pytest.raises(UsageError):
-            run(before, other, options, console)
+            run(console, before, other, **options)  # type: ignore[arg-type]
 
 
 def test_a_shared_model_says_what_it_needs(results: tuple[Path, Path], tmp_path: Path) -> None:

@@ -122,8 +122,8 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
     table.to_csv(forces, index=False)
     result = tmp_path / "result"
     with pytest.raises(InputError, match="refused"):
-        run_calibrate(path, result, Console(quiet=True, verbose=False), force=False)
-    run_calibrate(path, result, Console(quiet=True, verbose=False), force=True)
+        run_calibrate(Console(quiet=True, verbose=False), path, result, force=False)
+    run_calibrate(Console(quiet=True, verbose=False), path, result, force=True)
     told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     assert told["verdict"] == "refused"
     text = (result / "moments/walk.csv").read_text(encoding="utf-8")
