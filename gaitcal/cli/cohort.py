@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,13 +14,15 @@ from gaitcal.cohort.learn_priors import PRIORS
 from gaitcal.cohort.learn_priors import learn_priors as learn
 from gaitcal.cohort.learning import FEWEST
 from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.outcome import Outcome
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import COHORT, joined, read_cohort
-from gaitcal.cohort.run import FAILURES, PEOPLE_CSV, Ended, Written, failures, processes, run_cohort
+from gaitcal.cohort.run import FAILURES, PEOPLE_CSV, failures, processes, run_cohort
 from gaitcal.errors import UsageError
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.published.workers import workers_of
+from gaitcal.runtime import Progress
 from gaitcal.study.joint_prior import read_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 
@@ -78,7 +81,7 @@ def run_people(
         for line in lines:
             console.line(line)
         console.line(f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort --priors')")
-    if written.verdicts.get("failed"):
+    if written["failed"]:
         sys.exit(1)
 
 
@@ -109,13 +112,12 @@ def _priors(
     return settings.priors.resolve(), CalibrationSettings.model_validate(others)
 
 
-def _teller(console: Console, step: Callable[[str], None], people: int) -> Callable[[Ended], None]:
+def _teller(console: Console, step: Progress, people: int) -> Callable[[Outcome, int, float | None], None]:
     step(f"0 of {people} people")
 
-    def tell(ended: Ended) -> None:
-        outcome = ended.outcome
-        left = "" if ended.remaining_s is None or ended.done == ended.todo else f", {duration(ended.remaining_s)} left"
-        far = f"{ended.done} of {ended.todo}{left}"
+    def tell(outcome: Outcome, done: int, remaining_s: float | None) -> None:
+        left = "" if remaining_s is None or done == people else f", {duration(remaining_s)} left"
+        far = f"{done} of {people}{left}"
         who = " ".join(filter(None, outcome.key))
         if outcome.computed:
             cause = f": {outcome.first_cause}" if outcome.first_cause else ""
@@ -135,10 +137,10 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def _tell_end(console: Console, written: Written, out: Path) -> None:
-    counts = ", ".join(f"{written.verdicts[name]} {name}" for name in ORDER if written.verdicts.get(name))
-    failed = written.verdicts.get("failed", 0)
-    console.line(f"{sum(written.verdicts.values())} people and sessions: {counts or 'no result'}; {failed} failed")
+def _tell_end(console: Console, written: Counter[str], out: Path) -> None:
+    counts = ", ".join(f"{written[name]} {name}" for name in ORDER if written[name])
+    failed = written["failed"]
+    console.line(f"{written.total()} people and sessions: {counts or 'no result'}; {failed} failed")
     for number, line in enumerate(failures(out)):
         if number == MOST_TOLD:
             console.line(f"and {failed - MOST_TOLD} more")

@@ -18,12 +18,13 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from gaitcal.arrays import Array
-from gaitcal.cohort.one_person import COLUMNS, EVERY, STEPS, VARIABLES, CommonSettings, no_curves
+from gaitcal.cohort.one_person import COLUMNS, EVERY, PER_KG, STEPS, VARIABLES, CommonSettings, no_curves
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.gait.conventions import Convention, Signs
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
 from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.gait.peaks import ADDUCTION_PEAK, PEAKS, Figure, Peak
 from gaitcal.io.toml import package_version
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
@@ -51,11 +52,11 @@ class Measure:
     own."""
 
 
-def _peak(name: str, title: str, unit: str, variable: str, peak: str) -> Measure:
-    column, error = f"{variable}_{peak}_{{}}", f"{variable}_{peak}_se_{{}}"
-    digits, sign = (1 if unit == "deg" else 2), (-1 if peak == "min" else 1)
-    title = f"{title}, peak of mean curve"
-    return Measure(name=name, title=title, unit=unit, digits=digits, column=column, error=error, sign=sign)
+def _peak(name: str, title: str, peak: Peak) -> Measure:
+    kind, sign = kind_of(peak.variable), -1 if peak.figure is Figure.LOWEST else 1
+    digits, title = (1 if kind is Kind.ANGLE else 2), f"{title}, peak in {peak.phase}"
+    column, error = f"{peak.name}_{{}}", f"{peak.name}_se_{{}}"
+    return Measure(name=name, title=title, unit=PER_KG[kind], digits=digits, column=column, error=error, sign=sign)
 
 
 MEASURES: Final = (
@@ -75,11 +76,11 @@ MEASURES: Final = (
         column="step_length_{}",
         joined="asymmetry",
     ),
-    _peak("knee_flexion", "Knee flexion", "deg", "knee_angle", "max"),
-    _peak("hip_extension", "Hip extension", "deg", "hip_flexion", "min"),
-    _peak("plantarflexion_moment", "Ankle plantarflexor moment", "N m/kg", "ankle_angle_moment", "min"),
-    _peak("ankle_power", "Ankle power", "W/kg", "ankle_power", "max"),
-    _peak("adduction_moment", "Knee adduction moment (external)", "N m/kg", "knee_adduction_moment", "min"),
+    _peak("knee_flexion", "Knee flexion", PEAKS["knee_flexion_swing"]),
+    _peak("hip_extension", "Hip extension", PEAKS["hip_extension_terminal_stance"]),
+    _peak("plantarflexion_moment", "Ankle plantarflexor moment", PEAKS["plantarflexion_moment"]),
+    _peak("ankle_power", "Ankle power", PEAKS["ankle_power_2"]),
+    _peak("adduction_moment", "Knee adduction moment (external)", ADDUCTION_PEAK),
 )
 
 
@@ -109,7 +110,7 @@ def measured(measure: Measure, read: Callable[[str], Array]) -> list[dict[str, A
             continue
         words = f"{column} with the other sign" if measure.sign < 0 else column
         if measure.error:
-            words += ": peak of the mean curve over the strides, not the mean of each stride's peak"
+            words += ": mean of each stride's peak"
         error = measure.error.format(side)
         known_error = bool(error) and bool(np.isfinite(read(error)).any())
         leg = (

@@ -14,7 +14,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -68,25 +67,6 @@ _ARROW = {str: pa.string(), int: pa.int64(), float: pa.float64()}
 _GROUPED = STRIDES.insert(STRIDES.get_field_index("session") + 1, pa.field("group", pa.string()))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ended:
-    """One person has ended, and how far the cohort is."""
-
-    outcome: Outcome
-    done: int
-    todo: int
-    remaining_s: float | None
-    """None until somebody was computed."""
-
-
-@dataclass(frozen=True)
-class Written:
-    """What the tables are of."""
-
-    verdicts: Mapping[str, int]
-    """`trustworthy`, `doubtful`, `refused`, `failed` -> people."""
-
-
 def run_cohort(
     cohort: Cohort,
     out: Path,
@@ -94,9 +74,11 @@ def run_cohort(
     *,
     engine: Workers | None = None,
     retry: bool = False,
-    told: Callable[[Ended], None] = lambda ended: None,
-) -> Written:
+    told: Callable[[Outcome, int, float | None], None] = lambda outcome, done, remaining_s: None,
+) -> Counter[str]:
     """Calibrate everyone of a cohort into `out/people`, and write its tables.
+
+    Returns `trustworthy`, `doubtful`, `refused`, `failed` -> people.
 
     Parameters
     ----------
@@ -105,7 +87,7 @@ def run_cohort(
     common : settings of everyone.
     engine : who computes; processes of this machine unless given.
     retry : try again who failed before though nothing changed.
-    told : called whenever somebody has ended.
+    told : called whenever somebody has ended: how, how many have, seconds that are left (None: nobody was computed).
 
     Raises
     ------
@@ -130,7 +112,7 @@ def run_cohort(
                     failed[outcome.key] = outcome
                 left = len(cohort.people) - done
                 remaining = left * (time.monotonic() - began) / computed if computed else None
-                told(Ended(outcome=outcome, done=done, todo=len(cohort.people), remaining_s=remaining))
+                told(outcome, done, remaining)
         return write_tables(cohort.people, cohort.source, Outcomes(out, failed), common)
 
 
@@ -193,7 +175,7 @@ def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Pat
     )
 
 
-def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, common: CommonSettings) -> Written:
+def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, common: CommonSettings) -> Counter[str]:
     """Write all tables of a cohort into its folder, together. `source`: where the people's folders are."""
     verdicts = Counter[str]()
     schema, home = pa.schema([(column.name, _ARROW[column.kind]) for column in COLUMNS]), source.resolve()
@@ -234,7 +216,7 @@ def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, 
         written = {"people": stage / PEOPLE_PARQUET, "failures": stage / FAILURES}
         write_page(stage / PAGE, written, people, ended, common)
         (stage / MANIFEST).write_text(_manifest(people, common, stage), encoding="utf-8")
-    return Written(verdicts)
+    return verdicts
 
 
 def _rows(waiting: Sequence[Mapping[str, Cell]], schema: pa.Schema) -> pa.Table:

@@ -1,8 +1,8 @@
 """Curves and steps of two sessions: how far apart they are at every percent, in peaks and ranges, and in means of
 steps.
 
-A peak is found in every stride by itself and averaged: the peak of a mean curve is flatter than those of its strides.
-The error that strides share is taken where each has its peak; a range has that of both its ends, as if independent.
+A peak is that of a phase (`gait/peaks.py`), found in every stride by itself and averaged: the peak of a mean curve is
+flatter than those of its strides. The error that strides share is taken where each has its peak.
 Strikes are known to a frame or so, heels to some millimetres: strides vary by at least `LEAST_SD`, however alike a few
 of them happen to be.
 """
@@ -15,20 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array
 from gaitcal.compare.difference import DIGITS, MDC, Difference, Spread, shared_variance, spread_of, stride_part
 from gaitcal.compare.stride_sets import Common, Key, Session, StrideSet, mean_over
-from gaitcal.gait.cycles import POINTS, Kind, kind_of, unit_of
-from gaitcal.gait.spatiotemporal import LEAST_SD, LEAST_VALID, MEASURES
+from gaitcal.gait.cycles import POINTS, kind_of, unit_of
+from gaitcal.gait.peaks import PEAKS, stride_peaks
+from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES
 from gaitcal.gait.strides import TURNING
 
-PHASES = {
-    Kind.ANGLE: ("stance", "swing"),
-    Kind.MOMENT: ("stance",),
-    Kind.POWER: ("stance", "swing"),
-    Kind.FORCE: ("stance",),
-}
-"""Where peaks are looked for: a leg in swing has moments of its own weight alone."""
 CURVE_COLUMNS = (
     *("kind", "side", "variable", "percent", "unit", "a", "b", "difference", "se", "mdc95", "exceeds"),
     *("strides_a", "strides_b"),
@@ -145,32 +139,21 @@ def _mean(found: StrideSet | Figure, errors: Array) -> Array:
 
 
 def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
-    """Measure -> the figure of every stride."""
-    kind, percent = kind_of(variable), np.arange(POINTS)
-    out: dict[str, Figure] = {}
-    for phase in PHASES[kind]:
-        inside = percent[None] <= found.stance[:, None] if phase == "stance" else percent[None] >= found.stance[:, None]
-        out[f"largest in {phase}"] = _extreme(found, inside, largest=True)
-        if kind is not Kind.FORCE:
-            out[f"smallest in {phase}"] = _extreme(found, inside, largest=False)
-    if kind is Kind.ANGLE:
-        whole = np.ones_like(found.values, dtype=bool)
-        top, low = (_extreme(found, whole, largest=largest) for largest in (True, False))
-        ends = np.hypot(top.shared, low.shared), np.hypot(top.frames, low.frames)
-        out["range"] = Figure(top.values - low.values, *ends)
-        seen = np.isfinite(found.values).mean(axis=1) >= LEAST_VALID
-        mean = np.where(seen, mean_over(found.values.T), np.nan)
-        out["mean"] = Figure(mean, mean_over(found.shared.T), mean_over(found.frames.T))
+    """Measure -> the figure of every stride: `highest in swing`, `at initial contact`."""
+    own, out = np.zeros(POINTS), {}
+    of_strides = [
+        [stride_peaks({variable: (value, error, own)}, None if np.isnan(off) else float(off)) for error in errors]
+        for value, *errors, off in zip(found.values, found.shared, found.frames, found.stance, strict=True)
+    ]
+    for peak in (peak for peak in PEAKS.values() if peak.variable == variable):
+        rows = [[peaks.get(peak.name, UNKNOWN)[:2] for peaks in both] for both in of_strides]
+        (values, shared), (_, frames) = np.array(rows).transpose(1, 2, 0)
+        out[peak.measure] = Figure(values, shared, frames)
     return out
 
 
-def _extreme(found: StrideSet, inside: BoolArray, *, largest: bool) -> Figure:
-    """The largest or smallest value of each stride in a phase, NaN where too little of it is known."""
-    known = np.isfinite(found.values) & inside
-    enough = (known.sum(axis=1) > 0) & (known.sum(axis=1) >= LEAST_VALID * inside.sum(axis=1))
-    place = np.where(known, found.values if largest else -found.values, -np.inf).argmax(axis=1)
-    at = np.arange(len(place)), place
-    return Figure(np.where(enough, found.values[at], np.nan), found.shared[at], found.frames[at])
+UNKNOWN = (np.nan,) * 4
+"""Peak of a stride that has none."""
 
 
 def measure_differences(a: Session, b: Session) -> Iterator[Difference]:

@@ -38,23 +38,20 @@ from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.dynamics.inverse_dynamics import (
     FEET,
     FORCES,
+    UPWARDS,
     Dynamics,
     PlacedLinkage,
+    crossed,
+    paths,
     pelvis_axes,
     pelvis_residual,
     root_wrench,
+    skew,
 )
-from gaitcal.model.chain import Chain, chain_of
+from gaitcal.model.chain import chain_of
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
-from gaitcal.model.subject_model import GRAVITY
 
-SKEW = np.zeros((3, 3, 3))
-"""SKEW[i, j, k] x_k is entry (i, j) of the matrix of x x."""
-for _i in range(3):
-    SKEW[_i, (_i + 1) % 3, (_i + 2) % 3], SKEW[_i, (_i + 2) % 3, (_i + 1) % 3] = -1.0, 1.0
-UPWARDS = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
-"""m/s^2, gravity as an acceleration of the ground."""
 FRAMES_AT_ONCE = 128
 """Keeps the working set in the processor's cache."""
 
@@ -155,7 +152,7 @@ def _rnea_slopes(
     # whether variable j, [i, j], is i or comes after it on the way to all that it moves
     within = (chain.support[None] <= chain.support[:, None]).all(axis=2)
     after = np.asarray(within & (placed.rank[None] >= placed.rank[:, None]))
-    before, at_segment = _paths(chain)
+    before, at_segment = paths(chain)
     moving, v, a = columns[:, :count], placed.whole(v), placed.whole(a)
     speed = moving * v[:, :, None]
     ahead = before @ speed
@@ -207,17 +204,6 @@ def _of_pairs(own: Array, after: Array, later: BoolArray, behind: Array, before:
     return out
 
 
-def _paths(chain: Chain) -> tuple[Array, Array]:
-    """(nq + np, nq) 1 where a coordinate comes before a variable, and (ns, nq) 1 where it moves a segment."""
-    count = len(chain.coordinates)
-    frames = np.zeros((count + 1, count))
-    """By frame, 1 for its own coordinate and those before it; the last is the ground."""
-    for k, parent in enumerate(chain.parents):
-        frames[k] = frames[parent]
-        frames[k, k] = 1.0
-    return frames[[*chain.parents, *chain.parameter_frame]], frames[chain.segment_frame]
-
-
 def _bodies(placed: PlacedLinkage, inertial: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
     """(n, nf, 12, 6) sums of I and B over each distinct set of segments, and (n, nf, 6) of f; V and A of all segments
     (nf, ns, 6).
@@ -254,19 +240,6 @@ def _bodies(placed: PlacedLinkage, inertial: Array, velocity: Array, acceleratio
         (sums @ both.reshape(len(both), -1)).reshape(-1, nf, 12, 6),
         (sums @ force.reshape(len(force), -1)).reshape(-1, nf, 6),
     )
-
-
-def skew(x: Array) -> Array:
-    """(..., 3, 3) matrices of x x, for (..., 3)."""
-    return (x @ SKEW.reshape(9, 3).T).reshape(*x.shape, 3)
-
-
-def crossed(a: Array, b: Array) -> Array:
-    """(..., 6) a x b of motions [v; w]."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., :3] = cross(a[..., 3:], b[..., :3]) + cross(a[..., :3], b[..., 3:])
-    out[..., 3:] = cross(a[..., 3:], b[..., 3:])
-    return out
 
 
 def on_force(m: Array, f: Array) -> Array:

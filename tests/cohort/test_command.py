@@ -13,7 +13,6 @@ from gaitcal.cli.cohort import _teller, duration
 from gaitcal.cli.console import Console
 from gaitcal.codes import Code
 from gaitcal.cohort.people import people_in
-from gaitcal.cohort.run import Ended
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.result_folder import listed
 from tests.cohort.kept import Kept, write_cohort
@@ -46,7 +45,7 @@ def test_lines_name_people_without_a_session(tmp_path: Path, capsys: pytest.Capt
     tell = _teller(Console(quiet=False, verbose=True), lambda text: None, 2)
     for session in ("", "pre"):
         one = replace(Kept(name="P1", session=session).outcome, computed=False)
-        tell(Ended(outcome=one, done=1, todo=2, remaining_s=None))
+        tell(one, 1, None)
     assert capsys.readouterr().out == "P1: trustworthy, unchanged (1 of 2)\nP1 pre: trustworthy, unchanged (1 of 2)\n"
 
 

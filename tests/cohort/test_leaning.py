@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -183,12 +184,12 @@ def test_other_priors_are_another_fingerprint(tmp_path: Path) -> None:
 
 def test_the_command_learns_when_everybody_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from gaitcal.cli import cohort as command
-    from gaitcal.cohort.run import FAILURES, Written
+    from gaitcal.cohort.run import FAILURES
 
-    def ended(*_: object, **__: object) -> Written:
+    def ended(*_: object, **__: object) -> Counter[str]:
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / FAILURES).write_text("person,session,group,folder,cause,what_to_do\n")
-        return Written({"trustworthy": 9})
+        return Counter(trustworthy=9)
 
     (tmp_path / "lab" / "Ann").mkdir(parents=True)
     (tmp_path / "lab" / "Ann" / "walk.c3d").write_bytes(b"")

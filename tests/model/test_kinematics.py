@@ -47,7 +47,6 @@ from gaitcal.model.parameters import (
     impossible_bodies,
     is_physical,
     isolated_parameters,
-    placed_dynamic_parameters,
     published_subject,
     symmetric_set,
     table,
@@ -267,15 +266,6 @@ def test_a_possible_body_has_mass_and_moments_that_make_a_triangle(
     found = is_physical(rows.ravel())
     assert found[3] == possible and found.sum() == len(MASSIVE_SEGMENTS) - 1 + possible
     assert impossible_bodies(rows.ravel()) == (() if possible else (MASSIVE_SEGMENTS[3],))
-
-
-def test_moved_dynamic_parameters_are_those_of_the_moved_body() -> None:
-    rng = np.random.default_rng(3)
-    place = pin.SE3.Random()
-    row = table(published_subject().inertial)[1] + rng.normal(0, 1e-3, 7)
-    inertia = pin.Inertia(row[0], row[1:4], np.diag(row[4:7]))
-    moved = placed_dynamic_parameters(place.rotation, place.translation) @ inertia.toDynamicParameters()
-    np.testing.assert_allclose(moved, place.act(inertia).toDynamicParameters(), atol=1e-13)
 
 
 def bases(names: tuple[str, ...]) -> tuple[str, ...]:
