@@ -27,7 +27,7 @@ from gaitcal.io.snapshot import read_whole
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, read_page_data
 from gaitcal.results.cycles import CYCLES, read_cycles
-from gaitcal.results.verdict import SUMMARY
+from gaitcal.results.summary import SUMMARY
 
 PARAMETERS, TRUTH, FOLDER = "parameters.csv", "truth/parameters.csv", "figures"
 PAPER, REPORT = "paper", "report"

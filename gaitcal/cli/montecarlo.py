@@ -41,7 +41,7 @@ from gaitcal.published.study import PURPOSE, DrawProgress, MonteCarloStudy, Stor
 from gaitcal.published.tables import RUN, TableRow
 from gaitcal.published.workers import alone, workers_of
 from gaitcal.results.calibration import PAGE, read_page, rewrite_page
-from gaitcal.results.verdict import require_not_refused
+from gaitcal.results.summary import require_not_refused
 
 FOLDER, SUMMARY = "montecarlo", "summary.json"
 HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")

@@ -183,7 +183,7 @@ def report(result: Result, pdf: told.Pdf = None, comments: told.Comments = None,
     """A gait report on paper: verdict, steps, sheets of angles and moments, what not to trust, comments; A4, PDF."""
 
 
-@command("compare:compare_sessions_or_models")
+@command("view:compare_sessions_or_models")
 def compare(
     result: Result,
     other: told.OtherResult = None,

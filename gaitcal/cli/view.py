@@ -1,19 +1,33 @@
-"""`gaitcal view`, and `gaitcal report`, the same on paper."""
+"""`gaitcal view`, and `gaitcal report`, the same on paper.
+
+`gaitcal compare`: two sessions of one person, or an OpenSim model beside ours.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gaitcal.cli.console import Console
+from rich.text import Text
+
+from gaitcal.cli.console import Console, frameless_table
+from gaitcal.compare.comparison import compare, osim_words
+from gaitcal.compare.difference import numbers_of, subject
+from gaitcal.compare.sessions import SessionComparison
+from gaitcal.errors import UsageError
+from gaitcal.findings import note_of
 from gaitcal.gait.moments import counted
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.atomic import atomic_text
-from gaitcal.io.result_folder import file_in_place
+from gaitcal.io.result_folder import MANIFEST, ResultKind, file_in_place, require_room
 from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.server import serve
 from gaitcal.page.view import Shown, page_html, sentences
 from gaitcal.results.calibration import result_page
+from gaitcal.results.saved import load_result_model
+from gaitcal.results.sessions import compare_results, write_comparison
+from gaitcal.results.shared_model import compare_with_shared_model
 
 REPORT, COMMENTS = "report.pdf", "comments.toml"
 
@@ -73,3 +87,75 @@ def print_report(
     with file_in_place(target) as path:
         pages = write_pdf(content, path)
     console.line(f"wrote {target}: {counted(pages, 'page')}" + (f", comments of {file}" if file else ""))
+
+
+SHOWN = 30
+"""Rows of the table on the screen; the file has all."""
+WIDTH = 40
+"""Characters of a figure's name, at least."""
+
+
+def compare_sessions_or_models(
+    console: Console,
+    result: Path,
+    other: Path | None = None,
+    *,
+    osim: Path | None = None,
+    out: Path | None = None,
+    shared_model: bool = False,
+    study: Sequence[Path] | None = None,
+) -> None:
+    """Compare two results, or one with an OpenSim model."""
+    if osim is not None and (other is not None or out is not None or shared_model):
+        message = "found a second result, --out or --shared-model beside it; allowed: one result and --osim FILE"
+        raise UsageError(message, field="--osim")
+    if study and not shared_model:
+        raise UsageError("found without --shared-model, which alone needs them", field="--study")
+    if osim is not None:
+        compare_models(result, osim, console)
+        return
+    if other is None:
+        raise UsageError("found one result; allowed: two results, or one and --osim FILE", field="compare")
+    if out is not None:
+        require_room(out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)])
+    shared = None
+    if shared_model:
+        with console.working() as step:
+            shared = compare_with_shared_model(result, other, study or (), step)
+    comparison = compare_results(result, other) if shared is None else shared.comparison
+    tell(comparison, console)
+    if out is not None:
+        write_comparison(comparison, out, (result, other), None if shared is None else shared.parameters)
+        console.line(f"wrote {out}")
+
+
+def tell(comparison: SessionComparison, console: Console) -> None:
+    """Warnings and words first, then the table of what differs most."""
+    for line in comparison.lines:
+        console.line(line)
+    if not comparison.found:
+        return
+    table = frameless_table(("figure", "unit"), (*comparison.names, "difference", "missed below", "times"))
+    table.columns[0].min_width = WIDTH
+    for d in comparison.found[:SHOWN]:
+        table.add_row(Text(subject(d)), d.unit, *numbers_of(d))
+    console.line()
+    console.out.print(table)
+    if (rest := len(comparison.found) - SHOWN) > 0:
+        console.line(f"and {rest} more: --out FOLDER writes all")
+
+
+def compare_models(result: Path, osim: Path, console: Console) -> None:
+    """Say in words what an OpenSim model differs in, then print its joint axes, masses and lengths beside ours."""
+    table = frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
+    model, read, doubts = load_result_model(result)
+    for text in (*read.remarks, *map(note_of, doubts)):
+        console.line(f"warning: {text}")
+    rows = compare(model, osim)
+    for line in osim_words(rows):
+        console.line(line)
+    for row in rows:
+        numbers = (f"{v:.2f}" for v in (row.ours, row.theirs, row.difference))
+        table.add_row(Text(row.quantity), Text(row.unit), *numbers)
+    console.line()
+    console.out.print(table)

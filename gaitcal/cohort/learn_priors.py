@@ -36,8 +36,7 @@ from gaitcal.io.toml import package_version
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.results.cycles_export import trial_files
 from gaitcal.results.saved import load_result
-from gaitcal.results.summary import JOINT_PRIOR
-from gaitcal.results.verdict import SUMMARY
+from gaitcal.results.summary import JOINT_PRIOR, SUMMARY
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.joint_prior import (
     FORMAT,

@@ -39,8 +39,8 @@ from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.calibration import write_results
 from gaitcal.results.stride_files import PEAKS as PEAKS_FILE
+from gaitcal.results.summary import SUMMARY
 from gaitcal.results.table_file import read_csv
-from gaitcal.results.verdict import SUMMARY
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import (
     Draft,

@@ -28,16 +28,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.model import linkage
 from gaitcal.model.chain import Chain, ChainConstants, chain_of, forward, jacobian, segment_poses
-from gaitcal.model.linkage import (
-    COORDINATE_INDEX,
-    COORDINATES,
-    JOINTS,
-    REACTIONS,
-    is_translation,
-    joint_elements,
-    root_elements,
-)
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_parameters
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion
@@ -45,10 +37,12 @@ from gaitcal.runtime import with_one_blas_thread
 
 FEET: tuple[str, ...] = ("foot_r", "foot_l")
 """Order of the second axis of every array of foot wrenches."""
-FORCES: tuple[str, ...] = (*COORDINATES, *REACTIONS)
+FORCES: tuple[str, ...] = (*linkage.COORDINATES, *linkage.REACTIONS)
 """Order of the 29 generalised forces of a frame: the 27 coordinates, then the two knee reactions."""
 ORDER = tuple(
-    e.name for part in (root_elements("pelvis"), *(joint_elements(j, reactions=True) for j in JOINTS)) for e in part
+    e.name
+    for part in (linkage.root_elements("pelvis"), *(linkage.joint_elements(j, reactions=True) for j in linkage.JOINTS))
+    for e in part
 )
 """Every turn and slide of the linkage, each after what moves it."""
 SKEW = np.zeros((3, 3, 3))
@@ -94,7 +88,7 @@ class Moments:
         ValueError
             The coordinate is a translation of the pelvis (a force), or none of the 27.
         """
-        if is_translation(coordinate):
+        if linkage.is_translation(coordinate):
             raise ValueError(f"'{coordinate}' is a force, not a torque")
         return 100.0 * self.tau[:, self.coordinates.index(coordinate)] / self.bwh
 
@@ -120,8 +114,8 @@ class PlacedLinkage:
         """(nf, nc) by the coordinates of the chain, from (nf, nq); zero for the reactions."""
         out = np.zeros((len(values), len(self.chain.coordinates)))
         for k, name in enumerate(self.chain.coordinates):
-            if name in COORDINATE_INDEX:
-                out[:, k] = values[:, COORDINATE_INDEX[name]]
+            if name in linkage.COORDINATE_INDEX:
+                out[:, k] = values[:, linkage.COORDINATE_INDEX[name]]
         return out
 
     @cached_property
@@ -316,10 +310,10 @@ def moments_of(parameters: Parameters, motion: Motion, wrenches: Array, bwh: flo
     forces = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, wrenches)
     residual = pelvis_residual(motion.q, forces)
     return Moments(
-        coordinates=COORDINATES,
+        coordinates=linkage.COORDINATES,
         time=motion.time,
-        tau=forces[:, : len(COORDINATES)],
-        knee_adduction=forces[:, len(COORDINATES) :],
+        tau=forces[:, : len(linkage.COORDINATES)],
+        knee_adduction=forces[:, len(linkage.COORDINATES) :],
         residual_force=residual[:, :3],
         residual_moment=residual[:, 3:],
         bwh=bwh,
@@ -345,8 +339,10 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
     ValueError
         The motion is of a part of the body only, or there is not one row of forces for every frame.
     """
-    if motion.coordinates != COORDINATES:
-        raise ValueError(f"inverse dynamics needs a motion of the whole body, with all {len(COORDINATES)} coordinates")
+    if motion.coordinates != linkage.COORDINATES:
+        raise ValueError(
+            f"inverse dynamics needs a motion of the whole body, with all {len(linkage.COORDINATES)} coordinates"
+        )
     if not isinstance(forces, np.ndarray):
         raise InputError(
             f"found {type(forces).__name__}; allowed: an array (frames, 2, 6) of the forces on right and left foot, as "

@@ -18,18 +18,7 @@ from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import BaseDocTemplate, Flowable, Frame, PageBreak, PageTemplate, Paragraph, Spacer, Table
 
-from gaitcal.figures.report_sheets import (
-    BOLD,
-    FAINT,
-    GRID,
-    INK,
-    SANS,
-    ProfileBars,
-    Sheet,
-    SheetOfCurves,
-    printed,
-    register_fonts,
-)
+from gaitcal.figures import report_sheets
 from gaitcal.gait.profile_score import Score
 from gaitcal.io.atomic import atomic_bytes
 
@@ -59,7 +48,7 @@ class ReportContent:
     """Head, then a row for each spatiotemporal measure."""
     steps_norm: str
     """Whom their norm is of; empty where there is none."""
-    sheets: tuple[Sheet, ...]
+    sheets: tuple[report_sheets.Sheet, ...]
     toe_off: Mapping[str, float]
     """Side -> % of the gait cycle, the mean over strides."""
     norm: str
@@ -83,7 +72,7 @@ COMMENT_SECTIONS: Final = ("summary", "spatiotemporal", "kinematics", "kinetics"
 
 
 def _heading(text: str) -> Paragraph:
-    return printed(text, 11, bold=True, before=9)
+    return report_sheets.printed(text, 11, bold=True, before=9)
 
 
 def write_pdf(content: ReportContent, path: Path) -> int:
@@ -94,7 +83,7 @@ def write_pdf(content: ReportContent, path: Path) -> int:
     InputError
         `path` is a folder, or cannot be written.
     """
-    register_fonts()
+    report_sheets.register_fonts()
     _, pages = _drawn(content, total=None)
     drawn, pages = _drawn(content, total=pages)
     atomic_bytes(path, drawn)
@@ -114,14 +103,14 @@ def _drawn(content: ReportContent, total: int | None) -> tuple[bytes, int]:
     def decorate(canvas: Canvas, _: object) -> None:
         nonlocal seen
         seen = canvas.getPageNumber()
-        canvas.setFillColor(INK)
-        canvas.setFont(BOLD, 8)
+        canvas.setFillColor(report_sheets.INK)
+        canvas.setFont(report_sheets.BOLD, 8)
         canvas.drawString(MARGIN, height - MARGIN, f"Gait report  ·  {content.person[0][1]}"[:90])
-        canvas.setFont(SANS, 7)
-        canvas.setFillColor(FAINT)
+        canvas.setFont(report_sheets.SANS, 7)
+        canvas.setFillColor(report_sheets.FAINT)
         canvas.drawString(MARGIN, MARGIN - 2 * mm, content.footer)
         canvas.drawRightString(width - MARGIN, MARGIN - 2 * mm, f"page {seen}" + (f" of {total}" if total else ""))
-        canvas.setStrokeColor(GRID)
+        canvas.setStrokeColor(report_sheets.GRID)
         canvas.line(MARGIN, height - MARGIN - 2.5 * mm, width - MARGIN, height - MARGIN - 2.5 * mm)
 
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
@@ -131,35 +120,48 @@ def _drawn(content: ReportContent, total: int | None) -> tuple[bytes, int]:
 
 def _story(content: ReportContent, width: float, height: float) -> list[Flowable]:
     out: list[Flowable] = [_person(content, width), Spacer(1, 4 * mm), _verdict(content, width)]
-    out += [printed(sentence, before=3) for sentence in content.fit]
+    out += [report_sheets.printed(sentence, before=3) for sentence in content.fit]
     out += _comment(content, "summary")
     if len(content.walks) > 1:
         out += [_heading("Which strides count for moments"), Spacer(1, 1.5 * mm), _table(content.walks, width)]
     if len(content.steps) > 1:
         out += [_heading("Steps and phases"), Spacer(1, 1.5 * mm), _table(content.steps, width)]
-        out += [printed(content.steps_norm, 7, colour=FAINT, before=2)] if content.steps_norm else []
+        out += (
+            [report_sheets.printed(content.steps_norm, 7, colour=report_sheets.FAINT, before=2)]
+            if content.steps_norm
+            else []
+        )
     out += _comment(content, "spatiotemporal")
     for sheet in content.sheets:
         if not sheet.has_curves:
-            out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
+            out += [
+                _heading(sheet.title),
+                report_sheets.printed(sheet.without, before=2),
+                *_comment(content, sheet.comment),
+            ]
     profile = _profile(content, width)
     together = _height([*out, *profile], width, height) < height
     out += profile if together else []
     for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
         note = " ".join(filter(None, (sheet.note, content.norm_remark)))
-        head = [_heading(sheet.title), printed(note, 7, colour=FAINT), Spacer(1, 2 * mm)]
+        head = [_heading(sheet.title), report_sheets.printed(note, 7, colour=report_sheets.FAINT), Spacer(1, 2 * mm)]
         comment = _comment(content, sheet.comment)
         high = height - _height(head, width, height)
         left = high - _height(comment, width, height)
         if left < LEAST_SHEET:
             left, comment = high, [PageBreak(), _heading(sheet.title), *comment]
-        out += [PageBreak(), *head, SheetOfCurves(sheet, content.toe_off, content.norm, (width, left)), *comment]
+        out += [
+            PageBreak(),
+            *head,
+            report_sheets.SheetOfCurves(sheet, content.toe_off, content.norm, (width, left)),
+            *comment,
+        ]
     out += [PageBreak(), *([] if together else profile), _heading("Joints: where calibration moved them")]
-    stayed = printed("Joint parameters stayed as they were.")
+    stayed = report_sheets.printed("Joint parameters stayed as they were.")
     out += [Spacer(1, 1.5 * mm), _table(content.joints, width) if len(content.joints) > 1 else stayed]
     if content.undetermined:
         out += [_heading("Not determined by these recordings")]
-        out += [printed(f"·  {line}", before=2) for line in content.undetermined]
+        out += [report_sheets.printed(f"·  {line}", before=2) for line in content.undetermined]
     out += _comment(content, "joints")
     return [*out, Spacer(1, 14 * mm), _signature(width)]
 
@@ -174,20 +176,35 @@ def _profile(content: ReportContent, width: float) -> list[Flowable]:
         return []
     out: list[Flowable] = [_heading("Gait Profile Score and Movement Analysis Profile"), Spacer(1, 1 * mm)]
     if not content.profile:
-        return [*out, printed(content.norm_remark or "The norm or the strides lack an angle of the profile.")]
+        return [
+            *out,
+            report_sheets.printed(content.norm_remark or "The norm or the strides lack an angle of the profile."),
+        ]
     words = "RMS distance of each angle from healthy people's mean, deg, with its standard error (Baker 2009). Grey: "
     words += f"what healthy people have themselves: {content.norm}."
-    return [*out, printed(words, 7, colour=FAINT), Spacer(1, 1 * mm), ProfileBars(content.profile, width)]
+    return [
+        *out,
+        report_sheets.printed(words, 7, colour=report_sheets.FAINT),
+        Spacer(1, 1 * mm),
+        report_sheets.ProfileBars(content.profile, width),
+    ]
 
 
 def _comment(content: ReportContent, section: str) -> list[Flowable]:
     text = content.comments.get(section, "").strip()
-    return [printed("Comment", 8.5, bold=True, before=6), printed(text, before=1)] if text else []
+    return (
+        [report_sheets.printed("Comment", 8.5, bold=True, before=6), report_sheets.printed(text, before=1)]
+        if text
+        else []
+    )
 
 
 def _person(content: ReportContent, width: float) -> Table:
     """Labels above values, in rows of `HEADER_COLUMNS`."""
-    cells = [[printed(label, 7, colour=FAINT), printed(value, 9, bold=True)] for label, value in content.person]
+    cells = [
+        [report_sheets.printed(label, 7, colour=report_sheets.FAINT), report_sheets.printed(value, 9, bold=True)]
+        for label, value in content.person
+    ]
     cells += [[]] * (-len(cells) % HEADER_COLUMNS)
     rows = [cells[k : k + HEADER_COLUMNS] for k in range(0, len(cells), HEADER_COLUMNS)]
     return Table(
@@ -203,13 +220,16 @@ def _person(content: ReportContent, width: float) -> Table:
 
 
 def _verdict(content: ReportContent, width: float) -> Table:
-    tone = TONES.get(content.verdict, INK)
+    tone = TONES.get(content.verdict, report_sheets.INK)
     parts: list[Flowable] = [
-        printed(content.verdict.capitalize(), 12, bold=True, colour=tone),
-        printed(content.sentence, before=2),
+        report_sheets.printed(content.verdict.capitalize(), 12, bold=True, colour=tone),
+        report_sheets.printed(content.sentence, before=2),
     ]
     for found, cure in content.reasons:
-        parts += [printed(f"·  {found}", before=3), printed(f"    {cure}", 7.5, colour=FAINT)]
+        parts += [
+            report_sheets.printed(f"·  {found}", before=3),
+            report_sheets.printed(f"    {cure}", 7.5, colour=report_sheets.FAINT),
+        ]
     return Table(
         [[parts]],
         colWidths=[width],
@@ -227,14 +247,14 @@ def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
     words = [max(len(word) for row in rows for word in (*row[k].split(), "")) for k in range(len(rows[0]))]
     longest = [max(of_text, min(14, 1.1 * word)) for of_text, word in zip(letters, words, strict=True)]
     widths = [width * part / sum(longest) for part in longest]
-    body = [[printed(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
+    body = [[report_sheets.printed(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
     return Table(
         body,
         colWidths=widths,
         repeatRows=1,
         style=[
-            ("LINEBELOW", (0, 0), (-1, 0), 0.8, INK),
-            ("LINEBELOW", (0, 1), (-1, -1), 0.25, GRID),
+            ("LINEBELOW", (0, 0), (-1, 0), 0.8, report_sheets.INK),
+            ("LINEBELOW", (0, 1), (-1, -1), 0.25, report_sheets.GRID),
             ("LEFTPADDING", (0, 0), (-1, -1), 2),
             ("TOPPADDING", (0, 0), (-1, -1), 1.5),
             ("BOTTOMPADDING", (0, 0), (-1, -1), 1.5),
@@ -245,7 +265,7 @@ def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
 
 def _signature(width: float) -> Table:
     return Table(
-        [[printed(word, 7.5, colour=FAINT) for word in ("Name", "Date", "Signature")]],
+        [[report_sheets.printed(word, 7.5, colour=report_sheets.FAINT) for word in ("Name", "Date", "Signature")]],
         colWidths=[0.4 * width, 0.2 * width, 0.4 * width],
-        style=[("LINEABOVE", (0, 0), (-1, 0), 0.6, FAINT), ("LEFTPADDING", (0, 0), (-1, -1), 2)],
+        style=[("LINEABOVE", (0, 0), (-1, 0), 0.6, report_sheets.FAINT), ("LEFTPADDING", (0, 0), (-1, -1), 2)],
     )

@@ -14,19 +14,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.figures.chart import (
-    FAINT,
-    SIDE_COLOURS,
-    SIDE_DASHES,
-    Chart,
-    Key,
-    Panel,
-    Size,
-    Sizes,
-    dress,
-    limits,
-    line_style,
-)
+from gaitcal.figures import chart
 from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR, normal_band
 from gaitcal.figures.report import HealthyBands
 from gaitcal.gait.conventions import Convention, MomentUnit
@@ -39,7 +27,7 @@ from gaitcal.model.subject_model import Subject
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LETTERS: Final = Sizes(small=7.0, normal=8.0, title=8.0)
+LETTERS: Final = chart.Sizes(small=7.0, normal=8.0, title=8.0)
 LEGEND_ROW: Final = 0.175  # inches
 INCH: Final = 25.4  # mm
 TALLEST: Final = 80.0  # mm: a wide figure is no taller
@@ -60,7 +48,7 @@ class Strides:
     healthy: HealthyBands = field(default_factory=dict)
 
 
-def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[Chart]:
+def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[chart.Chart]:
     """One chart a variable, in the order of `cycles.csv`; nothing is drawn yet.
 
     Parameters
@@ -95,7 +83,7 @@ class _Line:
         return f"{SIDE_WORDS[self.side]}, {told}{error}"
 
 
-def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> Chart:
+def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> chart.Chart:
     lines = [line for side in SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
     kind, title = kind_of(variable), variable_title(variable, convention)
     # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one sense for both sides,
@@ -103,36 +91,36 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
     bands = _different([line for line in lines if line.healthy is not None])
 
     def draw(axes: Axes) -> None:
-        dress(
+        chart.dress(
             axes,
             xlabel="gait cycle (%)",
             ylabel=_label(variable, convention, strides.subject),
             title=title,
             sizes=LETTERS,
         )
-        axes.axhline(0.0, color=FAINT, linewidth=THIN)
+        axes.axhline(0.0, color=chart.FAINT, linewidth=THIN)
         drawn: list[Array] = []
         for line in bands:
             drawn += normal_band(axes, *line.healthy) if line.healthy else ()
         for line in lines:
             drawn += _mean(axes, line)
             if line.side in strides.offs:
-                dashes = line_style(SIDE_DASHES[line.side])
-                colour = SIDE_COLOURS[line.side]
+                dashes = chart.line_style(chart.SIDE_DASHES[line.side])
+                colour = chart.SIDE_COLOURS[line.side]
                 axes.axvline(strides.offs[line.side], color=colour, linewidth=TOE_OFF, linestyle=dashes)
         axes.set_xlim(0.0, 100.0)
         axes.set_xticks([0, 20, 40, 60, 80, 100])
-        axes.set_ylim(*limits(drawn, _least(kind, convention, strides.subject)))
+        axes.set_ylim(*chart.limits(drawn, _least(kind, convention, strides.subject)))
         if not any(np.isfinite(values).any() for values in drawn):
             axes.text(0.5, 0.5, "no valid strides", transform=axes.transAxes, ha="center", fontsize=LETTERS.normal)
 
     inches = width / INCH
     height = min(ASPECT * width, TALLEST) / INCH
-    size = Size(width=inches, height=height, left=0.76, right=0.14, bottom=0.42, top=0.26, label=0.29)
-    return Chart(
+    size = chart.Size(width=inches, height=height, left=0.76, right=0.14, bottom=0.42, top=0.26, label=0.29)
+    return chart.Chart(
         name=paper_name(variable),
         title=title,
-        panels=(Panel(f"{title} over the gait cycle, right and left", draw, size),),
+        panels=(chart.Panel(f"{title} over the gait cycle, right and left", draw, size),),
         keys=(*_side_keys(lines), *_band_keys(bands), *_off_keys(strides.offs)),
         columns=1,
         sizes=LETTERS,
@@ -170,28 +158,30 @@ def _different(lines: list[_Line]) -> list[_Line]:
 
 
 def _mean(axes: Axes, line: _Line) -> list[Array]:
-    percent, colour = np.arange(float(len(line.mean))), SIDE_COLOURS[line.side]
+    percent, colour = np.arange(float(len(line.mean))), chart.SIDE_COLOURS[line.side]
     ends = (line.mean - line.spread, line.mean + line.spread)
     axes.fill_between(percent, *ends, color=colour, alpha=BAND, linewidth=0)
-    dashes = line_style(SIDE_DASHES[line.side])
+    dashes = chart.line_style(chart.SIDE_DASHES[line.side])
     axes.plot(percent, line.mean, color=colour, linewidth=LINE, linestyle=dashes)
     return [line.mean, *ends]
 
 
-def _side_keys(lines: list[_Line]) -> Iterator[Key]:
+def _side_keys(lines: list[_Line]) -> Iterator[chart.Key]:
     for line in lines:
-        yield Key(label=line.label, colour=SIDE_COLOURS[line.side], dashes=SIDE_DASHES[line.side], width=LINE)
+        yield chart.Key(
+            label=line.label, colour=chart.SIDE_COLOURS[line.side], dashes=chart.SIDE_DASHES[line.side], width=LINE
+        )
 
 
-def _band_keys(bands: list[_Line]) -> Iterator[Key]:
+def _band_keys(bands: list[_Line]) -> Iterator[chart.Key]:
     for line in bands:
         whose = f", {SIDE_WORDS[line.side]}" if len(bands) > 1 else ""
-        yield Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band")
+        yield chart.Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band")
 
 
-def _off_keys(offs: Mapping[str, float]) -> Iterator[Key]:
+def _off_keys(offs: Mapping[str, float]) -> Iterator[chart.Key]:
     if offs:
-        yield Key(label="thin upright lines: toe-off", colour=FAINT, width=TOE_OFF)
+        yield chart.Key(label="thin upright lines: toe-off", colour=chart.FAINT, width=TOE_OFF)
 
 
 def variable_title(variable: str, convention: Convention) -> str:

@@ -19,16 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.figures import fit
 from gaitcal.figures.chart import Chart, chart_figure
 from gaitcal.figures.curves import CurveKind, Curves, Trace, curve_chart
-from gaitcal.figures.fit import (
-    FitSummary,
-    fit_chart,
-    forces_chart,
-    moment_change_chart,
-    parameters_chart,
-    residuals_chart,
-)
 from gaitcal.gait.cycles import GROUND_REACTION, FootEvents, GaitCycle, Kind, coordinate_of, kind_of, stances
 from gaitcal.gait.moments import parameter_direction, parameter_place, parameter_words, segment_words
 from gaitcal.gait.strides import Layout
@@ -209,7 +202,7 @@ def stem(number: int, name: str) -> str:
 def report_charts(told: Told) -> list[Chart]:
     """All of them, in order; nothing is drawn yet."""
     trials = [SheetRecording(content) for content in told.sheet["trials"]]
-    charts = [fit_chart(_fits(told, trials)), parameters_chart(_groups(told.parameters), told.truth)]
+    charts = [fit.fit_chart(_fits(told, trials)), fit.parameters_chart(_groups(told.parameters), told.truth)]
     for number, trial in enumerate(trials, start=1):
         if not trial.isolated:
             charts += _of_walk(told, trial, stem(number, trial.name))
@@ -226,7 +219,7 @@ def _of_walk(told: Told, trial: SheetRecording, name: str) -> Iterator[Chart | N
     yield _forces(told, trial, name)
     yield _residuals(trial, name)
     if changes := told.about(trial.name).get("torque_change_bwh"):
-        yield moment_change_chart({c.name: float(changes[c.name]) for c in moments if c.name in changes}, name)
+        yield fit.moment_change_chart({c.name: float(changes[c.name]) for c in moments if c.name in changes}, name)
 
 
 def _curves(told: Told, trial: SheetRecording, curves: list[SheetCurve], kind: Kind, factor: float) -> Curves:
@@ -262,7 +255,7 @@ def _forces(told: Told, trial: SheetRecording, name: str) -> Chart | None:
     # Packed to 1/65534 of its range, no force is exactly none.
     unloaded = np.abs(force[:, :, 1]) <= np.abs(force[:, :, 1]).max() / 2**16
     force[np.broadcast_to(unloaded[:, :, None], force.shape)] = 0.0
-    return forces_chart(trial.time, force / told.mass, legs, name)
+    return fit.forces_chart(trial.time, force / told.mass, legs, name)
 
 
 def _residuals(trial: SheetRecording, name: str) -> Chart | None:
@@ -273,10 +266,10 @@ def _residuals(trial: SheetRecording, name: str) -> Chart | None:
     stages = [("calibrated model", force.value, moment.value)]
     if force.nominal is not None and moment.nominal is not None:
         stages.insert(0, ("nominal model", force.nominal, moment.nominal))
-    return residuals_chart(trial.time, force.valid, stages, trial.limit(), name)
+    return fit.residuals_chart(trial.time, force.valid, stages, trial.limit(), name)
 
 
-def _fits(told: Told, trials: list[SheetRecording]) -> list[FitSummary]:
+def _fits(told: Told, trials: list[SheetRecording]) -> list[fit.FitSummary]:
     """Marker errors as `summary.json` has them."""
     out = []
     for trial in trials:
@@ -288,7 +281,7 @@ def _fits(told: Told, trials: list[SheetRecording]) -> list[FitSummary]:
         }
         legs = tuple(errors for name, errors in segments.items() if name in LOWER_BODY)
         rest = tuple(errors for name, errors in segments.items() if name not in LOWER_BODY)
-        out.append(FitSummary(_errors(trial.name, about), trial.isolated, legs, rest))
+        out.append(fit.FitSummary(_errors(trial.name, about), trial.isolated, legs, rest))
     return out
 
 

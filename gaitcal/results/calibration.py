@@ -34,9 +34,8 @@ from gaitcal.page.scene_file import load_scene, save_scene
 from gaitcal.page.view import BodyText, Shown, body_texts, data_text, joined_page, with_trials
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import mean_speed, means_summary, profile_summary, write_profile, write_stride_files
-from gaitcal.results.summary import subject_summary, summary, write_kinetics, write_truth
+from gaitcal.results.summary import subject_summary, summary, table_of, write_kinetics, write_truth
 from gaitcal.results.table_file import Json, columns_of, refused_lines, write_csv
-from gaitcal.results.verdict import table_of
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.result import Calibration, Loads, TrialResult
 from gaitcal.session.tables import (

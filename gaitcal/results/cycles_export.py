@@ -45,9 +45,8 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, DIGITS
 from gaitcal.results.saved import saved_events
-from gaitcal.results.summary import VECTOR_FOLDER, read_vectors
+from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, entries_of, read_vectors, table_of
 from gaitcal.results.table_file import VERDICT, Json, read_csv, write_csv
-from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 from gaitcal.session.tables import told_components, vector_column
 
 MOMENT = Kind.MOMENT.ending

@@ -33,7 +33,7 @@ from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.results.cycles_export import find_original, trial_files
 from gaitcal.results.saved import MODEL, SPLINES, SavedWalk, load_trial, moving_trials
-from gaitcal.results.verdict import SUMMARY
+from gaitcal.results.summary import SUMMARY
 
 PREFIX = "gc"
 """Before our names where the file has points of such names already."""

@@ -29,7 +29,7 @@ from gaitcal.results.cycles_export import STUDY
 from gaitcal.results.saved import UNCERTAINTY, load_uncertainty
 from gaitcal.results.sessions import load_session, named_apart
 from gaitcal.results.stride_files import spatiotemporal_table
-from gaitcal.results.verdict import table_of
+from gaitcal.results.summary import table_of
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.result import Uncertainty

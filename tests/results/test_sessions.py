@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gaitcal.cli.compare import compare_sessions_or_models as run
 from gaitcal.cli.console import Console
+from gaitcal.cli.view import compare_sessions_or_models as run
 from gaitcal.codes import Code
 from gaitcal.compare.stride_sets import Common
 from gaitcal.errors import InputError, UsageError
@@ -21,9 +21,8 @@ from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.sessions import CURVES, DIFFERENCES, PAGE, WORDS, compare_results, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model, study_of_result
 from gaitcal.results.stride_files import write_stride_files
-from gaitcal.results.summary import summary
+from gaitcal.results.summary import SUMMARY, summary
 from gaitcal.results.table_file import read_csv
-from gaitcal.results.verdict import SUMMARY
 from gaitcal.session.result import Calibration
 from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import HOSTILE, Names, fake_calibration

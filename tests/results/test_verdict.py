@@ -17,9 +17,8 @@ from gaitcal.errors import InputError
 from gaitcal.faults.verdict import judge
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.results.saved import load_result
-from gaitcal.results.summary import summary
+from gaitcal.results.summary import of_the_model, require_not_refused, summary
 from gaitcal.results.table_file import REFUSED_HEADER
-from gaitcal.results.verdict import of_the_model, require_not_refused
 from gaitcal.session.result import Calibration, withdrawn
 from gaitcal.session.tables import moment_table
 from tests.fake_result import fake_calibration
