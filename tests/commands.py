@@ -1,7 +1,5 @@
 """The command line in the process of the tests, and what is in the folders that it writes."""
 
-from __future__ import annotations
-
 import io
 import sys
 from contextlib import redirect_stderr, redirect_stdout

@@ -1,7 +1,5 @@
 """The one finite-difference checker that every analytic derivative meets, and the random linkages they are tried on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

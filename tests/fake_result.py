@@ -1,7 +1,5 @@
 """A calibration made of plain numbers: quick, and with any name anywhere."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast

@@ -1,7 +1,5 @@
 """Study files over the real recordings that GAITCAL_DATA names."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

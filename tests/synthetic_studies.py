@@ -1,7 +1,5 @@
 """A synthetic person's study as CSV files: standing, walking over two plates, moving one joint."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Arithmetic of the arrays themselves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

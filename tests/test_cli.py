@@ -1,7 +1,5 @@
 """The command line as a user meets it, and what the README says of it."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import json

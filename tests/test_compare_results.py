@@ -1,7 +1,5 @@
 """The comparison of two result folders: what must be the same, what may differ, and that nothing is passed over."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every finding and every error has a code, every code a page, and no code ever changes its meaning."""
 
-from __future__ import annotations
-
 import ast
 import re
 import shlex

@@ -1,7 +1,5 @@
 """What is offered for a name that nobody knows: never its namesake on the other side."""
 
-from __future__ import annotations
-
 import pytest
 
 from gaitcal.errors import alike, nearest, side_named

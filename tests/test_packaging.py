@@ -1,7 +1,5 @@
 """What is installed: data in the wheel, a light import, constraints that fit each other."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The paper cites what its references hold, and its figure is drawn from its table."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import sys

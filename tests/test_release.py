@@ -1,7 +1,5 @@
 """What a release says of itself and needs: notes from the changelog, one version, requirements that agree."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -1,7 +1,5 @@
 """What is computed once is kept by the object that it is of, and by no other."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import pytest

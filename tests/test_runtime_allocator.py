@@ -1,7 +1,5 @@
 """Freed memory is kept where dask would have it given back."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The scripts are thin programs over the public API: they are imported and run."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

@@ -1,7 +1,5 @@
 """Programs that tests start hear signals, even where the tests are started with signals ignored."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -6,8 +6,6 @@ The number of threads is set as a user's own program would have it, after the li
 would be cut to the cores of the machine. FOLDER holds a study.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sys

@@ -24,7 +24,7 @@ from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft, tell_
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.faults.study import check_further, check_study
-from gaitcal.faults.verdict import Judgement, judge, without_consequences
+from gaitcal.faults.verdict import Judgement, judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.event_table import events_beside
@@ -34,7 +34,7 @@ from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import STUDY, Draft, draft_notes, draft_text, files_of, settings_text, study_of
-from gaitcal.session.drafting import rejected_forces, without_faulty_trials
+from gaitcal.session.drafting import faulty_notes, rejected_forces, without_faulty_trials
 from gaitcal.session.result import TrialResult
 from gaitcal.session.trial_result import analyse
 from gaitcal.study.joint_prior import with_cohort_priors
@@ -93,17 +93,18 @@ def calibrate_study(
     with console.working() as step:
         step("reading and checking the recordings")
         loaded, findings = _checked(source, priors)
-        if drafted is not None and not force:
+        faulty: dict[str, str] = {}
+        if not force and (drafted is not None or stopping(findings, loaded.walks)):
             loaded, findings, faulty = without_faulty_trials(loaded, findings)
-            drafted = drafted.without(faulty)
+            drafted = drafted and drafted.without(faulty)
             tell_faulty(console, faulty)
         if drafted is not None:
             findings = (*findings, *rejected_forces(drafted))
         if not force:
             stop_on_errors(findings, loaded.walks, study)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
-        if drafted is not None:
-            calibration = replace(calibration, notes=(*draft_notes(drafted), *calibration.notes))
+        notes = draft_notes(drafted) if drafted is not None else faulty_notes(faulty)
+        calibration = replace(calibration, notes=(*notes, *calibration.notes))
         step("writing the results")
         made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
         text = None if drafted is None else draft_text(drafted, out) + settings_text(CalibrationSettings(), priors, out)

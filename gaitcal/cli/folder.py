@@ -28,8 +28,9 @@ from gaitcal.session.draft import (
     missing_words,
     own_study,
     study_of,
+    unconfirmed_words,
 )
-from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
+from gaitcal.session.drafting import draft_of, draft_study, faulty_notes, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.study.study import nominal_of
@@ -87,7 +88,9 @@ def draft_study_file(
     atomic_text(target, draft_text(draft, real_path(target).parent))
     console.line(f"study: {target}")
     _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
-    nominal_of(study_of(draft))  # an error of the static trial is told now
+    nominal_of(study_of(draft, proposed=True))  # an error of the static trial is told now
+    if unconfirmed_words(draft):
+        console.line("asked: is each marker what [markers.rename] and [markers.tracking] say? Then confirmed = true")
     console.line(f"next:  look through it, then gaitcal calibrate {target} --out {folder.resolve().name}-result")
 
 
@@ -127,6 +130,8 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | Dra
         print_seen(console, draft)
         raise InputError(draft.fault, source=path, code=Code.FOLDER)
     tell_draft(console, draft)
+    if words := unconfirmed_words(draft):
+        raise InputError(words, source=path, code=Code.UNKNOWN_LABEL)
     _stop_on_problem(draft, path)
     return draft
 
@@ -204,9 +209,9 @@ def tell_draft(console: Console, draft: Draft) -> None:
 
 
 def tell_faulty(console: Console, faulty: Mapping[str, str]) -> None:
-    """Which trials of a drafted study are left out, as the checks find an error in them."""
-    for name, error in faulty.items():
-        console.line(f"not used: trial '{name}': {error}")
+    """Which trials are left out, as the checks find an error in them."""
+    for note in faulty_notes(faulty):
+        console.line(note)
 
 
 COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}

@@ -92,11 +92,14 @@ Into = Annotated[
 ]
 Names = Annotated[Path | None, typer.Option(help="For --into: a TOML file that says which joints of it are meant.")]
 Transferred = Annotated[str, typer.Option("--parameters", help="For --into: joints, or joints,masses.")]
+Attachments = Annotated[
+    str, typer.Option(help="For --into: muscle points, wraps and meshes stay on their bones, or follow its two joints.")
+]
 Muscles = Annotated[
     bool, typer.Option("--muscles", help="For --into: lengths and moment arms before and after, by OpenSim.")
 ]
 ModelDraws = Annotated[
-    int, typer.Option("--draws", min=0, help="For --into: further models with joints drawn from their error bars.")
+    int, typer.Option("--draws", min=0, help="For --into: further models drawn from the error bars.")
 ]
 ModelSeed = Annotated[int, typer.Option("--seed", min=0, help="For --draws: seed of the draws.")]
 Inputs = Annotated[
@@ -150,7 +153,7 @@ FigureExternal = Annotated[bool, typer.Option("--external", help="For paper: ext
 FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/kg (unless given), Nm or %BW*H.")]
 
 Other = Annotated[
-    Path | None, typer.Argument(metavar="[DIR2]", help="A second result, shown beside: before and after.")
+    Path | None, typer.Argument(metavar="[DIR2]", help="The same person's other session: the page compares both.")
 ]
 OtherResult = Annotated[
     Path | None,

@@ -16,14 +16,14 @@ from gaitcal.cli.options import MODELS
 from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError, UsageError, nearest
-from gaitcal.export.joint_transfer import CalibratedOsim, Transfer, Verdict, joints_csv
+from gaitcal.export.joint_moves import Verdict, carried_csv, joints_csv
+from gaitcal.export.joint_transfer import CalibratedOsim, into_osim
 from gaitcal.export.muscle_paths import (
     MuscleChange,
     MusclePath,
     leg_ranges,
     muscle_changes,
     muscle_paths,
-    muscles_about,
     muscles_csv,
     opensim_is_installed,
 )
@@ -49,6 +49,8 @@ from gaitcal.results.table_file import Json
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
 JOINTS, MASSES = "joints", "masses"
 """What `--parameters` allows; the second never without the first."""
+STAY, FOLLOW = "stay", "follow"
+"""What `--attachments` allows."""
 SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
 """What `--convention` allows; a file of normal bands says `gaitcal` or `opensim` for the same."""
 WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
@@ -105,15 +107,21 @@ def export(
     units: str | None = None,
     into: Path | None = None,
     names: Path | None = None,
-    parameters: str = "joints",
+    parameters: str = JOINTS,
+    attachments: str = STAY,
     muscles: bool = False,
     draws: int = 0,
     seed: int = 0,
 ) -> None:
     """The fitted model in other programs' formats, or its joints in the user's own model."""
-    of_result = {"inputs": inputs, "replace": replace, "convention": convention, "moments": moments}
+    of_result: dict[str, object] = {"inputs": inputs, "replace": replace, "convention": convention, "moments": moments}
     of_result |= {"format": formats != MODELS, "external": external, "units": units}
-    of_model = {"names": names, "parameters": parameters != JOINTS, "muscles": muscles, "draws": draws, "seed": seed}
+    of_model: dict[str, object] = {
+        "names": names,
+        "parameters": parameters != JOINTS,
+        "attachments": attachments != STAY,
+    }
+    of_model |= {"muscles": muscles, "draws": draws, "seed": seed}
     for name, value in (of_model if into is None else of_result).items():
         if value and into is None:
             raise UsageError("found without --into; allowed: with --into MODEL.osim", field=f"--{name}")
@@ -124,7 +132,7 @@ def export(
         signs = convention_of(convention, moments, units, external=external)
         export_model(result, formats, out, inputs, console, signs, replace=replace)
     else:
-        chosen = (parameters, names, muscles, draws, seed)
+        chosen = (parameters, attachments, names, muscles, draws, seed)
         export_into(result, into, out, console, *chosen)
 
 
@@ -213,9 +221,10 @@ def _draws_folder(out: Path) -> Path:
 
 
 def _earlier(out: Path) -> list[Path]:
-    """Draws and table of muscles that an earlier run wrote for this file, which then fit it no more."""
+    """Draws and tables of muscles that an earlier run wrote for this file, which then fit it no more."""
     draws = sorted(p for p in _draws_folder(out).glob("*.osim") if re.fullmatch(r"\d{3,}", p.stem))
-    return [*draws, *(p for p in (out.with_suffix(".muscles.csv"),) if p.is_file())]
+    tables = (out.with_suffix(end) for end in (".muscles.csv", ".attachments.csv"))
+    return [*draws, *(p for p in tables if p.is_file())]
 
 
 def export_into(
@@ -224,6 +233,7 @@ def export_into(
     out: Path | None,
     console: Console,
     parameters: str,
+    attachments: str,
     names: Path | None,
     muscles: bool,
     draws: int,
@@ -241,17 +251,15 @@ def export_into(
     if wanted not in ({JOINTS}, {JOINTS, MASSES}):
         message = f"found '{parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
         raise UsageError(message, field="--parameters")
-    if MASSES in wanted and draws:
-        raise UsageError(
-            f"found {MASSES} with --draws, whose masses are those of the model; allowed: {JOINTS}", field="--parameters"
-        )
+    if attachments not in (STAY, FOLLOW):
+        raise UsageError(f"found '{attachments}'; allowed: {STAY} or {FOLLOW}", field="--attachments")
     if muscles and not opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
     if saved.uncertainty.joint is None:
         message = "its joint parameters were not calibrated: there is nothing to put into a model"
         raise InputError(message, source=result, code=Code.NO_RESULT)
-    transfer = Transfer.prepared(
+    done = into_osim(
         saved.model,
         model,
         errors=saved.uncertainty.joint,
@@ -259,26 +267,30 @@ def export_into(
         names=names,
         recorded=recorded_coordinates(result),
         marker_set=saved.marker_set,
+        masses=MASSES in wanted,
+        inertial=saved.uncertainty.inertial,
+        follow=attachments == FOLLOW,
     )
-    done = transfer.result(masses=MASSES in wanted)
     for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
     atomic_bytes(out, done.content)
-    atomic_text(out.with_suffix(".joints.csv"), joints_csv(done))
+    atomic_text(out.with_suffix(".joints.csv"), joints_csv(done.joints))
     earlier = _earlier(out)
     for path in earlier:
         with disk_errors(path):
             path.unlink()
     if earlier:
         console.line(f"removed, as of an earlier run: {', '.join(str(p.relative_to(out.parent)) for p in earlier)}")
+    if done.carried:
+        atomic_text(out.with_suffix(".attachments.csv"), carried_csv(done.carried))
     _tell_joints(console, done)
     drawn = [_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(draws)]
     with console.working() as step:
         rng = np.random.default_rng(seed)
         for k, path in enumerate(drawn):
             step(f"draw {k + 1} of {len(drawn)}")
-            atomic_bytes(path, transfer.drawn(rng))
+            atomic_bytes(path, done.drawn(rng))
         if muscles:
             ranges = leg_ranges(done.legs)
             step("muscles before")
@@ -289,20 +301,23 @@ def export_into(
             for k, path in enumerate(drawn):
                 step(f"muscles of draw {k + 1} of {len(drawn)}")
                 spread.append(muscle_paths(path, ranges))
-            unsure = muscles_about(changes, done.legs, done.left)
-            atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread, unsure))
+            atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread))
     console.line()
     if muscles:
         _tell_muscles(console, changes)
     else:
         console.line("muscles: not computed; --muscles has OpenSim compute lengths and moment arms before and after")
-    for path in (out, out.with_suffix(".joints.csv"), *([out.with_suffix(".muscles.csv")] if muscles else [])):
-        console.line(f"wrote {path}")
+    written = (".osim", ".joints.csv", *[".attachments.csv"] * bool(done.carried), *[".muscles.csv"] * muscles)
+    for end in written:
+        console.line(f"wrote {out.with_suffix(end)}")
     if drawn:
         console.line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
         if done.left:
-            table = "; arm_sd_mm is empty for muscles that cross them" if muscles and unsure else ""
-            console.line(f"draws leave {', '.join(done.left)} where they are, which are known least{table}")
+            console.line(
+                f"draws have {', '.join(done.left)} about the place that the model gives them, by their standard errors"
+            )
+        if done.masses and saved.uncertainty.inertial is None:
+            console.line("all draws have the same masses: the result holds no errors of them")
 
 
 def _tell_joints(console: Console, done: CalibratedOsim) -> None:
@@ -341,6 +356,14 @@ def _tell_joints(console: Console, done: CalibratedOsim) -> None:
                 f"as the person stands, it and our hinge differ by {1e3 * move.rolls[0]:.1f} mm, "
                 f"{np.degrees(move.rolls[1]):.1f} deg"
             )
+    if done.carried:
+        points = frameless_table(("muscle",), ("points carried", "farthest mm"))
+        for muscle in done.carried[:SHOWN]:
+            points.add_row(Text(muscle.muscle), str(muscle.points), f"{1e3 * muscle.farthest:.1f}")
+        console.line()
+        console.out.print(points)
+        if (rest := len(done.carried) - SHOWN) > 0:
+            console.line(f"and {rest} more, by up to {1e3 * done.carried[SHOWN].farthest:.1f} mm")
     for note in done.notes:
         console.line(f"note: {note}")
 

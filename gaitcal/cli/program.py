@@ -150,6 +150,7 @@ def export(
     into: told.Into = None,
     names: told.Names = None,
     parameters: told.Transferred = "joints",
+    attachments: told.Attachments = "stay",
     muscles: told.Muscles = False,
     draws: told.ModelDraws = 0,
     seed: told.ModelSeed = 0,
@@ -173,9 +174,9 @@ def figures(
     """Figures of a result for a paper: gaitcal figures DIR --only knee_adduction --width 85mm --convention clinical"""
 
 
-@command("view:view_results")
+@command("view:view_result")
 def view(result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None) -> None:
-    """Page of a result, or of two side by side: live on this machine only, or one self-contained file."""
+    """Page of a result, or of the comparison of two: live on this machine only, or one self-contained file."""
 
 
 @command("view:print_report")

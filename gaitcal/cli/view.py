@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from rich.text import Text
@@ -23,52 +22,38 @@ from gaitcal.io.atomic import atomic_text
 from gaitcal.io.result_folder import MANIFEST, ResultKind, file_in_place, require_room
 from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.server import serve
-from gaitcal.page.view import Shown, page_html, sentences
+from gaitcal.page.view import page_html, sentences
 from gaitcal.results.calibration import result_page
 from gaitcal.results.saved import load_result_model
-from gaitcal.results.sessions import compare_results, write_comparison
+from gaitcal.results.sessions import compare_results, comparison_html, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model
 
 REPORT, COMMENTS = "report.pdf", "comments.toml"
 
 
-def view_results(
+def view_result(
     console: Console, result: Path, other: Path | None = None, html: Path | None = None, geometry: Path | None = None
 ) -> None:
-    """Show a result in the browser, or two side by side, or write the page.
+    """Show the page of a result in the browser, or write it; with another one, that of their comparison.
 
     `geometry`: bones of this folder, else the installed ones.
     """
-    results = (result,) if other is None else (result, other)
-    bones = None if geometry is None else bones_of_folder(geometry)
-    shown = [_read(result, console) for result in results]
-    named = [replace(part, name=name) for part, name in zip(shown, _names(results), strict=True)]
-    for sentence in sentences(named):
-        console.line(sentence)
-    page = page_html(named, bones)
+    if other is None:
+        bones = None if geometry is None else bones_of_folder(geometry)
+        shown, lines = result_page(result)
+        for line in (*lines, *sentences(shown)):
+            console.line(line)
+        page = page_html(shown, bones)
+    else:
+        if geometry is not None:
+            raise UsageError("found two results, whose page has no bones; allowed: with one result", field="--geometry")
+        page = comparison_html(compare_results(result, other), (result, other))
     if html is not None:
         with file_in_place(html) as path:
             atomic_text(path, page)
         console.line(f"wrote {html}")
         return
     serve(page, ready=lambda url: console.line(f"{url}  (Ctrl-C ends)"))
-
-
-def _read(result: Path, console: Console) -> Shown:
-    shown, lines = result_page(result)
-    for line in lines:
-        console.line(line)
-    return shown
-
-
-def _names(results: tuple[Path, ...]) -> list[str]:
-    """The last parts of their paths, as many as tell them apart."""
-    parts = [result.resolve().parts for result in results]
-    for count in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(part[-count:]) for part in parts]
-        if len(set(names)) == len(names):
-            return names
-    return [f"{'/'.join(part[-1:])} ({k})" for k, part in enumerate(parts, start=1)]
 
 
 def print_report(

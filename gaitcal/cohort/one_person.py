@@ -52,7 +52,7 @@ from gaitcal.session.draft import (
     settings_text,
     study_of,
 )
-from gaitcal.session.drafting import draft_of, rejected_forces, without_faulty_trials
+from gaitcal.session.drafting import draft_of, faulty_notes, rejected_forces, without_faulty_trials
 from gaitcal.session.folder import read_folder
 from gaitcal.study.joint_prior import require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
@@ -116,8 +116,10 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     if common.priors is not None and study.joint_prior is None:
         study = with_cohort_priors(study, common.priors)
     findings = check_study(study)
-    if drafted is not None:
+    faulty: dict[str, str] = {}
+    if drafted is not None or stopping(findings, study.walks):
         study, findings, faulty = without_faulty_trials(study, findings)
+    if drafted is not None:
         drafted = drafted.without(faulty)
         findings = (*findings, *rejected_forces(drafted))
     if errors := stopping(findings, study.walks):
@@ -128,6 +130,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
         raise PersonError(cause, first.cure or action, code=first.code)
     calibration = calibrate(study, checked=findings)
     notes = draft_notes(drafted) if drafted is not None else _contradictions(person, study, common)
+    notes += () if drafted is not None else faulty_notes(faulty)
     calibration = replace(calibration, notes=(*notes, *calibration.notes))
     normal = common.normal
     made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}

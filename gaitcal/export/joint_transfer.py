@@ -23,14 +23,14 @@ Between shank and foot lies the talus, which no marker shows: it goes with the j
 between two registered bodies all but the last keep their place in their child, and the last closes the chain.
 
 A joint whose parameters the recordings say little of stays as it is: where their standard errors are more than `LITTLE`
-of what they were before any trial was looked at.
+of what they were before any trial was looked at. In draws it goes about its place by these errors: in either body by
+what takes our axis of the calibrated parameters to that of the drawn ones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from itertools import pairwise
 from pathlib import Path
 
@@ -39,12 +39,23 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources, left_of_prior
+from gaitcal.export.joint_moves import (
+    Bone,
+    CarriedPoints,
+    JointEnd,
+    JointMove,
+    Verdict,
+    bones_of,
+    carried,
+    carried_by_muscles,
+)
 from gaitcal.export.osim_correspondence import (
     LegJoint,
     leg_joints,
     put_ball,
     put_hinge,
     shift_between,
+    smallest_motion,
     standing_coordinates,
     turn_between,
 )
@@ -54,6 +65,7 @@ from gaitcal.export.osim_registration import (
     NAME_OR_SCALE,
     Registration,
     SegmentMass,
+    about_its_place,
     axis_of_ours,
     body_weights,
     registrations,
@@ -63,7 +75,7 @@ from gaitcal.export.osim_registration import (
 from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior
@@ -78,56 +90,6 @@ UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
 """Below these a joint stays in the very bytes of its file: the solvers' rounding."""
 
 
-class Verdict(Enum):
-    """What became of a joint."""
-
-    MOVED = "moved"
-    UNDETERMINED = "left as it is: the recordings say little of it"
-    ABSENT = "the model has no such joint"
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointEnd:
-    """Where a joint sits in one of its bodies, and how far that is from where it was."""
-
-    body: str
-    place: pin.SE3
-    """Of the joint's frame in the body."""
-    shift: Array
-    """(3,) m, in the body's axes: of the centre, of a hinge across its axis."""
-    turn: float
-    """rad, of a hinge's axis; of a ball joint's frame."""
-    errors: tuple[float, float]
-    """m and rad, standard errors of the centre (of a hinge across its axis) and of the direction of a hinge's axis: the
-    root of the sum of squares in all directions, of the joint parameters and of the registration. NaN where unknown."""
-    changed: bool
-    """Whether the file is changed here."""
-
-    @property
-    def moved(self) -> float:
-        """Length of the shift, m."""
-        return float(np.linalg.norm(self.shift))
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointMove:
-    """What became of one joint."""
-
-    joint: str
-    """Ours: `hip_r`, ..."""
-    theirs: str
-    """Name in the model; empty where it has none."""
-    verdict: Verdict
-    known: float
-    """Standard error of its parameters over that before any trial, the larger of positions and directions."""
-    standing: Mapping[str, float]
-    """Coordinate of theirs -> rad (m) as the person stands, before and after."""
-    rolls: tuple[float, float] = (0.0, 0.0)
-    """m and rad, by which the standing bones are then off: what the joint rolls, or cannot do."""
-    parent: JointEnd | None = None
-    child: JointEnd | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class CalibratedOsim:
     """The user's model with this person's joints."""
@@ -140,13 +102,21 @@ class CalibratedOsim:
     registrations: tuple[Registration, ...]
     masses: tuple[SegmentMass, ...]
     """Of the segments whose bodies weigh what ours do; empty unless asked for."""
+    carried: tuple[CarriedPoints, ...]
+    """Of every muscle the points that went with a bone; empty unless asked for."""
     notes: tuple[str, ...]
     """What the user should know, one sentence each."""
+    transfer: Transfer
+    """What was read, of which draws are made."""
 
     @property
     def left(self) -> tuple[str, ...]:
-        """Joints, ours, that stay as they are, in draws too: the recordings say little of them."""
+        """Joints, ours, that stay as they are: the recordings say little of them."""
         return tuple(move.joint for move in self.joints if move.verdict is Verdict.UNDETERMINED)
+
+    def drawn(self, rng: np.random.Generator) -> bytes:
+        """A file with parameters drawn from their errors and bodies registered with theirs."""
+        return self.transfer.drawn(rng)
 
 
 @with_one_blas_thread
@@ -160,6 +130,8 @@ def into_osim(
     recorded: Mapping[str, Array] | None = None,
     marker_set: MarkerSet | None = None,
     masses: bool = False,
+    inertial: Array | None = None,
+    follow: bool = False,
 ) -> CalibratedOsim:
     """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
 
@@ -173,6 +145,9 @@ def into_osim(
     marker_set : whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
         segments by these markers, too.
     masses : the bodies weigh what our segments weigh, too (`body_weights`).
+    inertial : (84, n) R with covariance R R^T of the inertial parameters (`Uncertainty.inertial`), for draws of masses;
+        None: these have the same ones.
+    follow : muscle points, wraps and meshes go with the joints at both ends of their bone (`joint_moves.py`).
 
     Returns
     -------
@@ -183,9 +158,22 @@ def into_osim(
     InputError
         The file is no model, or has no legs that can be told, or its markers do not fit this person.
     """
-    return Transfer.prepared(
-        model, osim, errors=errors, prior=prior, names=names, recorded=recorded, marker_set=marker_set
-    ).result(masses=masses)
+    model = model if marker_set is None else with_landmarks(model, marker_set)
+    document = read_document(osim)
+    peer = peer_of(document)
+    legs = leg_joints(peer, names, recorded)
+    return Transfer(
+        model=model,
+        document=document,
+        peer=peer,
+        legs=legs,
+        bodies=registrations(model, peer, legs),
+        errors=errors,
+        known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
+        masses=masses,
+        inertial=inertial,
+        follow=follow,
+    ).result()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,79 +189,93 @@ class Transfer:
     errors: ErrorSources | None
     known: Mapping[str, float]
     """Joint of ours -> how much of its standard error is left."""
+    masses: bool
+    """Whether bodies get the masses of our segments."""
+    inertial: Array | None
+    """(84, n) R with covariance R R^T of the inertial parameters."""
+    follow: bool
+    """Whether what is fixed to a bone goes with its joints."""
 
-    @classmethod
-    def prepared(
-        cls,
-        model: SubjectModel,
-        osim: Path | str,
-        *,
-        errors: ErrorSources | None = None,
-        prior: JointPrior | None = None,
-        names: Path | None = None,
-        recorded: Mapping[str, Array] | None = None,
-        marker_set: MarkerSet | None = None,
-    ) -> Transfer:
-        """Read the model, find its legs and lay its bodies on our segments; arguments as of `into_osim`."""
-        model = model if marker_set is None else with_landmarks(model, marker_set)
-        document = read_document(osim)
-        peer = peer_of(document)
-        legs = leg_joints(peer, names, recorded)
-        return cls(
-            model=model,
-            document=document,
-            peer=peer,
-            legs=legs,
-            bodies=registrations(model, peer, legs),
-            errors=errors,
-            known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
-        )
-
-    def result(self, *, masses: bool = False) -> CalibratedOsim:
+    def result(self) -> CalibratedOsim:
         """With the calibrated parameters."""
-        weights, told = (
-            body_weights(self.model.parameters, self.document, self.peer, self.bodies) if masses else ({}, ())
-        )
-        moves = self.moves(self.model.parameters, {s: r.pose for s, r in self.bodies.items()})
+        moves, (weights, told) = self.moves(), self._weights()
         return CalibratedOsim(
-            content=self.content(moves, weights),
+            content=self._content(moves, weights, self.legs),
             masses=told,
+            carried=carried_by_muscles(self.document, self._bones(moves)),
             joints=moves,
             legs=self.legs,
             registrations=tuple(self.bodies.values()),
             notes=tuple(self._notes(moves)),
+            transfer=self,
         )
 
     def drawn(self, rng: np.random.Generator) -> bytes:
-        """A file with joints drawn from their errors, bodies registered with theirs, masses and left joints as were."""
+        """A file with joints (and masses, if they are transferred) drawn from their errors, bodies registered with
+        theirs; joints that are left go about their place.
+        """
         parameters = self.model.parameters
         if self.errors is not None:
             own = self.errors.of([name for name in self.errors.free if name in JP_INDEX])  # soft tissue is no joint
             at = [JP_INDEX[name] for name in own.free]
             moved = own.parameters @ rng.normal(size=own.parameters.shape[1])
             parameters = parameters.with_joint(own.free, parameters.joint[at] + moved)
-        poses = {s: r.drawn(rng) for s, r in self.bodies.items()}
-        return self.content(replace(self, errors=None).moves(parameters, poses))
+        if self.masses and self.inertial is not None:
+            inertial = np.full_like(parameters.inertial, -1.0)
+            while (table(inertial)[:, 0] <= 0.0).any():
+                inertial = parameters.inertial + self.inertial @ rng.normal(size=self.inertial.shape[1])
+            parameters = parameters.with_inertial(inertial)
+        bodies = {s: replace(r, pose=r.drawn(rng)) for s, r in self.bodies.items()}
+        left = {
+            leg.ours: about_its_place(leg, self.peer, self.bodies, self.model.parameters, parameters)
+            for leg in self.legs
+            if self._is_left(leg.ours)
+        }
+        other = replace(
+            self,
+            model=replace(self.model, parameters=parameters),
+            legs=tuple(left.get(leg.ours, leg) for leg in self.legs),
+            peer=self.peer.with_joints(leg.theirs for leg in left.values()),
+            bodies=bodies,
+            errors=None,
+        )
+        return other._content(other.moves(), other._weights()[0], self.legs)
 
-    def content(self, moves: Sequence[JointMove], weights: Mapping[str, Weight] | None = None) -> bytes:
-        """The file with these joints, and bodies of these weights."""
+    def _is_left(self, joint: str) -> bool:
+        return self.known[joint] > LITTLE
+
+    def _weights(self) -> tuple[dict[str, Weight], tuple[SegmentMass, ...]]:
+        if not self.masses:
+            return {}, ()
+        return body_weights(self.model.parameters, self.document, self.peer, self.bodies)
+
+    def _content(self, moves: Sequence[JointMove], weights: Mapping[str, Weight], legs: Sequence[LegJoint]) -> bytes:
+        """The file with these joints, and bodies of these weights; `legs`: as they were read."""
         places: dict[tuple[str, str], Place] = {}
-        for move in moves:
-            joint = next((leg.theirs for leg in self.legs if leg.ours == move.joint), None)
-            for name, end in (("parent", move.parent), ("child", move.child)):
-                if joint is None or end is None or not end.changed:
-                    continue
-                was = joint.in_parent if name == "parent" else joint.in_child
-                places[joint.name, name] = Place(
-                    end.place.translation if shift_between(was, end.place) > UNMOVED_M else None,
-                    end.place.rotation if turn_between(was, end.place) > UNMOVED_RAD else None,
-                )
-        return self.document.changed(places, weights)
+        ends = {move.joint: (move.parent, move.child) for move in moves}
+        for was, now in zip(legs, self.legs, strict=True):
+            for name, end in zip(("parent", "child"), ends[was.ours], strict=True):
+                before, after = (getattr(joint.theirs, f"in_{name}") for joint in (was, now))
+                after = after if end is None else end.place
+                moved = shift_between(before, after) > UNMOVED_M, turn_between(before, after) > UNMOVED_RAD
+                if any(moved):
+                    places[was.theirs.name, name] = Place(
+                        after.translation if moved[0] else None, after.rotation if moved[1] else None
+                    )
+        bones, names = self._bones(moves), {leg.theirs.name for leg in legs}
+        for joint in self.peer.joints.values():  # patella, back: what hangs on a bone elsewhere
+            if joint.parent in bones and joint.name not in names:
+                places[joint.name, "parent"] = Place(bones[joint.parent].point(joint.in_parent.translation), None)
+        meshes = {body: bone.rigid for body, bone in bones.items()}
+        return self.document.changed(places, weights, carried(self.document, bones), meshes)
 
-    def moves(self, parameters: Parameters, poses: Mapping[str, pin.SE3]) -> tuple[JointMove, ...]:
-        """What becomes of every joint, with these joint parameters and poses of their bodies in our segments."""
-        segments = standing_segments(self.model, parameters)
-        stand = {r.body: segments[s] * poses[s] for s, r in self.bodies.items()}
+    def _bones(self, moves: Sequence[JointMove]) -> dict[str, Bone]:
+        return bones_of(moves, self.peer, self.legs) if self.follow else {}
+
+    def moves(self) -> tuple[JointMove, ...]:
+        """What becomes of every joint."""
+        segments = standing_segments(self.model, self.model.parameters)
+        stand = {r.body: segments[s] * r.pose for s, r in self.bodies.items()}
         found: dict[str, JointMove] = {}
         for side in SIDES:
             legs = [leg for leg in self.legs if leg.ours.endswith(f"_{side}")]
@@ -281,7 +283,7 @@ class Transfer:
             for above, below in pairwise(ends):
                 if above in self.bodies and below in self.bodies:
                     pair = self.bodies[above].body, self.bodies[below].body
-                    for move in self._between(*pair, legs, parameters, segments, stand):
+                    for move in self._between(*pair, legs, segments, stand):
                         found[move.joint] = move
         absent = (f"{joint}_{side}" for side in SIDES for joint in LEG_JOINTS)
         return tuple(
@@ -294,7 +296,6 @@ class Transfer:
         top: str,
         bottom: str,
         legs: Sequence[LegJoint],
-        parameters: Parameters,
         segments: Mapping[str, pin.SE3],
         stand: Mapping[str, pin.SE3],
     ) -> Iterator[JointMove]:
@@ -302,7 +303,7 @@ class Transfer:
         row = self.peer.joints_between(top, bottom)
         ours = {leg.theirs.name: leg for leg in legs}
         q0 = standing_coordinates(self.peer, row, stand[top].actInv(stand[bottom]), ours)
-        moving = [j for j in row if j.name in ours and self.known[ours[j.name].ours] <= LITTLE]
+        moving = [j for j in row if j.name in ours and not self._is_left(ours[j.name].ours)]
         pose = stand[top]  # of the joint's parent
         for joint in row:
             leg, was = ours.get(joint.name), self.peer.joint_pose(joint, q0)
@@ -314,7 +315,7 @@ class Transfer:
             standing = None
             if joint is moving[-1]:
                 standing = pose.actInv(stand[bottom] * self.peer.body_pose(bottom, joint.child, q0).inverse())
-            target = axis_of_ours(leg.ours, parameters, _in_parent(leg.ours))
+            target = axis_of_ours(leg.ours, self.model.parameters, _in_parent(leg.ours))
             target = target.moved(pose.actInv(segments[_segment(leg.ours)]))
             put = (put_ball if leg.hinge is None else put_hinge)(leg, was, target, standing)
             now = put.in_parent * joint.in_parent.actInv(was * joint.in_child) * put.in_child.inverse()
@@ -322,11 +323,13 @@ class Transfer:
             ends = [
                 JointEnd(
                     body=joint.parent if of_parent else joint.child,
+                    centre=(was * joint.in_child if of_parent else joint.in_child).translation,
                     place=place,
                     shift=put.shifts[not of_parent],
                     turn=put.turns[not of_parent],
-                    errors=self._errors(leg.ours, of_parent, parameters, centre, segments),
+                    errors=self._errors(leg.ours, of_parent, centre, segments),
                     changed=shift_between(before, place) > UNMOVED_M or turn_between(before, place) > UNMOVED_RAD,
+                    landmarks=self._by_landmarks(leg, of_parent),
                 )
                 for of_parent, before, place in (
                     (True, joint.in_parent, put.in_parent),
@@ -354,11 +357,26 @@ class Transfer:
             standing={c.name: q0[c.name] for c in leg.theirs.coordinates if c.name in q0},
         )
 
+    def _by_landmarks(self, leg: LegJoint, of_parent: bool) -> float:
+        """m, from a joint as it was read to where the nominal model has it in that body."""
+        ours, joint = JOINT_OF[leg.ours], leg.theirs
+        segment, body, frame = (
+            (ours.parent, joint.parent, joint.in_parent) if of_parent else (ours.child, joint.child, joint.in_child)
+        )
+        registration = self.bodies.get(segment)
+        if registration is None or registration.body != body:
+            return float("nan")
+        target = axis_of_ours(leg.ours, self.model.nominal, of_parent).moved(registration.pose.inverse())
+        if leg.hinge is None:
+            return float(np.linalg.norm(target.point - frame.translation))
+        line = leg.hinge.in_parent if of_parent else leg.hinge.in_child
+        return float(np.linalg.norm(smallest_motion(line, target, frame.translation)[1]))
+
     def _errors(
-        self, joint: str, of_parent: bool, parameters: Parameters, point: Array, segments: Mapping[str, pin.SE3]
+        self, joint: str, of_parent: bool, point: Array, segments: Mapping[str, pin.SE3]
     ) -> tuple[float, float]:
         """Standard errors, m and rad, of the place of a joint in one of its bodies; `point`: (3,) m, laboratory."""
-        ours = JOINT_OF[joint]
+        ours, parameters = JOINT_OF[joint], self.model.parameters
         segment = ours.parent if of_parent else ours.child
         registration = self.bodies.get(segment)
         if registration is None:
@@ -390,10 +408,17 @@ class Transfer:
                 yield f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with it"
             ends = [e for e in (move.parent, move.child) if e is not None and e.moved > FAR_M]
             if ends:
-                bodies = ", ".join(e.body for e in ends)
+                far, alone = (
+                    ", ".join(f"{1e3 * getattr(e, name):.0f}" for e in ends) for name in ("moved", "landmarks")
+                )
                 yield (
-                    f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {bodies}: muscle points beside it stay "
-                    "on their bones, and may no longer suit it"
+                    f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {', '.join(e.body for e in ends)} "
+                    f"({far} mm; by the landmarks of the static trial alone {alone})"
+                    + (
+                        ""
+                        if self.follow
+                        else ": muscle points beside it stay on their bones, and may no longer suit it"
+                    )
                 )
         if by_axes := [r for r in self.bodies.values() if r.by_axes]:
             yield (
@@ -424,27 +449,3 @@ def _in_parent(joint: str) -> bool:
 
 def _segment(joint: str) -> str:
     return JOINT_OF[joint].parent if _in_parent(joint) else JOINT_OF[joint].child
-
-
-JOINTS_HEADER = (
-    "joint,theirs,verdict,standard_error_left,in,body,shift_x_mm,shift_y_mm,shift_z_mm,moved_mm,moved_se_mm,turned_deg,"
-    "turned_se_deg,standing_mm,standing_deg"
-)
-
-
-def joints_csv(done: CalibratedOsim) -> str:
-    """A row for either end of every joint; a figure that does not exist is left out."""
-    lines = [JOINTS_HEADER]
-    for move in done.joints:
-        known = f"{move.known:.3f}" if np.isfinite(move.known) else ""
-        start = f'{move.joint},"{move.theirs}",{move.verdict.name.lower()},{known}'
-        for name, end in (("parent", move.parent), ("child", move.child)):
-            if end is None:
-                continue
-            numbers = [*(1e3 * end.shift), 1e3 * end.moved, 1e3 * end.errors[0]]
-            numbers += [np.degrees(end.turn), np.degrees(end.errors[1]), 1e3 * move.rolls[0], np.degrees(move.rolls[1])]
-            words = ",".join(f"{x:.4f}" if np.isfinite(x) else "" for x in numbers)
-            lines.append(f'{start},{name},"{end.body}",{words}')
-        if move.parent is None:
-            lines.append(start + "," * (JOINTS_HEADER.count(",") - start.count(",")))
-    return "\n".join(lines) + "\n"

@@ -7,7 +7,7 @@ a muscle's length with the coordinate, all constraints held. Between two neighbo
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -138,26 +138,13 @@ def muscle_changes(
 MUSCLES_HEADER = "muscle,coordinate,deg,length_before_mm,length_after_mm,arm_before_mm,arm_after_mm,arm_sd_mm"
 
 
-def muscles_about(changes: Sequence[MuscleChange], legs: Sequence[LegJoint], joints: Collection[str]) -> frozenset[str]:
-    """Muscles that cross one of these joints, ours, of the legs."""
-    turns = {c.name for leg in legs if leg.ours in joints for c in leg.theirs.coordinates}
-    return frozenset(change.before.muscle for change in changes if change.before.coordinate in turns)
-
-
-def muscles_csv(
-    changes: Sequence[MuscleChange],
-    draws: Sequence[Mapping[tuple[str, str], MusclePath]] = (),
-    unsure: Collection[str] = (),
-) -> str:
-    """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws.
-
-    `unsure`: muscles that have no `arm_sd_mm`, as they cross a joint that draws leave where it is.
-    """
+def muscles_csv(changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()) -> str:
+    """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws."""
     lines = [MUSCLES_HEADER]
     for change in changes:
         key = change.before.muscle, change.before.coordinate
         arms = np.array([draw[key].arm for draw in draws if key in draw])
-        spread = 1e3 * arms.std(axis=0, ddof=1) if len(arms) > 1 and key[0] not in unsure else None
+        spread = 1e3 * arms.std(axis=0, ddof=1) if len(arms) > 1 else None
         for k, value in enumerate(change.before.values):
             figures = (
                 (p.length[k] for p in (change.before, change.after)),

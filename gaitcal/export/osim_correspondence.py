@@ -289,10 +289,10 @@ def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | Non
     joint, hinge = leg.theirs, leg.hinge
     if hinge is None:
         raise ValueError(f"{leg.ours} is no hinge")
-    step, shift, to = _smallest_motion(hinge.in_parent, target, (was * joint.in_child).translation)
+    step, shift, to = smallest_motion(hinge.in_parent, target, (was * joint.in_child).translation)
     in_child, shift_child, turn_child = joint.in_child, np.zeros(3), 0.0
     if standing is not None:
-        other, shift_child, _ = _smallest_motion(
+        other, shift_child, _ = smallest_motion(
             hinge.in_child, target.moved(standing.inverse()), joint.in_child.translation
         )
         new = Hinge(step * hinge.in_parent, other * hinge.in_child)
@@ -309,7 +309,7 @@ def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | Non
     )
 
 
-def _smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE3, Array, Array]:
+def smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE3, Array, Array]:
     """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts the point of the axis
     next to `centre`, and where that point is then.
     """

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -108,16 +108,27 @@ class OsimDocument:
                     out.append(element.get("name", element.tag))
         return out
 
-    def changed(self, places: Mapping[tuple[str, str], Place], weights: Mapping[str, Weight] | None = None) -> bytes:
+    def changed(
+        self,
+        places: Mapping[tuple[str, str], Place],
+        weights: Mapping[str, Weight] | None = None,
+        further: Iterable[tuple[ET.Element, Sequence[str], Sequence[Array]]] = (),
+        meshes: Mapping[str, pin.SE3] | None = None,
+    ) -> bytes:
         """The file with joints elsewhere and bodies of other masses.
 
-        `places`: (joint, `parent` or `child`) -> its place in that body; `weights`: by body.
+        `places`: (joint, `parent` or `child`) -> its place in that body; `weights`: by body; `further`: elements, and
+        the numbers of some of their children; `meshes`: body -> motion of what is drawn of it.
         """
         edits = _Edits(self)
         for (name, end), place in places.items():
             edits.place(self.joint(name), end, place)
         for body, weight in (weights or {}).items():
             edits.weigh(self.body(body), weight)
+        for element, tags, values in further:
+            edits.numbers(element, tags, values)
+        for body, pose in (meshes or {}).items():
+            edits.draw(self.body(body), pose)
         return edits.applied()
 
 
@@ -132,13 +143,13 @@ class _Edits:
     def place(self, joint: ET.Element, end: str, place: Place) -> None:
         values = (place.translation, None if place.rotation is None else body_fixed_xyz(place.rotation))
         if joint.find("location_in_parent") is not None or joint.find("parent_body") is not None:
-            self._numbers(joint, TAGS_3[end], values)
+            self.numbers(joint, TAGS_3[end], values)
             return
         socket = socket_of(joint, f"socket_{end}_frame")
         connected = "" if socket is None else (socket.text or "").strip()
         frame = next((f for f in joint.findall("frames/*") if f.get("name") == connected.rpartition("/")[2]), None)
         if frame is not None:
-            self._numbers(frame, TAGS_4, values)
+            self.numbers(frame, TAGS_4, values)
         elif socket is not None:
             name = f"{connected.rpartition('/')[2]}_{end}_offset"
             span = self.document._spans[socket]
@@ -153,12 +164,36 @@ class _Edits:
 
     def weigh(self, body: ET.Element, weight: Weight) -> None:
         source = self.document.source
-        self._numbers(body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre))
+        self.numbers(body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre))
         for tag in INERTIA_TAGS:
             if body.find(tag) is not None and weight.inertia != 1.0:
-                self._numbers(body, (tag,), (weight.inertia * read_numbers(body, tag, source),))
+                self.numbers(body, (tag,), (weight.inertia * read_numbers(body, tag, source),))
 
-    def _numbers(self, holder: ET.Element, tags: Sequence[str], all_values: Sequence[Array | None]) -> None:
+    def draw(self, body: ET.Element, pose: pin.SE3) -> None:
+        """Meshes go into an offset frame of the body (OpenSim 4), or get a place of their own (OpenSim 3)."""
+        content, spans = self.document.content, self.document._spans
+        for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
+            old = read_numbers(mesh, "transform", self.document.source, count=6)
+            now = pose * pin.SE3(from_body_fixed_xyz(old[:3]), old[3:])
+            self.numbers(mesh, ("transform",), (np.concatenate([body_fixed_xyz(now.rotation), now.translation]),))
+        drawn = body.find("attached_geometry")
+        if drawn is None or not len(drawn):
+            return
+        span, holder = spans[drawn], body.find("components")
+        values = zip(TAGS_4, (pose.translation, body_fixed_xyz(pose.rotation)), strict=True)
+        places = "".join(f"<{tag}>{numbers(v)}</{tag}>" for tag, v in values)
+        head = f'<PhysicalOffsetFrame name="{body.get("name")}_meshes"><socket_parent>..</socket_parent>{places}'
+        end = content.index(b">", span.end) + 1
+        frame = b"".join([head.encode(), content[span.start : end], b"</PhysicalOffsetFrame>"])
+        if holder is None or spans[holder].alone(content):
+            frame = b"<components>" + frame + b"</components>"
+        if holder is not None:
+            at = spans[holder]
+            self.found.append((at.start if at.alone(content) else at.inside, at.inside, frame))
+            frame = b""
+        self.found.append((span.start, end, frame))
+
+    def numbers(self, holder: ET.Element, tags: Sequence[str], all_values: Sequence[Array | None]) -> None:
         for tag, values in zip(tags, all_values, strict=True):
             if values is None:
                 continue

@@ -22,7 +22,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.osim import frames_of, segment_inertia
-from gaitcal.export.osim_correspondence import ARMS, LegJoint, same_label, segment_of, slides
+from gaitcal.export.osim_correspondence import ARMS, Hinge, LegJoint, same_label, segment_of, slides
 from gaitcal.export.osim_reader import OsimDocument, Weight
 from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.chain import Chain, ChainConstants, forward, segment_poses
@@ -153,6 +153,44 @@ def axis_of_ours(joint: str, parameters: Parameters, in_parent: bool) -> Axis:
     frames = frames_of(JOINT_OF[joint], parameters)
     place = frames.in_parent if in_parent else frames.in_child
     return Axis(place.translation, place.rotation[:, frames.motions[0].axis])
+
+
+def about_its_place(
+    leg: LegJoint, peer: PeerModel, bodies: Mapping[str, Registration], was: Parameters, drawn: Parameters
+) -> LegJoint:
+    """A joint of theirs, moved in both of its bodies as our axis is from one set of joint parameters to another."""
+    ours, joint, hinge = JOINT_OF[leg.ours], leg.theirs, leg.hinge
+    steps = []
+    for segment, body, frame in (
+        (ours.parent, joint.parent, joint.in_parent),
+        (ours.child, joint.child, joint.in_child),
+    ):
+        turned = _turned_into(body, segment, peer, bodies, was)
+        a, b = (axis_of_ours(leg.ours, p, segment == ours.parent).moved(turned) for p in (was, drawn))
+        shift, turn = b.point - a.point, np.eye(3)
+        if hinge is not None:
+            turn = pin.Quaternion.FromTwoVectors(a.direction, b.direction).toRotationMatrix()
+            shift = b.nearest(a.point) - a.point
+        about = pin.SE3(np.eye(3), frame.translation)
+        steps.append(about * pin.SE3(turn, shift) * about.inverse())
+    if hinge is not None:
+        hinge = Hinge(steps[0] * hinge.in_parent, steps[1] * hinge.in_child)
+    theirs = replace(joint, in_parent=steps[0] * joint.in_parent, in_child=steps[1] * joint.in_child)
+    return replace(leg, theirs=theirs, hinge=hinge)
+
+
+def _turned_into(
+    body: str, segment: str, peer: PeerModel, bodies: Mapping[str, Registration], parameters: Parameters
+) -> pin.SE3:
+    """The turn from the axes of our segment to those of their body; of the talus all coordinates zero."""
+    turn, side = np.eye(3), segment[-1]
+    if segment not in bodies and (foot := f"foot_{side}") in bodies:
+        frames = frames_of(JOINT_OF[f"subtalar_{side}"], parameters)
+        segment, turn = foot, (frames.in_child * frames.in_parent.inverse()).rotation
+    if segment in bodies:
+        main = bodies[segment]
+        turn = between_bodies(peer, main.body, body).rotation @ main.pose.rotation.T @ turn
+    return pin.SE3(turn, np.zeros(3))
 
 
 def registrations(model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]) -> dict[str, Registration]:
@@ -320,7 +358,7 @@ def body_weights(
         if segment in bodies:
             main = bodies[segment]
             centres = {body: document.mass_centre(body) for body in group}
-            poses = {body: _between_bodies(peer, body, main.body) for body in group}
+            poses = {body: between_bodies(peer, body, main.body) for body in group}
             was = sum(peer.masses[b] * poses[b].act(centres[b]) for b in group) / theirs
             shift = main.pose.actInv(ours[segment].centre) - was
             moved = {b: centres[b] + poses[b].rotation.T @ shift for b in group}
@@ -329,6 +367,6 @@ def body_weights(
     return weights, tuple(told)
 
 
-def _between_bodies(peer: PeerModel, body: str, main: str) -> pin.SE3:
+def between_bodies(peer: PeerModel, body: str, main: str) -> pin.SE3:
     """Pose of a body in another of its segment, above or below it."""
     return peer.body_pose(body, main) if peer.is_below(body, main) else peer.body_pose(main, body).inverse()

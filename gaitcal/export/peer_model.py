@@ -25,8 +25,8 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +88,10 @@ class PeerModel:
     def joint_of(self, coordinate: str) -> PeerJoint | None:
         """The joint that has a coordinate of this name."""
         return next((j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)), None)
+
+    def with_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
+        """With other joints for those between the same bodies."""
+        return replace(self, joints=self.joints | {joint.child: joint for joint in joints})
 
     def joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
         """Pose of the child in the parent; coordinates not in `values` are zero, or at their default if locked."""

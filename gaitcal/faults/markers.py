@@ -36,11 +36,10 @@ from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import CARRIES_ITSELF, shown_share, trial_problem
+from gaitcal.study.study_trial import BRIDGED_S
 
 SAME_M = 1e-4
 """Two markers always nearer than this are one trajectory under two names."""
-LONG_S = 0.2
-"""A gap longer than this hides a part of a step."""
 HALF = 0.5
 """Share of the frames: in which a marker must be seen to say much, and a segment show two to be called followed."""
 LANDMARK_M = 0.008
@@ -240,32 +239,30 @@ def gaps(trial: MarkerEvidence) -> Iterator[Finding]:
             if severity is Severity.INFO:
                 cure = f"{FEWEST_MARKERS} others tell how their segments lie, or they have hardly any weight"
             yield trial.finding(severity, "gaps", found, cure, code=Code.GAPS)
-    long = sorted((g for g in markers if g.seen >= HALF and g.longest_gap > LONG_S), key=lambda g: -g.longest_gap)
+    long = sorted((g for g in markers if g.seen >= HALF and g.longest_gap > BRIDGED_S), key=lambda g: -g.longest_gap)
     if long:
         longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])
         cure = "gaps get no weight and are not filled; the rest of the segment carries it"
-        yield trial.info("gaps", f"gaps longer than {LONG_S:g} s: {longest}", cure, code=Code.GAPS)
+        yield trial.info("gaps", f"gaps longer than {BRIDGED_S:g} s: {longest}", cure, code=Code.GAPS)
     yield from _pelvis_lost(trial.as_fitted)
 
 
 def _pelvis_lost(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Where the pelvis has no pose: the splines carry it over moments, however many, but not over a part of a step."""
-    pelvis, time = trial.pelvis, trial.recording.time
-    if pelvis is None or pelvis.determined.all():
+    """Where the pelvis has no pose: the splines carry it over moments, and no trial is longer than what shows it."""
+    cure = "label or fill the markers of the pelvis there"
+    if trial.trial.cut:
+        yield trial.info("gaps", trial.trial.cut, cure, code=Code.PELVIS_LOST)
+    if trial.pelvis is None or trial.pelvis.determined.all():
         return
-    lost = ~pelvis.determined
-    lasting = [run for run in runs(lost) if duration(time, run) > LONG_S]
+    lost = ~trial.pelvis.determined
     share = float(np.mean(lost))
     words = f"fewer than three pelvis markers in {100 * share:.0f} % of the frames"
-    if not lasting and share <= HALF:
-        words += f", never for longer than {LONG_S:g} s: these are bridged"
+    if share > HALF:
+        words += f" ({spans(trial.recording.time, runs(lost))})"
+        yield trial.warning("gaps", words, cure, code=Code.PELVIS_LOST)
+    else:
+        words += f", never for longer than {BRIDGED_S:g} s: these are bridged"
         yield trial.info("gaps", words, code=Code.PELVIS_LOST)
-        return
-    edges = [0, *(edge for run in lasting for edge in (run.start, run.stop)), len(time)]
-    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
-    part = f", or keep time = [{time[start]:.2f}, {time[stop - 1]:.2f}]" if lasting and stop - start > 1 else ""
-    words += f" ({spans(time, lasting or runs(lost))})"
-    yield trial.warning("gaps", words, f"label or fill the markers of the pelvis there{part}", code=Code.PELVIS_LOST)
 
 
 def rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -349,7 +346,7 @@ def followed(trial: MarkerEvidence) -> Iterator[Finding]:
     counts = {segment: count for segment, count in _counts(trial).items() if count.any()}
     single = [s for s, count in counts.items() if np.mean(count >= TWO) < HALF]
     for segment, count in counts.items():
-        lasting = [run for run in runs(count < TWO) if duration(trial.recording.time, run) > LONG_S]
+        lasting = [run for run in runs(count < TWO) if duration(trial.recording.time, run) > BRIDGED_S]
         if segment not in single and lasting:
             found = f"{segment} shows fewer than two markers with weight in {spans(trial.recording.time, lasting)}"
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)

@@ -20,7 +20,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.faults.body_plan import Landmarks, Measure, body_axes, cost, cost_of_build, measures
+from gaitcal.faults.body_plan import HIP_HEIGHT, Landmarks, Measure, body_axes, cost, cost_of_build, measures
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.role import standing_legs
 from gaitcal.findings import Finding, Severity, listed
@@ -55,8 +55,8 @@ STEPS = 6
 STEP_M = 1e-4
 
 LEG = ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe")
-HIP_HEIGHT = (0.48, 0.58)
-"""Height of the ASIS above the lateral malleoli, in body heights; five grown people stand between 0.516 and 0.539."""
+LEGS_TOLD, LEGS_DOUBTED = 1.96, 3.29
+"""Standard deviations of people's legs beside a body height: beyond lie 1 person in 20 and 1 in 1000."""
 IMPOSSIBLE_Z = 5.5
 """Standard deviations from which no body has such a length."""
 GROSS_M = 0.060
@@ -227,8 +227,10 @@ def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
     straight = stands is None or not (stands.bent or stands.sitting)
     factor = height_factor(sound, given, even=straight)
     legs = hip_height(trial) if straight else None
-    if factor != 1.0 or (not found and legs is not None and not HIP_HEIGHT[0] <= legs / given <= HIP_HEIGHT[1]):
-        yield _height(trial, sound, factor, legs)
+    beyond = 0.0 if legs is None or found else abs(legs / given - HIP_HEIGHT[0]) / HIP_HEIGHT[1]
+    if factor != 1.0 or beyond > LEGS_TOLD:
+        severity = Severity.INFO if factor == 1.0 and beyond < LEGS_DOUBTED else Severity.WARNING
+        yield _height(trial, sound, severity, factor, legs)
         found = list(faults(p, factor * given))
     for fault in found:
         yield _exchanged(trial, fault) if isinstance(fault, Exchange) else _displaced(trial, fault)
@@ -288,16 +290,17 @@ def _displaced(trial: MarkerEvidence, fault: Displaced) -> Finding:
     )
 
 
-def _height(trial: MarkerEvidence, p: Landmarks, factor: float, legs: float | None) -> Finding:
+def _height(trial: MarkerEvidence, p: Landmarks, severity: Severity, factor: float, legs: float | None) -> Finding:
     given = trial.subject.height
     lengths = [m for m in measures(p, given) if m.absolute and abs(m.z) > 1.0]
     found = ""
     if legs is not None:
-        low, high = HIP_HEIGHT
-        found = f"the ASIS stand {legs:.3f} m above the ankles; a height of {given:.2f} m lets expect "
-        found += f"{low * given:.2f} to {high * given:.2f} m; "
+        share, sd = HIP_HEIGHT
+        found = f"the ASIS stand {legs:.3f} m above the ankles; people of {given:.2f} m have {share * given:.2f} m, "
+        found += f"SD {sd * given:.2f}; "
     likely = f"all lengths together fit {factor * given:.2f} m" if factor != 1.0 else "other lengths do not decide"
-    return trial.warning(
+    return trial.finding(
+        severity,
         "height",
         f"{found}{likely}{'; ' + _evidence(lengths) if factor != 1.0 and lengths else ''}",
         "correct subject.height_m, or the unit or scale of the markers",

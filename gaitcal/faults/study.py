@@ -27,12 +27,12 @@ from gaitcal.faults.cluster import Stance
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
 from gaitcal.findings import Finding, Severity
-from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, cleaned, completed_static
+from gaitcal.study.study import Study, cleaned, completed_static, marker_set_of
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from gaitcal.study.study_trial import Trial, read_trial
 
@@ -79,14 +79,12 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     plates.told_on_reading,
     plates.signals,
     plates.corners,
-    plates.standing_mass,
     plates.step_loads,
     plates.covered,
     foot_on_plate.contacts,
     plates.horizontal,
     plates.free_moment,
     plates.beside_feet,
-    plates.carried_mass,
 )
 
 
@@ -96,7 +94,7 @@ def check_file(path: Path | str) -> tuple[Finding, ...]:
     path = Path(path)
     try:
         file = load_study_file(path)
-        marker_set = load_marker_set(file.markers.set)
+        marker_set = marker_set_of(file, path)
         trials, unreadable = _read(file, marker_set)
         if unreadable:
             return unreadable
@@ -141,6 +139,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     return (
         *findings,
         *knee_line.knee_lines(measured, findings),
+        *plates.body_mass(trials),
         *sampling.rates_differ(trials),
         *sampling.same_recording(trials),
         *role.statics_agree(trials),
@@ -154,7 +153,8 @@ def check_further(
     """All findings on one further trial against a saved model and its marker set, the worst first."""
     evidence = MarkerEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
     found = without_consequences(_check_trial(evidence))
-    return tuple(_worst_first([*found, *static_consistency.static_consistency((evidence,))]))
+    of_body = (*plates.body_mass((evidence,)), *static_consistency.static_consistency((evidence,)))
+    return tuple(_worst_first([*found, *of_body]))
 
 
 def evidence_of(study: Study, model: SubjectModel | None) -> tuple[MarkerEvidence, ...]:

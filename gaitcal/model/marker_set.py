@@ -72,6 +72,13 @@ PARTNER: dict[str, str] = {
 PELVIS_NEEDS = 3  # markers of the pelvis, from which the pose of the body starts
 DEVICE_MARKERS = 3  # of a knee alignment device
 NO_REASON = "weight of the study"  # stands as the reason of weights that a study gave without one
+_GIRDLE = "the moving shoulder girdle, which the model lacks, carries the arm"
+_OF_FURTHER = {
+    "head": (0.05, "the back's three turns about one point are only a rough model of the spine"),
+    "upper_arm": (0.02, _GIRDLE),
+    "forearm_hand": (0.02, _GIRDLE),
+}
+"""Segment without its last word -> weight of further markers on it, and why it is not 1; as in the built-in sets."""
 _FOLLOWING = ("tracking", "static_only", "optional")  # tables segment -> markers
 
 
@@ -155,6 +162,31 @@ class MarkerSet:
     def with_weights(self, weights: Mapping[str, float]) -> MarkerSet:
         """The same set with other weights for some markers."""
         return replace(self, weights={**self.weights, **weights}) if weights else self
+
+    def with_further(self, markers: Mapping[str, Iterable[str]], source: Path = Path()) -> MarkerSet:
+        """The same set with further markers, segment -> labels, that are tracked where a trial has them.
+
+        InputError for a segment that markers cannot be on, and for a label that the set knows.
+        """
+        require_known(markers, MASSIVE_SEGMENTS, "segment", source=source, field="markers.tracking", listed=True)
+        known, segments = set(self.labels), self.segment_of
+        further = {segment: tuple(labels) for segment, labels in markers.items()}
+        for segment, labels in further.items():
+            for label in labels:
+                if label in known:
+                    on = f"on {segments[label]}" if label in segments else "as a landmark"
+                    message = f"found '{label}' on {segment}; the marker set has it {on}"
+                    raise InputError(message, source=source, field="markers.tracking", code=Code.MARKER_SET)
+                known.add(label)
+                segments[label] = segment
+        kinds = {label: segment.rsplit("_", 1)[0] for segment, labels in further.items() for label in labels}
+        weak = {label: _OF_FURTHER[kind] for label, kind in kinds.items() if kind in _OF_FURTHER}
+        return replace(
+            self,
+            optional={s: (*self.optional.get(s, ()), *further.get(s, ())) for s in {**self.optional, **further}},
+            weights={**self.weights, **{label: weight for label, (weight, _) in weak.items()}},
+            reasons={**self.reasons, **{label: why for label, (_, why) in weak.items()}},
+        )
 
     def renamed(self, recording: Recording) -> Recording:
         """The recording with the set's own spelling of every label; a note tells what was changed."""

@@ -1,6 +1,6 @@
-"""`result.html`: body, curves and tables of one or two results in one file that opens offline; `cohort.html` likewise.
+"""`result.html`: body, curves and tables of a result in one file that opens offline; `cohort.html` likewise.
 
-MeshCat's own JavaScript viewer, uPlot, our scripts, and the results as data stand inline. A Content-Security-Policy in
+MeshCat's own JavaScript viewer, uPlot, our scripts, and the result as data stand inline. A Content-Security-Policy in
 the file lets exactly these scripts run, known by their SHA-256, and forbids every request: whatever a marker or a
 subject is called, it is text.
 """
@@ -25,10 +25,10 @@ from gaitcal.io.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bone_files import BoneMeshes, installed_bones
 from gaitcal.page.bone_placement import landmarked
-from gaitcal.page.page_data import MOST_LETTERS, conventions_data, curves_left_out, peak_page_rows, thinned
+from gaitcal.page.page_data import conventions_data, curves_left_out, peak_page_rows, thinned
 from gaitcal.page.plain_data import script_json
 from gaitcal.page.scene import MotionScene, Scene, scene_of
-from gaitcal.page.scene_file import MOST_BYTES, left_out, scene_json
+from gaitcal.page.scene_file import left_out, scene_json
 
 if TYPE_CHECKING:
     from gaitcal.session.result import Calibration
@@ -82,8 +82,6 @@ class Shown:
     scene: Scene
     data: Mapping[str, Any] | None = None
     """Curves and tables (`gaitcal.page.page_data`); None: the body alone."""
-    name: str = ""
-    """What it is called beside another one."""
 
 
 @dataclass(frozen=True)
@@ -115,43 +113,36 @@ def write_view(source: Calibration | Scene, path: Path | str, bones: BoneMeshes 
 
 def view_html(scene: Scene, bones: BoneMeshes | None = None) -> str:
     """The page of a scene alone, without curves and tables; `bones` as in `write_view`."""
-    return page_html([Shown(scene)], bones)
+    return page_html(Shown(scene), bones)
 
 
-def page_html(results: Sequence[Shown], bones: BoneMeshes | None = None) -> str:
-    """The page of one result, or of two side by side; `bones` as in `write_view`."""
-    bodies = body_texts([shown.scene for shown in results], bones)
-    return joined_page(
-        [(shown.name, body, data_text(shown.data, len(results))) for shown, body in zip(results, bodies, strict=True)]
-    )
+def page_html(shown: Shown, bones: BoneMeshes | None = None) -> str:
+    """The page of a result; `bones` as in `write_view`."""
+    return joined_page(body_text(shown.scene, bones), data_text(shown.data))
 
 
-def body_texts(scenes: Sequence[Scene], bones: BoneMeshes | None = None) -> list[BodyText]:
-    """The scenes of all results of a page; `bones` as in `write_view`."""
+def body_text(scene: Scene, bones: BoneMeshes | None = None) -> BodyText:
+    """The scene of a page; `bones` as in `write_view`."""
     bones = bones or installed_bones()
-    shapes, placed = body_meshes(), None if bones is None else landmarked(bones)
+    placed = None if bones is None else landmarked(bones)
     licence = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
-    return [BodyText(scene_json(scene, shapes, placed, MOST_BYTES // len(scenes)), licence) for scene in scenes]
+    return BodyText(scene_json(scene, body_meshes(), placed), licence)
 
 
-def data_text(data: Mapping[str, Any] | None, results: int = 1) -> str:
-    """The data of a result as JSON for a page of so many `results`."""
-    shown = data and {**thinned(data, MOST_LETTERS // results), "peaks": peak_page_rows(data)}
-    return script_json(shown)
+def data_text(data: Mapping[str, Any] | None) -> str:
+    """The data of a result as JSON for its page."""
+    return script_json(data and {**thinned(data), "peaks": peak_page_rows(data)})
 
 
-def joined_page(results: Sequence[tuple[str, BodyText, str]]) -> str:
-    """The page of results, each with its name, its body in motion and its data (`data_text`)."""
-
-    def result(name: str, body: BodyText, data: str) -> str:
-        return f'{{"name":{script_json(name)},"scene":{body.scene},"sheet":{data}}}'
-
+def joined_page(body: BodyText, data: str) -> str:
+    """The page of a body in motion and the data of its result (`data_text`)."""
     viewer, licences = _meshcat()
     content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
-    bones = dict.fromkeys(body.bones_licence for _, body, _ in results if body.bones_licence)
     content["CONVENTIONS"] = script_json(conventions_data())
-    content["RESULTS"] = f"[{','.join(result(*one) for one in results)}]"
-    content["LICENCES"] = "\n\n".join([*licences, content["LICENCES"], *bones]).replace("<", "‹")
+    content["RESULT"] = f'{{"scene":{body.scene},"sheet":{data}}}'
+    content["LICENCES"] = "\n\n".join(filter(None, [*licences, content["LICENCES"], body.bones_licence])).replace(
+        "<", "‹"
+    )
     # One pass over the template: what a name holds is never looked at again.
     return re.sub(r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _part("templates/page.html"))
 
@@ -211,14 +202,10 @@ def _meshcat() -> tuple[str, list[str]]:
     return script, [*licences, *([f"Body meshes of {PACKAGE}\n\n{text}"] if text else [])]
 
 
-def sentences(results: Sequence[Shown]) -> tuple[str, ...]:
-    """What the page of these results leaves out, for every trial of which it holds some frames only."""
-    out: list[str] = []
-    for shown in results:
-        out += left_out(shown.scene, MOST_BYTES // len(results))
-        if shown.data is not None:
-            out += curves_left_out(thinned(shown.data, MOST_LETTERS // len(results)))
-    return tuple(out)
+def sentences(shown: Shown) -> tuple[str, ...]:
+    """What the page of a result leaves out, for every trial of which it holds some frames only."""
+    curves = () if shown.data is None else curves_left_out(thinned(shown.data))
+    return (*left_out(shown.scene), *curves)
 
 
 def with_trials(scene: Scene, further: Scene, names: Mapping[str, str] | None = None) -> Scene | None:

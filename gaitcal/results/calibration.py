@@ -31,7 +31,7 @@ from gaitcal.page.joined_data import doubted, followed_by, only, renamed
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data, write_page_data
 from gaitcal.page.scene import Scene, scene_of
 from gaitcal.page.scene_file import load_scene, save_scene
-from gaitcal.page.view import BodyText, Shown, body_texts, data_text, joined_page, with_trials
+from gaitcal.page.view import BodyText, Shown, body_text, data_text, joined_page, with_trials
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import mean_speed, means_summary, profile_summary, write_profile, write_stride_files
 from gaitcal.results.summary import subject_summary, summary, table_of, write_kinetics, write_truth
@@ -59,8 +59,7 @@ AGAIN: Final = "run it again"
 def write_body(folder: Path, scene: Scene) -> BodyText:
     """Write the scene into a folder that is being written; returns what its page has of it."""
     save_scene(scene, folder / SCENE)
-    (body,) = body_texts([scene])
-    return body
+    return body_text(scene)
 
 
 def write_told(folder: Path, sheet: Mapping[str, Any]) -> str:
@@ -71,7 +70,7 @@ def write_told(folder: Path, sheet: Mapping[str, Any]) -> str:
 
 def write_joined_page(folder: Path, body: BodyText, told: str) -> None:
     """Write the page of what `write_body` and `write_told` have written."""
-    (folder / PAGE).write_text(joined_page([("", body, told)]), encoding="utf-8", newline="")
+    (folder / PAGE).write_text(joined_page(body, told), encoding="utf-8", newline="")
 
 
 def write_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
@@ -81,8 +80,7 @@ def write_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
 
 def rewrite_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
     """Write the page with another sheet; the scene is there already."""
-    (body,) = body_texts([scene])
-    write_joined_page(folder, body, write_told(folder, sheet))
+    write_joined_page(folder, body_text(scene), write_told(folder, sheet))
 
 
 def read_page(folder: Path) -> Shown:
@@ -96,7 +94,7 @@ def read_page(folder: Path) -> Shown:
 
     def read() -> Shown:
         sheet = read_page_data(folder / PAGE_DATA)
-        shown = Shown(load_scene(folder / SCENE), sheet, folder.resolve().name)
+        shown = Shown(load_scene(folder / SCENE), sheet)
         if [t["name"] for t in sheet["trials"]] != [t.name for t in shown.scene.trials]:
             raise InputError(
                 "tells of other trials than scene.npz; calibrate again",
@@ -133,7 +131,7 @@ def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
         return shown, (f"{folder / DYNAMICS}: another body than {folder}; run its trials again to see them",)
     about = only(further.data or {}, [t.name for t in further.scene.trials])
     sheet = renamed(doubted(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names)
-    return Shown(scene, followed_by(shown.data or {}, sheet), shown.name), lines
+    return Shown(scene, followed_by(shown.data or {}, sheet)), lines
 
 
 def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:

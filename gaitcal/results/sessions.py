@@ -78,12 +78,16 @@ def write_comparison(
         write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
         if shared is not None:
             write_csv(shared, out / SHARED, SHARED_HEADER)
-        people = [person_facts(person) for person in comparison.subjects]
-        norms, scores = _scores(results)
-        page = comparison_page(comparison, CLINICAL, SHEETS, people, scores, norms)
-        (out / PAGE).write_text(page, encoding="utf-8")
+        (out / PAGE).write_text(comparison_html(comparison, results), encoding="utf-8")
         (out / WORDS).write_text("".join(f"{one_line(line)}\n" for line in comparison.lines), encoding="utf-8")
     return folder
+
+
+def comparison_html(comparison: SessionComparison, results: Sequence[Path]) -> str:
+    """The page of a comparison of two `results`: `comparison.html`."""
+    norms, scores = _scores(results)
+    people = [person_facts(person) for person in comparison.subjects]
+    return comparison_page(comparison, CLINICAL, SHEETS, people, scores, norms)
 
 
 def _scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:

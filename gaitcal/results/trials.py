@@ -87,7 +87,7 @@ def earlier_page(
     if shown is None or shown.data is None:
         return None, tuple(f"{name}: {fault}: the page leaves this trial out; {AGAIN}" for name in names)
     doubts = [(name, OTHER_MODEL, AGAIN) for name in stale]
-    return Shown(shown.scene, doubted(only(shown.data, names), doubts), shown.name), ()
+    return Shown(shown.scene, doubted(only(shown.data, names), doubts)), ()
 
 
 def _fault(folder: Path, hashes: Mapping[str, str]) -> str:

@@ -18,12 +18,13 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError, alike
 from gaitcal.io.toml import read_toml, toml_table, toml_value
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_set import built_in_sets, load_marker_set
+from gaitcal.model.marker_set import built_in_sets
 from gaitcal.session.folder import FileKind, Folder, FolderFile, ForceChoice, declares_study
+from gaitcal.session.label_proposal import LabelProposal
 from gaitcal.session.marker_sets import SetChoice
 from gaitcal.session.person_facts import Known
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study
+from gaitcal.study.study import Study, marker_set_of
 from gaitcal.study.study_file import load_study_file
 from gaitcal.study.study_trial import read_trial
 
@@ -192,6 +193,8 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
     if choice.clashes:
         reason += f"; not renamed, as the name is taken: {', '.join(choice.clashes[:4])}"
     built_in = choice.entry in built_in_sets()
+    if choice.proposal is not None:
+        return [*_proposed(choice.proposal), ""]
     lines = [
         "[markers]",
         *_line("set", choice.entry if built_in else _path(Path(choice.entry), folder), reason, choice.certain),
@@ -203,6 +206,31 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
     if found.missing:
         lines.append(f"# No marker of the files gives: {', '.join(found.missing)}")
     return [*lines, ""]
+
+
+def _proposed(proposal: LabelProposal) -> list[str]:
+    """What labels mean that say nothing, each with its evidence, for a person to confirm."""
+    lines = [
+        "[markers]",
+        f"# likely: no marker set knows the labels; {proposal.told}",
+        'set = "landmarks"',
+        "# MISSING: a person's look at each line of rename and tracking; then write true",
+        "confirmed = false",
+        "[markers.rename]  # label in the files = what the marker lies on",
+    ]
+    for label, name in sorted(proposal.rename.items(), key=lambda item: item[1]):
+        lines.append(f"{toml_value({label: name})[1:-1].strip()}  # {proposal.evidence[label]}")
+    lines.append("[markers.tracking]  # segment = further markers that move with it")
+    for segment, labels in proposal.tracking.items():
+        lines.append(f"{segment} = [")
+        lines += [f"    {toml_value(label)},  # {proposal.evidence[label]}" for label in labels]
+        lines.append("]")
+    if proposal.weights:
+        lines.append(
+            "[markers.weights]  # 0: shown, but pulls nothing; on the head, which the neck moves, or likely only"
+        )
+        lines += [f"{toml_value({label: weight})[1:-1].strip()}" for label, weight in proposal.weights.items()]
+    return lines + [f"# not used: {_one_line(label)}: {why}" for label, why in proposal.unused.items()]
 
 
 def left_over_words(choice: SetChoice) -> str:
@@ -277,8 +305,21 @@ def missing_options(draft: Draft) -> str:
     return " ".join(NEEDED[field] for field in draft.missing)
 
 
-def study_of(draft: Draft) -> Study:
-    """The drafted study with its recordings, without a study file on disk.
+def unconfirmed_words(draft: Draft) -> str:
+    """That labels mean only what was proposed, and what to do; empty where they are names."""
+    if draft.choice is None or draft.choice.proposal is None:
+        return ""
+    labels = list(draft.choice.proposal.evidence)
+    shown = ", ".join(labels[:4]) + (", ..." if len(labels) > 4 else "")
+    return (
+        f"no marker set knows the labels {shown}; what each marker is can be proposed, and has to be confirmed: "
+        f"'gaitcal init {draft.folder.path}' writes the proposal"
+    )
+
+
+def study_of(draft: Draft, *, proposed: bool = False) -> Study:
+    """The drafted study with its recordings, without a study file on disk; `proposed`: also where what the labels mean
+    is proposed only.
 
     Raises
     ------
@@ -288,6 +329,8 @@ def study_of(draft: Draft) -> Study:
     path = draft.folder.path / STUDY
     if draft.fault:
         raise InputError(draft.fault, source=draft.folder.path, code=Code.FOLDER)
+    if not proposed and (words := unconfirmed_words(draft)):
+        raise InputError(words, source=draft.folder.path, code=Code.UNKNOWN_LABEL)
     if draft.missing:
         raise InputError(
             f"{missing_words(draft)}: give {missing_options(draft)}", source=draft.folder.path, code=Code.WHO_IT_IS
@@ -296,7 +339,7 @@ def study_of(draft: Draft) -> Study:
         written = Path(folder) / STUDY
         written.write_text(draft_text(draft, None), encoding="utf-8")
         file = load_study_file(written)
-    marker_set = load_marker_set(file.markers.set)
+    marker_set = marker_set_of(file, path, proposed=True)
     trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
     study = Study.assemble(file, marker_set, trials, path)
     inputs = {name: sha256 for name, sha256 in study.inputs.items() if name != STUDY}  # there is no such file
@@ -311,6 +354,9 @@ def marker_set_line(draft: Draft) -> str:
     choice = draft.choice
     if choice is None:
         return ""
+    if choice.proposal is not None:
+        of = len(choice.proposal.rename) + sum(map(len, choice.proposal.tracking.values()))
+        return f"{LIKELY}no marker set knows the labels; proposed for {of} markers: {choice.proposal.told}"
     found = choice.explained
     known = f"knows {found.known} of {found.known + len(found.left_over)} labels"
     return f"{'' if choice.certain else LIKELY}marker set: {choice.entry}, {known}{left_over_words(choice)}"

@@ -18,7 +18,7 @@ from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
-from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
 from gaitcal.session.draft import FIRST_LABELS, Draft, Drafted, Seen, row_of
@@ -34,7 +34,8 @@ from gaitcal.session.folder import (
     read_folder,
     trial_names,
 )
-from gaitcal.session.marker_sets import SetChoice, candidates, choose_set, explained, respelt
+from gaitcal.session.label_proposal import LANDMARK_SET, propose_labels
+from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, candidates, choose_set, explained, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
 from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed
@@ -111,7 +112,10 @@ def draft_study(folder: Folder, options: Options) -> Draft:
     ]
     choices = _choices(recordings, own)
     if not choices:
-        return refused(folder, no_set(recordings, own), {})
+        try:
+            choices = [_proposed(recordings, options)]
+        except InputError as fault:
+            return refused(folder, f"{no_set(recordings, own)}; nor do places and movement tell them: {fault}", {})
     if choices[0].people:
         return refused(folder, *several_people(files, choices[0].people))
     for choice in choices:
@@ -137,6 +141,24 @@ def draft_study(folder: Folder, options: Options) -> Draft:
     elif parts:
         message += f'; in {parts[0]} somebody stands for a part: call the file static, or write role = "static" for it'
     return refused(folder, f"{message} (marker set {choices[0].entry})", told)
+
+
+def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
+    """The set "landmarks", labels as places and movement propose them; InputError where they tell too little."""
+    height = options.height or next((r.facts.height for r in recordings if r.facts.height), None)
+    proposal = propose_labels(recordings, height)
+    marker_set = load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
+    found = explained(marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename))
+    if len(found.missing) > MOST_MISSING:
+        raise InputError(f"no marker lies where these are: {', '.join(found.missing)}")
+    return SetChoice(
+        marker_set=marker_set,
+        entry=LANDMARK_SET,
+        rename=proposal.rename,
+        explained=found,
+        members=tuple(range(len(recordings))),
+        proposal=proposal,
+    )
 
 
 def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:
@@ -363,8 +385,8 @@ def without_faulty_trials(
     """The study without trials that an error speaks against, what the checks find then, and trial -> error.
 
     Nothing is left out where the first static trial, or the study as a whole, is at fault, or where no trial of a kind
-    (walks, or isolated trials without walks) would be left. Somebody who names a trial in a study file wants it, and is
-    asked to look at it; a folder holds what was recorded, bad takes too.
+    (walks, or isolated trials without walks) would be left. A folder holds what was recorded, bad takes too; of a study
+    file a trial is left out where its errors would stop the others.
     """
     faulty: dict[str, str] = {}
     for f in findings:
@@ -377,6 +399,11 @@ def without_faulty_trials(
         return study, findings, {}
     rest = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
     return rest, check_study(rest), faulty
+
+
+def faulty_notes(faulty: Mapping[str, str]) -> tuple[str, ...]:
+    """That trials are left out, and why (trial -> error)."""
+    return tuple(f"not used: trial '{name}': {error}" for name, error in faulty.items())
 
 
 def rejected_forces(draft: Draft) -> tuple[Finding, ...]:

@@ -15,6 +15,7 @@ from functools import cache
 from gaitcal.errors import other_side
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import REQUIRED, MarkerSet, built_in_sets, load_marker_set
+from gaitcal.session.label_proposal import LabelProposal
 
 FEWEST_LABELS = 6
 """Markers of pelvis and legs that a file shares with a set of which it is."""
@@ -64,6 +65,9 @@ class SetChoice:
     sided_unknown: tuple[str, ...] = ()
     """Labels left over that name a side and that not every recording has: of a static trial, landmarks it may be."""
 
+    proposal: LabelProposal | None = None
+    """What the labels mean by places and movement, where no set knows them; nobody has confirmed it."""
+
     @property
     def certain(self) -> bool:
         """Whether nothing speaks against the set: all landmarks there, most labels known, none left over that only
@@ -71,7 +75,7 @@ class SetChoice:
         """
         found = self.explained
         known = found.known / max(found.known + len(found.left_over), 1)
-        return not found.missing and known >= SURE and not self.sided_unknown
+        return self.proposal is None and not found.missing and known >= SURE and not self.sided_unknown
 
 
 def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()) -> Explained:

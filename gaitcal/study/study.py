@@ -158,7 +158,7 @@ class Study:
         of_study = sha256_of(path)
         file = load_study_file(path)
         before = {f: sha256_of(f) for f in input_files(file, path)} | {path: of_study}
-        marker_set = load_marker_set(file.markers.set)
+        marker_set = marker_set_of(file, path)
         trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
         study = cls.assemble(file, marker_set, trials, path)
         for name, f in study._named_files.items():
@@ -290,6 +290,21 @@ def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
             name = next((n for n in names if n not in out), str(whole))
         out.setdefault(name, file)
     return out
+
+
+def marker_set_of(file: StudyFile, path: Path, *, proposed: bool = False) -> MarkerSet:
+    """The marker set of the study file at `path`, with its further markers; InputError where labels are proposed that
+    nobody confirmed, unless `proposed` ones will do, or as of `load_marker_set`.
+    """
+    if not (file.markers.confirmed or proposed):
+        raise InputError(
+            "found false: what the labels mean was proposed by places and movement; look through [markers.rename] and "
+            "[markers.tracking], put right what is wrong, and write confirmed = true",
+            source=path,
+            field="markers.confirmed",
+            code=Code.UNKNOWN_LABEL,
+        )
+    return load_marker_set(file.markers.set).with_further(file.markers.tracking, path)
 
 
 def _require_labels(file: StudyFile, marker_set: MarkerSet, trials: Sequence[Trial], path: Path) -> None:

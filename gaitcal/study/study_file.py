@@ -169,6 +169,12 @@ class Markers(Table):
     weights: dict[str, Annotated[float, Field(ge=0)]] = Field(
         default={}, description="label in the marker set -> weight instead of the set's own; 0 leaves the marker out"
     )
+    tracking: dict[str, list[str]] = Field(
+        default={}, description="segment -> labels of further markers, which the set does not know, that move with it"
+    )
+    confirmed: bool = Field(
+        default=True, description="false where the meaning of labels was proposed, and nobody has looked at it yet"
+    )
 
     @property
     def set_path(self) -> Path | None:

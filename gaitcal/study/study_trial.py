@@ -23,7 +23,8 @@ from gaitcal.io.event_table import events_beside, with_corrected_events
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.io.still import still_window
+from gaitcal.io.still import duration, runs, spans, still_window
+from gaitcal.model.linkage import carrier_of
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.rebuilt_markers import Outlier, without_outliers
 from gaitcal.model.segment_frames import off_line, unit
@@ -66,14 +67,35 @@ class Trial:
     """`file`; where forces have one of their own, `forces`; where a person corrected events, `events`."""
     strays: tuple[Outlier, ...] | None = None
     """Markers that were left out where they were metres away from the body; None: not looked for yet."""
+    cut: str = ""
+    """What was left out of the recording as it does not show the pelvis; empty: nothing."""
+
+
+BRIDGED_S = 0.2
+"""Without three markers the splines carry a pelvis over so much; more hides a part of a step."""
 
 
 def cleaned_trial(trial: Trial, segment_of: Mapping[str, str]) -> Trial:
-    """The trial without markers metres away from the body; `segment_of`: label -> segment."""
+    """The trial without markers metres away from the body, and cut to the longest part that shows the pelvis it hangs
+    on; `segment_of`: label -> segment.
+    """
     if trial.strays is not None:
         return trial
     recording, strays = without_outliers(trial.recording, segment_of)
-    return replace(trial, recording=recording, strays=strays)
+    trial, time = replace(trial, recording=recording, strays=strays), recording.time
+    if trial.role is Role.STATIC or carrier_of(trial.joint) not in ("", "pelvis"):
+        return trial
+    pelvis = [i for i, label in enumerate(recording.labels) if segment_of.get(label) == "pelvis"]
+    lost = seen_mask(recording.markers[:, pelvis]).sum(axis=1) < 3
+    lasting = [run for run in runs(lost) if duration(time, run) > BRIDGED_S]
+    if not lasting or lost.all():
+        return trial
+    edges = [0, *(edge for run in lasting for edge in (run.start, run.stop)), len(time)]
+    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
+    frames = np.arange(len(time))
+    words = f"fewer than three pelvis markers in {100 * np.mean(lost):.0f} % of the frames ({spans(time, lasting)}): "
+    words += f"the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, the longest part that shows the pelvis"
+    return replace(trial, recording=recording.frames((frames >= start) & (frames < stop)), cut=words)
 
 
 def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerSet) -> Trial:

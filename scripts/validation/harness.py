@@ -49,6 +49,7 @@ MEMBERS = {
     "priors": "priors",
     "cohorts": "cohorts",
     "coverage": "coverage",
+    "muscles": "muscles",
     "events": "events",
     "readers": "readers",
 }

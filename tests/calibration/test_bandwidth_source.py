@@ -1,7 +1,5 @@
 """Standard errors of a smoothed motion: the penalty is in the matrix, and its bias is a source of its own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The combined fit: the minimum of its cost, what it must achieve, and what spoils nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

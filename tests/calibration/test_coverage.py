@@ -1,7 +1,5 @@
 """Standard errors at small size: `python -m scripts.validation coverage` has them at 200 draws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What trials do not determine: what is frozen and advised, odd joints and bodies, arms turned about themselves."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Inertial parameters from the pelvis residual: possible bodies, derivatives, and what a fit says of its errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

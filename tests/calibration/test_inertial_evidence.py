@@ -1,7 +1,5 @@
 """Inertial parameters move where the residual asks for it: the noise against simulation, the fit against algebra."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Joint parameters: exact recovery, the reduced problem against a dense reference, bounds, priors, nested sets."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One estimate of joint parameters, soft tissue and motions: dense, true, repeated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

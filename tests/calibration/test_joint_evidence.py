@@ -1,7 +1,5 @@
 """Evidence of all trials: whose every error is, what each phase was fitted to, and what is said of soft tissue."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """How much of a trial's errors its joints can see, and how many of its frames are independent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Phases one after the other: what one knows is the prior of the next, and what nobody sees stays."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

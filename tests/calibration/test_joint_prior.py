@@ -1,7 +1,5 @@
 """What anatomy expects of joint parameters: a covariance, mirrored sides, one bone end seen from two segments."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Soft tissue by the task: its regressors, rigid columns instead of every marker, and the scale of a person."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Their size is in `test_coverage`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A laboratory of four people whose calibrations are stubs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

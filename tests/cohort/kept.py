@@ -1,7 +1,5 @@
 """People of a cohort as they are kept on disk, without any calibration, and the tables and page made of them."""
 
-from __future__ import annotations
-
 import base64
 from dataclasses import dataclass, field
 from pathlib import Path

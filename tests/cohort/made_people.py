@@ -1,7 +1,5 @@
 """People of a known population, of each of whom recordings tell something."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

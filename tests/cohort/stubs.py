@@ -1,7 +1,5 @@
 """Calibrations that are stubs, and runs of a cohort on them in this process."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """From recordings to evidence, from people to a file of priors, and from the file to a person."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

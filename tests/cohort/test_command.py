@@ -1,7 +1,5 @@
 """`gaitcal cohort` from bare folders to tables, on made-up people."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Calibrations that lean on a cohort: the prior in the fit, what is said of it, and the commands."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """`cohort.html` as data: who and what stands in it, that nothing in it is code, and that it is the same every time."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

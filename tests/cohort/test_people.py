@@ -1,7 +1,5 @@
 """Who belongs to a cohort, by folders, cohort.toml and people.csv."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

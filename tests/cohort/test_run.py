@@ -1,7 +1,5 @@
 """A cohort whose calibrations are stubs: what is run again and why, what the tables hold, what a failure leaves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from errno import ENOSPC

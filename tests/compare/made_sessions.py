@@ -1,7 +1,5 @@
 """Sessions made of plain numbers: strides of one angle and one moment, a calibrated model, errors by source."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

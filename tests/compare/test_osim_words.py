@@ -1,7 +1,5 @@
 """What an OpenSim model differs in, in words."""
 
-from __future__ import annotations
-
 from gaitcal.compare.comparison import ComparisonRow, osim_words
 
 

@@ -1,7 +1,5 @@
 """Differences between two sessions: identities, a shift that is known, what is shared, who is compared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

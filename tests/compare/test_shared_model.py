@@ -1,7 +1,5 @@
 """Joint parameters from two sessions: against the plain Bayesian estimate, and what new markers leave apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import block_diag

@@ -6,8 +6,6 @@ with the names of those before. A block that cannot run here says why in its fen
 A file that a page writes is ```` ```toml title="study.toml" ````: it is put into the folder where it stands.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 from collections.abc import Mapping

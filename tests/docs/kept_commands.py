@@ -4,8 +4,6 @@ Several pages begin with the same person, and calibrate it. A result of a folder
 each time: the study in it leads to its recordings.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

@@ -3,8 +3,6 @@
 Of several people in an example there is the first.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 from pathlib import Path

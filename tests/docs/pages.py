@@ -1,7 +1,5 @@
 """Pages of the documentation as a reader would follow them: each in an empty folder, from first block to last."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

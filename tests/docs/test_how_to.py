@@ -1,7 +1,5 @@
 """The how-to pages run as they stand, and every file that they leave is described."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The documentation against the program: nothing without a page, blocks of the right form, a site without a warning."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

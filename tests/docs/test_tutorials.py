@@ -1,7 +1,5 @@
 """The tutorials run as they stand, and every file that they leave is described."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Axes that are wrong by a little: against a linkage whose axes are turned, bodies and joints staying in place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

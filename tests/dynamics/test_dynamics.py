@@ -1,7 +1,5 @@
 """Inverse dynamics: against Pinocchio with external forces, regressor identities, and finite differences."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The limit of the pelvis residual, exceeded as seldom as it says, wider for what is known to be in it; its size."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Which frames are valid for each leg: its foot wholly on plates of its own, or in the air; told without forces."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From force plates to torques in scripts: the same as in a calibration, and clear words for what cannot be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

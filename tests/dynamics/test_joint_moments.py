@@ -2,8 +2,6 @@
 torques of the model, the energy of the body, and finite differences.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

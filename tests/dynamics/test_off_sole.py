@@ -1,7 +1,5 @@
 """Frames in which the centre of pressure is not under the foot: no torque of that leg is valid in them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

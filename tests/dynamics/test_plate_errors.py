@@ -1,7 +1,5 @@
 """What force plates err by, as torques of wrenches so changed; and the shares of sources."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Real walks without one of their plates: no frame is valid in which that plate bore a part of the foot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module

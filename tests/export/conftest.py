@@ -1,7 +1,5 @@
 """A subject with the published parameters and markers, and variants of it."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a peer's answer is compared with: our own mechanics, and random states to ask for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Segment frames are the model's body frames (the talus has its own); the person s
 zero. A line of the model's joint becomes joint parameters as `gaitcal/model/linkage.py` defines them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

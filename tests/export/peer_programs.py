@@ -1,7 +1,5 @@
 """The other programs that results are compared with (extra `peers`). Without them tests skip; in CI they fail."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

@@ -4,8 +4,6 @@ Importable without the peers installed; they are handed in. `..._answers` return
 our order, and (ns, nm, 3) m, for `ns` states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Reading a peer's model: our own comes back as it is, in any body frames, in both generations of files."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
@@ -115,6 +113,7 @@ def in_other_frames(tree: ET.ElementTree) -> None:
 
 def in_old_format(tree: ET.ElementTree) -> None:
     """The layout of OpenSim 3: joints inside bodies, locations in joints, functions in a wrapper."""
+    tree.getroot().set("Version", "30000")
     model = tree.getroot().find("Model")
     assert model is not None
     joints = model.find("JointSet")

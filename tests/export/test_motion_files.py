@@ -1,7 +1,5 @@
 """Motion, moments and ground reactions as files: read back by our reader, unchanged."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Names are data: whatever stands in them, the files stay well-formed, the names distinct, and nothing is a path."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A peer that is missing is a skipped test at home and a failure in CI."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

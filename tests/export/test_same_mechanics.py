@@ -1,7 +1,5 @@
 """Each exported model, in the program it is for, answers as ours does: 27 generalised forces, all markers."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path

@@ -5,8 +5,6 @@ recordings of a person to the numbers that OpenSim, MuJoCo and Pinocchio give fo
 The figures: pytest tests/export/test_walks_in_peers.py --log-cli-level=INFO
 """
 
-from __future__ import annotations
-
 import logging
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Calibrated people as the result folder holds them: what their files are to say in other programs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

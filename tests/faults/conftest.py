@@ -1,7 +1,5 @@
 """The sound study that the checks are tried on."""
 
-from __future__ import annotations
-
 import pytest
 
 from gaitcal.study.study import Study

@@ -1,7 +1,5 @@
 """A sound synthetic study in memory, and ways to spoil one trial of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

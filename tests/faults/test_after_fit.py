@@ -1,7 +1,5 @@
 """What a finished fit says: what no body can do is refused, leg by leg; residuals with structure are named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each check finds the fault it is about, tells it with numbers, and says nothing about a sound study."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

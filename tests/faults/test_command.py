@@ -1,7 +1,5 @@
 """`gaitcal check` and `gaitcal calibrate --force` on a study that is at fault."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -40,6 +38,23 @@ def test_table_of_errors(study: Path) -> None:
     assert (done.returncode, done.stderr) == (1, "")
     assert "exchanged" in done.stdout and "1 errors" in done.stdout
     assert gaitcal("check", study, "-q").returncode == 1
+
+
+@pytest.mark.slow
+def test_a_refused_walk_leaves_the_study_and_not_the_study_the_user(study: Path, tmp_path: Path) -> None:
+    sound = (study.parent / "walk.csv").read_bytes()
+    spoil(study, "RL")
+    (study.parent / "again.csv").write_bytes(sound)
+    text = study.read_text(encoding="utf-8")
+    walk = next(block for block in text.split("[[trial]]") if 'name = "walk"' in block).partition("\n[")[0]
+    again = walk.replace('name = "walk"', 'name = "again"').replace("walk.csv", "again.csv")
+    study.write_text(f"{text}jp = false\n\n[[trial]]{again}\n", encoding="utf-8")
+    done = gaitcal("calibrate", study, "--out", tmp_path / "result")
+    assert done.returncode == 0, done
+    assert "not used: trial 'walk':" in done.stdout and "carry each other's label" in done.stdout
+    told = json.loads((tmp_path / "result" / "summary.json").read_text(encoding="utf-8"))
+    assert "again" in told["trials"] and "walk" not in told["trials"]
+    assert any("not used: trial 'walk'" in note for note in told["notes"])
 
 
 @pytest.mark.slow

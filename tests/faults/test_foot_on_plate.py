@@ -1,7 +1,5 @@
 """Centres of pressure outside of the feet: accused where they are, by frame, and nowhere else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every cause undoes its own fault, put in by code that knows no causes; whitening against a dense covariance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a user is told of the forces of a session."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Fitted joints against where people have them: the chi^2 of a place, when one is doubted, and what is said of it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

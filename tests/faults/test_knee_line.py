@@ -1,7 +1,5 @@
 """Epicondyles off their line on both legs, or one, against pelvis, malleoli and the bending of the knees in walks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Markers that leave their place for a while are named with their time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Markers that are metres away, gone for a while, or alone on their segment; gaps accuse nobody of exchanged labels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,12 +12,13 @@ from gaitcal.faults.exchanged import exchanged
 from gaitcal.faults.markers import gaps
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
+from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.rebuilt_markers import without_outliers
 from gaitcal.motion.motion import Motion, track
 from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, cleaned, nominal_of
-from tests.faults.spoilt import moved, put, sound_study, with_trial
+from tests.faults.spoilt import Array, moved, put, sound_study, with_trial
 from tests.real_studies import REAL, write_study
 
 MISSING = 0.2
@@ -61,18 +60,21 @@ def test_arms_that_turn_under_their_skin_are_not_accused(data_dir: Path, tmp_pat
     assert [f.found for f in exchanged(evidence) if "LHE" in f.found] == []
 
 
-def pelvis_found(study: Study, lost: Callable[[float, int], bool]) -> tuple[Finding, ...]:
-    """What is said of gaps, beside each marker's own, with two pelvis markers unseen where `lost` (s, frame)."""
-    model = nominal_of(study)
-    trial = next(t for t in study.moving if t.name == "walk")
-    r = trial.recording
+def without_pelvis(study: Study, r: Recording, lost: Callable[[float, int], bool]) -> Array:
+    """Markers with all but two of the pelvis unseen where `lost` (s, frame)."""
     markers = r.markers.copy()
     away = np.array([lost(float(t), k) for k, t in enumerate(r.time)])
     of_pelvis = [i for i, label in enumerate(r.labels) if study.marker_set.segment_of.get(label) == "pelvis"]
     for i in of_pelvis[2:]:
         markers[away, i] = np.nan
-    spoilt = replace(trial, recording=replace(r, markers=markers))
-    evidence = MarkerEvidence.of(spoilt, study.marker_set, study.subject, study.settings, model)
+    return markers
+
+
+def pelvis_found(study: Study, lost: Callable[[float, int], bool]) -> tuple[Finding, ...]:
+    """What is said of gaps, beside each marker's own, in such a walk."""
+    trial = next(t for t in study.moving if t.name == "walk")
+    spoilt = replace(trial, recording=replace(trial.recording, markers=without_pelvis(study, trial.recording, lost)))
+    evidence = MarkerEvidence.of(spoilt, study.marker_set, study.subject, study.settings, nominal_of(study))
     return tuple(f for f in gaps(evidence) if "pelvis markers" in f.found)
 
 
@@ -81,12 +83,21 @@ def test_single_frames_without_the_pelvis_need_no_cure() -> None:
     assert found.severity is Severity.INFO and "8 % of the frames" in found.found and not found.cure
 
 
-def test_a_part_of_a_step_without_the_pelvis_is_told_with_the_part_to_keep() -> None:
-    (found,) = pelvis_found(sound_study(), lambda t, k: 0.195 < t < 0.455 or k % 12 == 5)
-    assert found.severity is Severity.WARNING
-    assert "(0.20-0.45 s)" in found.found
-    end = next(t for t in sound_study().moving if t.name == "walk").recording.time[-1]
-    assert f"time = [0.46, {end:.2f}]" in found.cure
+def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis() -> None:
+    """47 % without three pelvis markers were fitted for minutes, to angles of thousands of degrees."""
+
+    def lost(t: float, k: int) -> bool:
+        return 0.1 < t < 0.34 or t > 0.79 or k % 12 == 5
+
+    cut, bridged = pelvis_found(sound_study(), lost)
+    assert cut.severity is bridged.severity is Severity.INFO
+    assert "cut to 0.34-0.79 s" in cut.found and "0.10-0.34, 0.80-1.03 s" in cut.found
+    study = with_trial(sound_study(), "walk", lambda r: replace(r, markers=without_pelvis(sound_study(), r, lost)))
+    walk, whole = (next(t for t in one.trials if t.name == "walk") for one in (cleaned(study), study))
+    inside = (whole.recording.time > 0.3375) & (whole.recording.time < 0.7925)
+    np.testing.assert_array_equal(walk.recording.time, whole.recording.time[inside])
+    np.testing.assert_array_equal(walk.recording.markers, whole.recording.markers[inside])
+    assert not cleaned(study).static.cut
 
 
 @pytest.mark.parametrize("name", REAL)

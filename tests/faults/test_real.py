@@ -1,7 +1,5 @@
 """Real recordings: no false errors, and the true peculiarities found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

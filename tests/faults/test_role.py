@@ -1,7 +1,5 @@
 """Which way is up, which side is right, which joint moves, and whether further static trials show the same body."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Seams of a recording: frames cut out or doubled, parts joined, and what only looks like one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One body in all trials: faults in random places of a sound study are named, and nothing is said of the sound one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

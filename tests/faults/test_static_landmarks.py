@@ -1,7 +1,5 @@
 """The static trial by itself: exchanged and displaced landmarks, a wrong height, bent people; nothing on sound ones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -252,6 +250,16 @@ def test_how_somebody_stands_is_told_and_no_landmark_accused(
     found = list(standing_straight(trial))
     assert [(f.severity, cause in f.cause) for f in found if cause] == ([(severity, True)] if cause else [])
     assert bool(found) is bool(cause)
+
+
+@pytest.mark.parametrize(("share", "severity"), [(0.479, None), (0.455, Severity.INFO), (0.41, WARNING)])
+def test_legs_are_doubted_where_hardly_anybody_has_them(
+    sound: Study, share: float, severity: Severity | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Legs of one person in twelve, in fifty, in three thousand, where no other length speaks against a height."""
+    trial = evidence(sound, sound.static)
+    monkeypatch.setattr("gaitcal.faults.static_landmarks.hip_height", lambda t: share * t.subject.height)
+    assert [f.severity for f in proportions(trial)] == ([] if severity is None else [severity])
 
 
 @pytest.mark.parametrize("seed", range(1, 7))

@@ -1,7 +1,5 @@
 """From findings to a verdict: overall, for each walk and each leg, one reason a cause, the worst first."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import permutations
 

@@ -1,7 +1,5 @@
 """Evidence of walks whose forces are known: a synthetic one without any error, and real ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache

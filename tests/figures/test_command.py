@@ -1,7 +1,5 @@
 """`gaitcal figures`: what is drawn is what the folder's files hold, and the same folder gives the same files."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

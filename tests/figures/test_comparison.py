@@ -1,7 +1,5 @@
 """The page of two sessions: what it says, no script and no request, names as data, the band and what lies beyond it."""
 
-from __future__ import annotations
-
 import base64
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Figures as files, what they draw, and the words on them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 

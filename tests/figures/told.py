@@ -1,7 +1,5 @@
 """What a result folder would tell of a calibration, without the folder."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Strides of recorded walks, and what their files, or their markers by hand, say of them."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Conventions: each switch by itself, and what a positive value means."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

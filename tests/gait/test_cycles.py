@@ -1,7 +1,5 @@
 """Foot strikes, cycles and normalisation on contacts that are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Means and spreads of strides: against plain loops, against variances that we put in, and sample by sample."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

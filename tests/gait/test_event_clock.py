@@ -1,7 +1,5 @@
 """Events of a file against forces and motion: what fits is used, every known fault is named, nothing else alarms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Events of file, plates and motion as one list: which source wins, and how the others are moved."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

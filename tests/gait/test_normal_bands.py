@@ -1,7 +1,5 @@
 """Normal bands of a user: units and signs as in `cycles.csv`, and one line for whatever is wrong with the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which norm somebody is held against; Gait Profile Scores by hand, of the norm itself, and with their errors."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Peaks by phase: windows that follow the foot, turning points, errors, and what a strike's shock must not become."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Speed, cadence, steps and phases: on feet that are put down where we say, and on files that tell theirs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

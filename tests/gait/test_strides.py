@@ -1,7 +1,5 @@
 """What is drawn of a trial, the numbers of its moments, and the pelvis against their line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

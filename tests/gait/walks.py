@@ -1,7 +1,5 @@
 """The events of a made-up walk: both feet, half a stride apart."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

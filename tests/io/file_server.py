@@ -1,7 +1,5 @@
 """A file server on this machine, with the faults that a real one may have."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Made-up recordings for the tests of this folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Up and forward, found from the data, by turns that round nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Markers of made-up C3D files: clock, units, gaps, and files larger or odder than the usual."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Conversion between formats."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Our own CSV tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`events.csv`: what a person corrected wins over file, plates and motion; every fault names file, line, field."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """`gaitcal example`: fetched from a server on this machine, with what can go wrong on the way."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """OpenSim's ExternalLoads: the plates of the table, with the feet and names that the file gives them."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

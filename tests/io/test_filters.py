@@ -1,7 +1,5 @@
 """The low-pass filter of wrenches, and their values at marker frames."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Force plates of all four types from made-up C3D files, with every fault that real ones have."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """SIGTERM and SIGHUP end a run as Ctrl-C does: cleaned up, once, and not in the middle of what must not be broken."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
@@ -92,7 +90,7 @@ def test_exit_codes_and_the_one_line(
     def end(*_: object, **__: object) -> None:
         raise ending
 
-    monkeypatch.setattr("gaitcal.cli.view.view_results", end)
+    monkeypatch.setattr("gaitcal.cli.view.view_result", end)
     monkeypatch.setattr(sys, "argv", ["gaitcal", "view", "."])
     with pytest.raises(SystemExit) as exit_:
         cli.main()

@@ -1,7 +1,5 @@
 """Stretches of frames, and the gaps of markers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

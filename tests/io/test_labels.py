@@ -1,7 +1,5 @@
 """Which labels are markers, and how they are spelt."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a C3D file says of the person and of foot events: real files, and made-up ones with all that goes wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

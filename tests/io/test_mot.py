@@ -1,7 +1,5 @@
 """MOT and STO tables, and ground reactions in all their spellings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The door: endings, missing files, and forces that take the place of a file's own plates."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Real C3D files, against what is known of them from elsewhere: body mass, feet, the same trial in other encodings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Results appear whole or not at all, by one writer at a time, and replace nothing but results of their own kind."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """What is written reads back: to the bit in text, to 32-bit floats in C3D."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

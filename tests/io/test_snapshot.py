@@ -1,7 +1,5 @@
 """What is read is what was written; what changes while a command runs is told."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The still window of a static trial."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

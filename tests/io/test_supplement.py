@@ -1,7 +1,5 @@
 """A C3D file that was given further points holds all that it had, and they, for two readers who know nothing of us."""
 
-from __future__ import annotations
-
 import warnings
 from importlib.metadata import version
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Columns of times: freed of rounding where that is all that is wrong with them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

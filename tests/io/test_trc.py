@@ -1,7 +1,5 @@
 """TRC files with the quirks that real ones have."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Static trials to make models from: the published subject standing at zero coordinates, and the real recordings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What ankle angles are counted from: soles on the floor, markers, a file's angles."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """De Leva's table for a person, and Jensen's for a child: published numbers, a body's total mass, possible bodies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

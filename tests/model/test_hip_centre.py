@@ -1,7 +1,5 @@
 """Hip centres by regressions and as a file has them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The vectorised kinematics against Pinocchio, the published linkage's geometry, and the table of coordinates."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,7 +10,6 @@ from gaitcal.model.coordinates import (
     COORDINATE_TABLE,
     GROUPS,
     JOINT_TABLE,
-    LEG_COORDINATES,
     LOCKED,
     TRANSLATION_RANGES,
     group_of,

@@ -1,7 +1,5 @@
 """Marker sets: built-in ones are sound, own ones are read and written, mistakes are told, and labels covered."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,7 +41,7 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_built_in_sets() -> None:
-    ours = "cast conventional73 gait2354 ior opencap plug-in-gait published rajagopal rcnl ufabc visual3d"
+    ours = "cast conventional73 gait2354 ior landmarks opencap plug-in-gait published rajagopal rcnl ufabc visual3d"
     assert built_in_sets() == tuple(ours.split())
     for name in built_in_sets():
         made = load_marker_set(name)

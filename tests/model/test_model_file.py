@@ -1,7 +1,5 @@
 """A model file holds every number exactly, and says in one line what is wrong with it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The nominal model: the published subject from its own markers, real people, and what a laboratory may do wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -201,9 +199,7 @@ def test_real_people(name: str, data_dir: Path) -> None:
 
 
 @pytest.mark.parametrize("name", PEOPLE)
-def test_the_static_posture_of_real_people_is_met(
-    name: str, data_dir: Path, record_property: pytest.RecordProperty
-) -> None:
+def test_the_static_posture_of_real_people_is_met(name: str, data_dir: Path) -> None:
     """What remains is sway and noise in half a second; a raised arm is met less closely, and says so."""
     person = PEOPLE[name]
     static = person.markers.renamed(person.static(data_dir))
@@ -213,7 +209,6 @@ def test_the_static_posture_of_real_people_is_met(
     of_legs = [i for i, s in enumerate(errors.segments) if s.startswith(("pelvis", "thigh", "shank", "foot"))]
     kept = [i for i in of_legs if errors.kept()[i]]
     legs = float(np.sqrt(np.nanmean(errors.distance[:, kept] ** 2)))
-    record_property("static_rms_mm", f"legs {1e3 * legs:.2f}, all {1e3 * (errors.rms() or 0):.2f}")
     assert legs < 0.5e-3
     if name in ARMS_HANG:
         assert (errors.rms() or 1.0) < 0.5e-3

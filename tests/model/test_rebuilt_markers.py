@@ -1,7 +1,5 @@
 """Markers that the static trial lost, rebuilt from other trials."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

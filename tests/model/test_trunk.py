@@ -1,7 +1,5 @@
 """The trunk from any three markers: where it faces, where its shoulders are, and when nothing can be said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

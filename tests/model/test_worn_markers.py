@@ -1,7 +1,5 @@
 """What is open in a marker set is decided by what the person wears, a knee alignment device among it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Bands and arrows against dense linear algebra."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

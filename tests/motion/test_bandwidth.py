@@ -1,7 +1,5 @@
 """The bandwidth that markers ask for: near the best on known motions, whatever the noise, the camera and the gaps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

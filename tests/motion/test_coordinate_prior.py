@@ -1,7 +1,5 @@
 """Priors on coefficients: derivatives, walls that nothing feels inside, and coordinates that no marker determines."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The one iteration: minima of plain functions, and an ending that says what happened, through all that use it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,7 +42,7 @@ class _Rosenbrock:
         residual, jacobian = self._parts(x)
         return Evaluation(float(residual @ residual), jacobian.T @ residual)
 
-    def linearise(self, x: Array, *, curved: bool) -> _Linear:
+    def linearise(self, x: Array, *, curved: bool) -> "_Linear":
         assert not curved
         self.matrices += 1
         jacobian = self._parts(x)[1]
@@ -124,7 +122,7 @@ class _Saddle(_Rosenbrock):
     def evaluate(self, x: Array) -> Evaluation:
         return Evaluation(float(x @ x) + 1.0, x.copy())
 
-    def linearise(self, x: Array, *, curved: bool) -> _Linear:
+    def linearise(self, x: Array, *, curved: bool) -> "_Linear":
         return _Linear(self.evaluate(x), -np.eye(len(x)))
 
 
@@ -134,7 +132,7 @@ class _Step(_Rosenbrock):
     def evaluate(self, x: Array) -> Evaluation:
         return Evaluation(1.0 if not x.any() else 2.0, np.full(len(x), 1e-4))
 
-    def linearise(self, x: Array, *, curved: bool) -> _Linear:
+    def linearise(self, x: Array, *, curved: bool) -> "_Linear":
         return _Linear(self.evaluate(x), np.eye(len(x)))
 
 

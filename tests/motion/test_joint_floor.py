@@ -1,7 +1,5 @@
 """What each joint by itself can reach: between rigid segments and the whole linkage, and its own least squares."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

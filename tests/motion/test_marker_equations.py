@@ -1,7 +1,5 @@
 """Marker residual, gradient and Hessian: against finite differences, explicit Jacobians and Pinocchio's CRBA."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

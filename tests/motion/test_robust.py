@@ -1,7 +1,5 @@
 """Iterated weights: the loss functions, their scale, and tracking that outliers do not move."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

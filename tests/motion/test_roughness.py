@@ -1,7 +1,5 @@
 """The penalty against quadrature, finite differences and dense solvers; what it leaves alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

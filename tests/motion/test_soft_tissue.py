@@ -1,7 +1,5 @@
 """Soft tissue and what a knee does besides flexing, as variables of a trial: derivatives, and joints found so."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Splines against SciPy, tracking against a dense SciPy reference, starts, gaps, headings, curvature and memory."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where tracking starts: all segments fitted at once, and segments of too few markers turned about their joint."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

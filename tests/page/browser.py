@@ -1,7 +1,5 @@
 """A headless Chromium, driven through its DevTools protocol over two pipes: no driver, no extra package."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import json

@@ -5,8 +5,6 @@ severity, in linear RGB. Distance: CIEDE2000 (Sharma, Wu and Dalal 2005, Color R
 10 plain at a glance. Contrast: WCAG 2.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scenes and a browser, made once for all tests of the viewer."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bones made of balls, whose landmarks are known: nobody's, but enough to place and to look at."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

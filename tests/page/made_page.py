@@ -1,7 +1,5 @@
 """Page data made up: a plain one, one with several strides of each leg, and one with blocks of every kind."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from typing import Any
@@ -59,9 +57,9 @@ EVENTS = {
 """s from the begin of the walk."""
 
 
-def plain_page(scene: Scene, *more: Shown, bones: BoneMeshes | None = None) -> str:
-    """The page of a scene with its data, and of further results; `bones` unless those of the extra are to be used."""
-    return page_html([Shown(scene, plain_data(scene), "before"), *more], bones)
+def plain_page(scene: Scene, bones: BoneMeshes | None = None) -> str:
+    """The page of a scene with its data; `bones` unless those of the extra are to be used."""
+    return page_html(Shown(scene, plain_data(scene)), bones)
 
 
 def plain_data(scene: Scene) -> dict[str, Any]:
@@ -193,7 +191,7 @@ def everything_page(**changes: Any) -> str:
         measures=measures,
         sections={preset: every_block() for preset in PRESETS},
     )
-    return page_html([Shown(scene, data | changes, "before")])
+    return page_html(Shown(scene, data | changes))
 
 
 def measured_strides(seed: int = 8) -> dict[str, tuple[Stride, ...]]:

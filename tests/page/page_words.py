@@ -1,7 +1,5 @@
 """Everything that the page of a calibration says in words and formatted numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

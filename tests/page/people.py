@@ -1,7 +1,5 @@
 """Scenes to look at without solving anything: the built-in subject walking, and variations of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ axe-core is no part of this repository: `GAITCAL_AXE` is the path of its `axe.mi
 fetches it and prints that path). Without it, what needs it is skipped.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections.abc import Callable, Iterator

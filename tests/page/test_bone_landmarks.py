@@ -1,7 +1,5 @@
 """Landmarks found on a surface, against made bones whose landmarks are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Bones on a person: what must meet, what must not matter, and what is measured of the knee axes."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -226,7 +224,7 @@ def test_what_a_knee_stands_on_is_told(bones: Landmarked) -> None:
 
 def test_a_page_holds_bones_and_says_where_they_are_from(scene: Scene, bones: Landmarked) -> None:
     html = view_html(scene, bones.bones)
-    held = json.loads(html.split('id="results">')[1].split("</script>")[0])[0]["scene"]["bones"]
+    held = json.loads(html.split('id="result">')[1].split("</script>")[0])["scene"]["bones"]
     assert held["why"] is None and held["source"].startswith("the folder Geometry")
     assert set(held["meshes"]) == {"femur", "tibia", "fibula", "pelvis"}
     assert [knee["joint"] for knee in held["knees"]] == ["knee_r", "knee_l"]

@@ -1,19 +1,15 @@
-"""Address, switches, two results, hostile names, phones and long walks of the page, in a browser."""
-
-from __future__ import annotations
+"""Address, switches, hostile names, phones and long walks of the page, in a browser."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.scene import Scene
-from gaitcal.page.view import Shown
 from tests.page.browser import Page
 from tests.page.made_bones import folder_of_bones
-from tests.page.made_page import plain_data, plain_page
+from tests.page.made_page import plain_page
 from tests.page.test_browser import DRAWN, paused, stage, until
 from tests.page.test_shell import state
 
@@ -30,14 +26,6 @@ def shown(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "result.html"
 
 
-@pytest.fixture(scope="module")
-def two(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    after = replace(scene, subject="After", mass=80.0, trials=scene.trials[:1])
-    path = tmp_path_factory.mktemp("shell") / "two.html"
-    path.write_text(plain_page(scene, Shown(after, plain_data(after), "after")), encoding="utf-8")
-    return path
-
-
 def chosen(page: Page, control: str, value: str) -> None:
     change = f"(s => {{ s.value = '{value}'; s.dispatchEvent(new Event('change')); }})"
     page.run(f"{change}(document.getElementById('{control}'))")
@@ -52,17 +40,17 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
     page.run(until("location.hash === ''"))
     values = """{ preset: "joints", axis: "time", unit: "Nm", signs: "clinical", acting: "external", nominal: true,
         norm: false, errors: false, spread: "mean", seconds: 0.25, window: [0.1, 0.5], speed: 0.5, joint: "ankle_l",
-        off: new Set(["0/0/r/1"]) }"""
+        off: new Set(["0/r/1"]) }"""
     page.run(f"gaitcal.state.set({values}); document.getElementById('show-bones').click()")
     page.run(until("location.hash.includes('ankle_l')"))
     said = page.run("location.hash")
-    assert "truth" not in said and "second" not in said, "what is as usual is not said"
+    assert "truth" not in said, "what is as usual is not said"
     page = visit(f"{shown.as_uri()}?b{said}")
     assert not page.run("gaitcal.state.playing")
     for field, value in (
         ("preset", "joints"), ("axis", "time"), ("unit", "Nm"), ("signs", "clinical"), ("acting", "external"),
         ("nominal", True), ("norm", False), ("errors", False), ("truth", True), ("spread", "mean"), ("seconds", 0.25),
-        ("window", [0.1, 0.5]), ("speed", 0.5), ("joint", "ankle_l"), ("off", ["0/0/r/1"]),
+        ("window", [0.1, 0.5]), ("speed", 0.5), ("joint", "ankle_l"), ("off", ["0/r/1"]),
         ("layers", ["body", "fitted", "nominal", "uncertainty"]),
     ):  # fmt: skip
         assert state(page, field) == value, field
@@ -74,8 +62,8 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
 @pytest.mark.parametrize(
     "said",
     [
-        "%", "=&=&", "preset=__proto__&axis=constructor&trial=-1&t=NaN", "t=1e999&window=5,9&result=99&joint=%00",
-        "off=0/0/0/0,../..&layers=x&speed=1e9", "trial=1.5&window=a,b&t=-3", "&".join(["preset=fit"] * 5000),
+        "%", "=&=&", "preset=__proto__&axis=constructor&trial=-1&t=NaN", "t=1e999&window=5,9&joint=%00",
+        "off=0/0/0,../..&layers=x&speed=1e9", "trial=1.5&window=a,b&t=-3", "&".join(["preset=fit"] * 5000),
     ],
 )  # fmt: skip
 def test_an_address_of_any_text_opens_the_page(visit: Visit, shown: Path, said: str) -> None:
@@ -91,13 +79,13 @@ def test_a_change_of_the_address_is_followed(visit: Visit, shown: Path) -> None:
     page.run(until("gaitcal.state.joint === 'knee_l'"))
 
 
-# ------------------------------------------------------------------------------------------- switches and two results
+# ------------------------------------------------------------------------------------------- ---------------- switches
 
 
 def test_switches_choose_and_those_without_a_meaning_are_not_there(visit: Visit, shown: Path) -> None:
     page = paused(visit(shown))
     there = page.run("[...document.querySelectorAll('#switches [id^=switch-]')].map(({ id }) => id.slice(7)).sort()")
-    assert there == ["acting", "axis", "errors", "nominal", "signs", "spread", "unit"], "no norm, truth, second result"
+    assert there == ["acting", "axis", "errors", "nominal", "signs", "spread", "unit"], "no norm, truth"
     for field, value in (
         ("axis", "time"), ("unit", "%BWH"), ("signs", "clinical"), ("acting", "external"), ("spread", "mean"),
     ):  # fmt: skip
@@ -107,26 +95,12 @@ def test_switches_choose_and_those_without_a_meaning_are_not_there(visit: Visit,
     assert state(page, "nominal")
     page.run("gaitcal.state.set({ errors: false })")
     assert not page.run("document.getElementById('switch-errors').checked")
-    page.run("document.getElementById('part-0-0-r-1').click()")
-    assert state(page, "off") == ["0/0/r/1"]
+    page.run("document.getElementById('part-0-r-1').click()")
+    assert state(page, "off") == ["0/r/1"]
     told = "document.querySelector('#counting p').textContent"
     assert page.run(told) == "In means: 0 of 1 right, 0 of 0 left straight strides."
     controls = "[...document.querySelectorAll('#switches input, #switches select')]"
     assert page.run(f"{controls}.every(c => c.labels.length === 1)")
-
-
-def test_of_two_results_one_body_is_shown(visit: Visit, two: Path) -> None:
-    page = paused(visit(two))
-    assert page.run("document.getElementById('subject').textContent") == "Built-in subject"
-    assert page.run("[...document.getElementById('result').options].map(o => o.text)") == ["before", "after"]
-    page.run("gaitcal.state.set({ trial: 1 })")
-    chosen(page, "result", "1")
-    assert page.run("document.getElementById('subject').textContent") == "After"
-    assert page.run("gaitcal.trial.name") == "walk" and page.run("document.getElementById('trial').options.length") == 1
-    assert page.run("gaitcal.stage.figures.map(figure => figure.group.visible)") == [False, True]
-    assert "80.0 kg" in page.run("document.getElementById('about').textContent")
-    assert page.run("document.getElementById('switch-second').checked")
-    assert page.console == []
 
 
 # ------------------------------------------------------------------------------------------- names, phones, long walks
@@ -134,9 +108,9 @@ def test_of_two_results_one_body_is_shown(visit: Visit, two: Path) -> None:
 
 @pytest.mark.parametrize("width, height", [(390, 844), (320, 568), (844, 390)])
 def test_a_phone_shows_person_and_controls_and_cuts_nothing_off(
-    visit: Visit, two: Path, width: int, height: int
+    visit: Visit, shown: Path, width: int, height: int
 ) -> None:
-    page = paused(visit(two, width, height, phone=True))
+    page = paused(visit(shown, width, height, phone=True))
     assert page.run("document.documentElement.scrollWidth") <= width
     cut = page.run(
         """[...document.querySelectorAll("#top button, #top select, #controls button, #controls select, #time, #clock,"

@@ -1,7 +1,5 @@
 """`cohort.html` in a browser: who is shown, in which order, what is drawn of them, and whether everybody can use it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Fitted and nominal joints are told apart by everybody, on a light page and a dark one, and before a bone."""
 
-from __future__ import annotations
-
 import re
 from importlib.resources import files
 

@@ -1,7 +1,5 @@
 """What a reader changes: strides in and out of means, events, comments; and what is first seen."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -38,7 +36,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for k, stride in enumerate(trial["strides"]):
             stride |= reasons[k % 2]
     path = tmp_path_factory.mktemp("corrected") / "result.html"
-    path.write_text(page_html([Shown(scene, sheet)]), encoding="utf-8")
+    path.write_text(page_html(Shown(scene, sheet)), encoding="utf-8")
     return path
 
 
@@ -79,13 +77,13 @@ def test_a_tick_takes_a_stride_out_of_means(page: Page) -> None:
     told = "document.querySelector('#counting p').textContent"
     assert page.run(told) == "In means: 3 of 3 right, 1 of 1 left straight strides."
     subject = "{base: 'hip_flexion', kind: 'angle'}"
-    traces = f"new Gaitcal.Traces({subject}, gaitcal.curves.strides, gaitcal.curves.conventions)"
+    traces = f"new Gaitcal.Traces({subject}, gaitcal.curves.strides, gaitcal.curves.convention)"
     count = f"Math.max(...{traces}.main('r').counts)"
     assert page.run(count) == 3
-    assert page.run("document.getElementById('part-0-0-r-2').disabled"), "it turns"
-    page.run("document.getElementById('part-0-0-r-1').click()")
+    assert page.run("document.getElementById('part-0-r-2').disabled"), "it turns"
+    page.run("document.getElementById('part-0-r-1').click()")
     assert page.run(told) == "In means: 2 of 3 right, 1 of 1 left straight strides." and page.run(count) == 2
-    page.run("document.getElementById('part-0-1').click()")
+    page.run("document.getElementById('part-1').click()")
     assert page.run(told) == "In means: 1 of 3 right, 1 of 1 left straight strides."
     page.run("gaitcal.state.set({off: new Set()})")
     assert page.console == []

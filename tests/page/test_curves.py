@@ -1,7 +1,5 @@
 """Curves in a browser: one clock, the conventions and means of Python, names as data, paper, and speed."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Callable
@@ -38,7 +36,7 @@ STRIDES = {
     2: {"l": [0.1, 0.6]},
 }
 """Trial 0 has a right stride that turns, trial 2 no right stride."""
-CONVENTIONS = "gaitcal.curves.conventions"
+CONVENTIONS = "gaitcal.curves.convention"
 LEAD = "gaitcal.curves.lead"
 Visit = Callable[..., Page]
 
@@ -52,7 +50,7 @@ def walked() -> Any:
 @pytest.fixture(scope="module")
 def walked_html(walked: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("curves") / "result.html"
-    path.write_text(page_html([Shown(walked[0], walked[1], "one")]), encoding="utf-8")
+    path.write_text(page_html(Shown(walked[0], walked[1])), encoding="utf-8")
     return path
 
 
@@ -66,7 +64,7 @@ def shown(
     visit: Visit, folder: Path, scene: Scene, sheet: dict[str, Any], width: int = 1280, phone: bool = False
 ) -> Page:
     path = folder / "result.html"
-    path.write_text(page_html([Shown(scene, sheet)]), encoding="utf-8")
+    path.write_text(page_html(Shown(scene, sheet)), encoding="utf-8")
     return at_rest(visit(path, width, 900, phone))
 
 
@@ -100,7 +98,7 @@ def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
     agree = []
     for base, kind in {(c["base"], c["kind"]) for c in sheet["trials"][0]["curves"]}:
         told = page.run(f"""(() => {{ const c = gaitcal.curves;
-            const traces = new Gaitcal.Traces({{ base: '{base}', kind: '{kind}' }}, c.strides, c.conventions);
+            const traces = new Gaitcal.Traces({{ base: '{base}', kind: '{kind}' }}, c.strides, c.convention);
             return ['r', 'l'].map((side) => (({{ counts, value, sd, se }}) =>
               [counts, value, sd, se].map((part) => Array.from(part)))(traces.main(side))); }})()""")
         for side, (n, mean, sd, se) in zip("rl", np.array(told, dtype=float), strict=True):
@@ -285,9 +283,9 @@ def test_what_is_off_takes_no_part(page: Page) -> None:
     traces = f"new Gaitcal.Traces({panel('hip_flexion', 'angle')}.subject, gaitcal.curves.strides, {CONVENTIONS})"
     count = f"Math.max(...{traces}.main('l').counts)"
     assert page.run(count) == 3
-    page.run("gaitcal.state.set({ off: new Set(['0/0/l/1']) })")
+    page.run("gaitcal.state.set({ off: new Set(['0/l/1']) })")
     assert page.run(count) == 2
-    page.run("gaitcal.state.set({ off: new Set(['0/0/l/1', '0/1']) })")
+    page.run("gaitcal.state.set({ off: new Set(['0/l/1', '1']) })")
     assert page.run(f"{traces}.main('l').n") == 1
 
 

@@ -1,7 +1,5 @@
 """Where things stand: switches in a row, curves above the fold, the verdict of a phone, the order of Trust, paper."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -26,7 +24,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("walked") / "result.html"
     scene = long_walks()
     sheet: Any = stridden(scene, STRIDES)[0]
-    path.write_text(page_html([Shown(scene, sheet, "one")] * 2), encoding="utf-8")
+    path.write_text(page_html(Shown(scene, sheet)), encoding="utf-8")
     return path
 
 
@@ -39,17 +37,12 @@ def test_switches_are_a_row_and_say_what_is_set_behind_the_button(visit: Visit, 
     assert page.run("document.getElementById('switches').offsetHeight") <= ROW
     assert page.run("document.getElementById('switches-others').hidden")
     assert words(page, "#switches-more") == ["More"]
-    page.run("gaitcal.state.set({ acting: 'external', second: false, off: new Set(['0/0/r/1']) })")
-    assert words(page, "#switches-more") == ["More: external, no second result"]
+    page.run("gaitcal.state.set({ acting: 'external', nominal: true, off: new Set(['0/r/1']) })")
+    assert words(page, "#switches-more") == ["More: external, before calibration"]
     assert words(page, "#switches .told") == ["external, clinical signs"]
     page.run("document.getElementById('switches-more').click()")
     assert not page.run("document.getElementById('switches-others').hidden")
     assert page.run("document.getElementById('switches-more').getAttribute('aria-expanded')") == "true"
-
-
-def test_results_of_one_name_are_told_apart(visit: Visit, walked: Path) -> None:
-    page = visit(walked, 1280, 800)
-    assert page.run("[...document.getElementById('result').options].map(o => o.text)") == ["one (1)", "one (2)"]
 
 
 def test_a_joint_of_the_address_is_in_view(visit: Visit, walked: Path) -> None:

@@ -1,7 +1,5 @@
 """A Monte Carlo study in a sheet: its numbers, ranked; replaced and never twice; names are data."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

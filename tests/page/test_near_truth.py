@@ -1,7 +1,5 @@
 """How near the truth, in blocks: numbers of each row, what led away, and nothing where no truth is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import base64
 import hashlib
 import json
@@ -34,9 +32,8 @@ def scripts(html: str) -> list[tuple[str, str]]:
 
 
 def content(html: str) -> dict[str, Any]:
-    results = json.loads(next(text for attributes, text in scripts(html) if 'id="results"' in attributes))
-    assert len(results) == 1
-    scene: dict[str, Any] = results[0]["scene"]
+    result = json.loads(next(text for attributes, text in scripts(html) if 'id="result"' in attributes))
+    scene: dict[str, Any] = result["scene"]
     return scene
 
 

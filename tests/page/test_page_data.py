@@ -1,7 +1,5 @@
 """The sections of a sheet: numbers are those of the files, what is missing is left out or said, names are data."""
 
-from __future__ import annotations
-
 import base64
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Every number above a panel is the one that the files of the result have at that instant, of each leg at its own."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which strides count, on which plate, and why others do not: every reason from the frames that make it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the page says of the numbers: verdicts, largest changes, signs, and the order of markers."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What blocks say, as plain rows: for tests."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

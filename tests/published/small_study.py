@@ -1,7 +1,5 @@
 """A small study as a program of its own, to be killed: python -m tests.published.small_study FOLDER."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

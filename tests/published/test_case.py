@@ -1,7 +1,5 @@
 """The case of a calibrated person: the same from the calibration and from its folder, with the markers tracked."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Claims: each verdict turns when the figures behind it do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

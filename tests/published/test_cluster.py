@@ -1,7 +1,5 @@
 """A real scheduler and two workers on the loopback interface; one worker is killed at work."""
 
-from __future__ import annotations
-
 import os
 import re
 import runpy

@@ -1,7 +1,5 @@
 """`gaitcal montecarlo`: what it writes and prints, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Claims on disturbed models: not run without draws; verdicts follow the figures, each frame by itself."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

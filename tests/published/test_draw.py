@@ -1,7 +1,5 @@
 """One draw: its random numbers, torques of the legs, re-fit and record, against slow references."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

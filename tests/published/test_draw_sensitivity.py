@@ -1,7 +1,5 @@
 """Sensitivities of the study: re-fits stopped on the way, and one centre of pressure for both feet."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs that are killed, at any moment, and taken up again: the same table to the last bit."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Sensitivities of phase 1: p values of printed figures, trials of another length, noise that a fit absorbs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

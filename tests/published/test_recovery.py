@@ -1,7 +1,5 @@
 """Phases 1 to 3 on synthetic data: exact without noise; definitions of errors that give the printed figures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

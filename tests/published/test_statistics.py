@@ -1,7 +1,5 @@
 """Distributions, convergence, conclusions, linearised contributions of the parameters, and their figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

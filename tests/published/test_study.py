@@ -1,7 +1,5 @@
 """The study: the same table however it is computed, resumed or raised; stores of others and damaged ones."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace

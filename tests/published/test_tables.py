@@ -1,7 +1,5 @@
 """Rows of the tables: every published figure is there, with ours where it can be, and real people beside them."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

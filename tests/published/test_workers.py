@@ -1,7 +1,5 @@
 """Processes that die stop nobody, and are replaced before they grow old."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What worker processes are given in tests: functions that a fresh process can import."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

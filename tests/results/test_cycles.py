@@ -1,7 +1,5 @@
 """`cycles.csv`: every stride of every walk over 0 to 100 %, with the validity of its leg."""
 
-from __future__ import annotations
-
 import base64
 import sys
 from dataclasses import replace

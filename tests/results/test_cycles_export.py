@@ -1,7 +1,5 @@
 """`gaitcal export --format cycles`: strides in other conventions, each row with its unit and what is positive."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

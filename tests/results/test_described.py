@@ -1,7 +1,5 @@
 """What the documentation says of result files and columns, against folders that were written."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Five walks of one session, from C3D files to the mean curve, against a mean made straight from the table's text."""
 
-from __future__ import annotations
-
 import csv
 import math
 import statistics

@@ -1,7 +1,5 @@
 """`gaitcal report`: numbers of the tables on paper, in the clinical convention; comments; the same bytes each time."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Recordings of a result are found where the study says that was drafted into it, known by their SHA-256."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`result.html` of a result and of its further trials: all of them, none mixed up, whatever befalls the files."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -10,7 +8,9 @@ from typing import Any
 
 import pytest
 
-from gaitcal.errors import InputError
+from gaitcal.cli.console import Console
+from gaitcal.cli.view import view_result
+from gaitcal.errors import InputError, UsageError
 from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, listed, self_hash, sha256_of
 from gaitcal.page.page_data import peak_page_rows, read_page_data
 from gaitcal.results.calibration import OTHER_MODEL, PAGE, SCENE, read_page, result_page, write_results
@@ -39,21 +39,19 @@ def trial(folder: Path, name: str) -> Path:
     return Path(shutil.copy(folder / "study/walk.csv", folder / f"study/{name}.csv"))
 
 
-def results(page: Path) -> list[dict[str, Any]]:
+def held(page: Path) -> dict[str, Any]:
     """What the page holds."""
-    found = re.search(r'<script type="application/json" id="results">(.*?)</script>', page.read_text(encoding="utf-8"))
-    held: list[dict[str, Any]] = json.loads(found.group(1))
-    return held
+    found = re.search(r'<script type="application/json" id="result">(.*?)</script>', page.read_text(encoding="utf-8"))
+    whole: dict[str, Any] = json.loads(found.group(1))
+    return whole
 
 
-def trials(page: Path) -> list[list[str]]:
-    """Names of the trials of each result in a page; bodies and curves must be of the same."""
-    out = []
-    for result in results(page):
-        names = [t["name"] for t in result["scene"]["trials"]]
-        assert names == [t["name"] for t in result["sheet"]["trials"]]
-        out.append(names)
-    return out
+def trials(page: Path) -> list[str]:
+    """Names of the trials in a page; bodies and curves must be of the same."""
+    result = held(page)
+    names = [t["name"] for t in result["scene"]["trials"]]
+    assert names == [t["name"] for t in result["sheet"]["trials"]]
+    return names
 
 
 def with_another_model(result: Path) -> None:
@@ -65,12 +63,12 @@ def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     result = folder / "result"
     assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result))
     assert not (result / "figures").exists()
-    assert trials(result / PAGE) == [["walk"]]
-    [shown] = results(result / PAGE)
+    assert trials(result / PAGE) == ["walk"]
+    shown = held(result / PAGE)
     data = read_page_data(result / PAGE_DATA)
     assert shown["sheet"] == {**data, "peaks": peak_page_rows(data)}
     assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result / "dynamics"))
-    assert trials(result / "dynamics" / PAGE) == [["walk2"]]
+    assert trials(result / "dynamics" / PAGE) == ["walk2"]
 
 
 def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
@@ -109,12 +107,12 @@ def test_the_page_of_further_trials_has_those_of_every_run(folder: Path) -> None
     page = result / "dynamics" / PAGE
     before = read_page(result / "dynamics")
     run("dynamics", result, trial(folder, "walk3"), "-q")
-    assert trials(page) == [["walk2", "walk3"]]
+    assert trials(page) == ["walk2", "walk3"]
     after = read_page(result / "dynamics")
     assert after.data["trials"][0] == before.data["trials"][0]
     assert after.scene.trials[0].origins.tobytes() == before.scene.trials[0].origins.tobytes()
     run("dynamics", result, folder / "study/walk2.csv", "-q")
-    assert trials(page) == [["walk3", "walk2"]], "as in summary.json"
+    assert trials(page) == ["walk3", "walk2"], "as in summary.json"
     summary = json.loads((result / "dynamics/summary.json").read_text(encoding="utf-8"))
     assert list(summary["trials"]) == ["walk3", "walk2"]
 
@@ -150,7 +148,7 @@ def test_trials_of_another_model_stay_and_are_told(folder: Path) -> None:
     with_another_model(result)
     told = f"walk2: {OTHER_MODEL}; run it again"
     assert told in run("view", result, "--html", folder / "own.html").stdout
-    [shown] = results(folder / "own.html")
+    shown = held(folder / "own.html")
     assert shown["sheet"]["verdict"]["judgement"] == "doubtful"
     assert ["walk2"] in [reason["trials"] for reason in shown["sheet"]["verdict"]["reasons"]]
     for _ in range(2):
@@ -170,13 +168,13 @@ def test_a_damaged_page_is_told_and_begun_anew(name: str, folder: Path) -> None:
     path.write_bytes(path.read_bytes()[:-1])
     told = run("view", result, "--html", folder / "own.html").stdout
     assert "its page is missing or damaged; run its trials again to see them" in told
-    assert trials(folder / "own.html") == [["walk"]]
+    assert trials(folder / "own.html") == ["walk"]
     told = run("dynamics", result, trial(folder, "walk3")).stdout
     assert f"warning: walk2: {name} is damaged, or was edited: not as gaitcal wrote it: the page leaves" in told
-    assert trials(result / "dynamics" / PAGE) == [["walk3"]]
+    assert trials(result / "dynamics" / PAGE) == ["walk3"]
     assert (result / "dynamics/motion/walk2.csv").exists(), "its tables stay"
     assert "leaves this trial out" not in run("dynamics", result, folder / "study/walk2.csv").stdout
-    assert trials(result / "dynamics" / PAGE) == [["walk3", "walk2"]]
+    assert trials(result / "dynamics" / PAGE) == ["walk3", "walk2"]
 
 
 # ------------------------------------------------------------------------------------------------------------- view
@@ -186,20 +184,21 @@ def test_the_view_of_a_result_has_all_of_its_trials(folder: Path) -> None:
     result = folder / "result"
     run("dynamics", result, folder / "study/walk.csv", "-q")
     run("view", result, "--html", folder / "own.html")
-    assert trials(folder / "own.html") == [["walk", "walk2", "walk (dynamics)"]]
+    assert trials(folder / "own.html") == ["walk", "walk2", "walk (dynamics)"]
     shown, lines = result_page(result)
-    assert lines == () and [t.name for t in shown.scene.trials] == trials(folder / "own.html")[0]
+    assert lines == () and [t.name for t in shown.scene.trials] == trials(folder / "own.html")
     run("view", result / "dynamics", "--html", folder / "own.html")
-    assert trials(folder / "own.html") == [["walk2", "walk"]]
+    assert trials(folder / "own.html") == ["walk2", "walk"]
 
 
-def test_two_results_stand_side_by_side(folder: Path) -> None:
-    other = folder / "later/result"
+def test_the_view_of_two_results_is_their_comparison(folder: Path) -> None:
+    other = folder / "later"
     shutil.copytree(folder / "result", other)
-    shutil.rmtree(other / "dynamics")
     run("view", folder / "result", other, "--html", folder / "own.html")
-    assert trials(folder / "own.html") == [["walk", "walk2"], ["walk"]]
-    assert [shown["name"] for shown in results(folder / "own.html")] == ["made/result", "later/result"]
+    run("compare", folder / "result", other, "--out", folder / "comparison", "-q")
+    assert (folder / "own.html").read_text() == (folder / "comparison/comparison.html").read_text()
+    with pytest.raises(UsageError, match="--geometry: found two results"):
+        view_result(folder / "result", other, None, Console(quiet=True, verbose=False), folder)
 
 
 def test_a_sheet_of_other_trials_than_its_scene_is_refused(folder: Path) -> None:

@@ -1,7 +1,5 @@
 """Tables of strides from elsewhere: read by pandas alone, in other conventions, or none at all."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 from pathlib import Path

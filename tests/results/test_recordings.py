@@ -1,7 +1,5 @@
 """`gaitcal export --format c3d`: the recording as it was, and angles, moments, powers, events, joint centres in it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`angles = "relative"`: in tables of a calibration and of further trials, never in the .mot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

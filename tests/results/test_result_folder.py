@@ -1,7 +1,5 @@
 """Commands that meet folders of earlier commands: nothing of the user's is lost, and what is old is told."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Names are data: whatever a study calls its subject, markers and files, a result stays in its folder and inert."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

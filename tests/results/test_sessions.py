@@ -1,7 +1,5 @@
 """`gaitcal compare A B` on result folders: read whole, written whole, hostile names, damaged and foreign folders."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The files of strides: what a calibration writes, and how further trials join those that are there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

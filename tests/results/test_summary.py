@@ -1,7 +1,5 @@
 """The figures of `summary.json` that stand beside each other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, cast
 

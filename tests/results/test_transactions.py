@@ -1,7 +1,5 @@
 """A result folder is changed by one command at a time, from files that are whole and still are what was read."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import threading

@@ -1,7 +1,5 @@
 """A result against the truth that its study names: in numbers, files, summary, page and words; or in none of them."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Two walks of one person, each a result of its own: no change that is not there; and one model for both."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

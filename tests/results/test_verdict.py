@@ -1,7 +1,5 @@
 """A refused result says so wherever its numbers stand, and has none that count."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Folders of made-up recordings, without a study file."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

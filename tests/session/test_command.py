@@ -1,7 +1,5 @@
 """`gaitcal init`, and `check` and `calibrate` with a folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

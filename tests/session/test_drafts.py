@@ -1,7 +1,5 @@
 """Which study follows from a folder."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

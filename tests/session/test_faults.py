@@ -1,7 +1,5 @@
 """Every fault of a study ends in exit code 1 and one clear line, and leaves an existing result folder as it was."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

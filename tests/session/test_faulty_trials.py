@@ -1,7 +1,5 @@
 """Bad takes in a folder."""
 
-from __future__ import annotations
-
 import pytest
 
 from gaitcal.codes import Code

@@ -1,7 +1,5 @@
 """Files of all kinds, and none of them ends the reading."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

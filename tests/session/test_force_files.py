@@ -1,7 +1,5 @@
 """Whose forces a table holds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

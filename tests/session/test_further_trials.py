@@ -1,7 +1,5 @@
 """`gaitcal dynamics` reads a recording as the study did, checks it first, and tells what its torques are worth."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The held-out error tells a better model from a merely freer one, and every frame is left out once."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

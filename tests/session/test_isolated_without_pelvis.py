@@ -1,7 +1,5 @@
 """Isolated trials in which only the segments of their joint carry markers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The torques of a calibration are those of the model and the motion that they are said to be of."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which set labels are of."""
 
-from __future__ import annotations
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

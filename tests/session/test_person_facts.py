@@ -1,7 +1,5 @@
 """What files, plates and the user say of the person."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

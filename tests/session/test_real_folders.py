@@ -1,7 +1,5 @@
 """Bare folders of real recordings: marker set, roles and sides as their laboratories meant them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The main job on real recordings: what each of them must show."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

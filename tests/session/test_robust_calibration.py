@@ -1,7 +1,5 @@
 """Spoilt markers move calibrated joint parameters by less than 3 mm and 2 deg under a robust loss."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

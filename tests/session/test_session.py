@@ -1,7 +1,5 @@
 """A session: its trials are cleaned once, and each stage hands on a new state."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

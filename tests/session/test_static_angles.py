@@ -1,7 +1,5 @@
 """Ankle angles stay counted from the static posture whatever a fit does to the ankle's axes; relative angles."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

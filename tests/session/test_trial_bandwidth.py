@@ -1,7 +1,5 @@
 """Who chooses the bandwidth of a trial, what is told of it, and what follows from it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

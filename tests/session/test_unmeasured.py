@@ -1,7 +1,5 @@
 """Mass whose motion markers leave open: told as the cause of the pelvis residual, and no reason to change masses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What is said against a finished calibration: when, with which numbers, and with which cure."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """A trunk that only the walks show: its markers go where the static trial would have had them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

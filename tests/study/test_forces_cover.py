@@ -1,7 +1,5 @@
 """Forces that do not belong to the times of the markers are told on reading."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a study file says of joint parameters before any trial: names, means, deviations, and who comes first."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

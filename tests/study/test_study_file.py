@@ -1,7 +1,5 @@
 """The study file: what is read, and that every mistake ends in one line naming field, find and cure."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

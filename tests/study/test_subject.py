@@ -1,7 +1,5 @@
 """What files tell of the person where the study file says nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

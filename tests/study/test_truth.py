@@ -1,7 +1,5 @@
 """The truth that a study names: written and read back, refused where a name, a unit or a rule is another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The built-in person beside the normal bands, and the bands themselves: the table, its signs, its source."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import ModuleType
 from typing import Any

@@ -1,7 +1,5 @@
 """The synthetic subject: its measurements, its files, the truth in frames of a calibration, what calibration finds."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The true motion told in the static trial's frames: the same body in the same place, doing the same work."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

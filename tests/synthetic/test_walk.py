@@ -1,7 +1,5 @@
 """The walk of the built-in person: carried by the ground, for any linkage, two whole strides."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

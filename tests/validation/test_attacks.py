@@ -1,7 +1,5 @@
 """`python -m scripts.validation attacks`: its own measures, and the few attacks that run as a test."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`python -m scripts.validation clinics`: its folders can be made and read, and its measure tells torques apart."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Member `cohorts`, small: killed and on a cluster, a cohort ends with the tables of one left alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """`python -m scripts.validation events`: motion against plates on people whose contacts are known, and its own sums."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`python -m scripts.validation force_faults`: what it counts, and that it runs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The one command line of the validation: what it lists, refuses, runs and writes."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Member `people`: what it counts and compares, on people who are known, and small runs of each part."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

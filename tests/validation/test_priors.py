@@ -1,7 +1,5 @@
 """`python -m scripts.validation priors`: its populations, and what it prints of figures that are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

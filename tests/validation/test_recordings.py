@@ -1,7 +1,5 @@
 """The one list of real people: every file is there, and studies name the right ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from gaitcal.study.study_file import load_study_file

@@ -1,7 +1,5 @@
 """`python -m scripts.validation sessions`: what it prints of figures that are known, and that it runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """`python -m scripts.validation truth`: its geometry and its counting on exact data, and small runs of each part."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Part `recovery` of member `truth`, small: whole calibrations, through files, with error bars that hold."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

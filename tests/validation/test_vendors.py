@@ -1,7 +1,5 @@
 """Member `vendors`: unit and sign are found, strides counted by leg, a real walk agrees with its vendor."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from types import SimpleNamespace

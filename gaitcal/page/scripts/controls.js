@@ -1,26 +1,19 @@
-// Play, trials, results and legend: the controls that are always there. `legend(open)` opens and closes the layers.
+// Play, trials and legend: the controls that are always there. `legend(open)` opens and closes the layers.
 Gaitcal.controls = (page) => {
-  const { state, results } = page;
+  const { state } = page;
   const { get } = Gaitcal;
   const legend = (open) => {
     get("main").classList.toggle("open", open);
     get("open").setAttribute("aria-expanded", String(open));
   };
-  const trials = () => {
-    get("trial").replaceChildren(...page.result.trials.map(({ name }, i) => new Option(name, i)));
-    get("trial").value = String(state.trial);
-  };
   const playing = () => {
     get("play").textContent = state.playing ? "\u275a\u275a" : "\u25b6";
     get("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
   };
-  get("result").append(...results.map(({ name, scene }, r) => new Option(name || scene.subject, r)));
-  get("whose").hidden = results.length < 2;
+  get("trial").append(...page.trials.map(({ name }, i) => new Option(name, i)));
   get("play").addEventListener("click", () => page.clock.play());
   get("open").addEventListener("click", () => legend(!get("main").classList.contains("open")));
-  state.on(["result"], trials);
   state.on(["playing"], playing);
-  trials();
   playing();
 
   // The body fills what header and footer leave of the window; how high these are follows from what is in them, and the

@@ -1,6 +1,6 @@
 // Which strides count: on which plate, whether moments count throughout it, in words why not. What is ticked takes part in
 // curves and means. The reasons are gaitcal/page/stride_use.py.
-Gaitcal.counting = (host, { results, state }) => {
+Gaitcal.counting = (host, { result: { sheet }, state }) => {
   const boxes = [];
   const tick = (key, words, more = {}) => {
     const turn = (on) => {
@@ -25,28 +25,22 @@ Gaitcal.counting = (host, { results, state }) => {
     html("tr.of", html("th", { scope: "rowgroup", colspan: 3 }, tick(key, trial.name))),
     trial.strides.map((stride) => ofStride(key, stride)),
   ];
-  const ofResult = ({ name, sheet }, r) => {
-    const trials = (sheet?.trials ?? []).map((trial, t) => trial.strides.length > 0 && ofTrial(`${r}/${t}`, trial));
-    const head = ["Stride in means", "Plate", "Moments"].map((words) => html("th", { scope: "col", class: "text" }, words));
-    const title = results.length > 1 ? `Strides of ${Gaitcal.visible(name)}` : "Strides";
-    return trials.some(Boolean) &&
-      html("table", { "aria-label": title }, results.length > 1 && html("caption", Gaitcal.named(name)),
-        html("thead", html("tr", head)), html("tbody", trials));
-  };
+  const trials = sheet.trials.map((trial, t) => trial.strides.length > 0 && ofTrial(`${t}`, trial)).filter(Boolean);
+  const head = ["Stride in means", "Plate", "Moments"].map((words) => html("th", { scope: "col", class: "text" }, words));
   const count = html("p.soft");
-  const tables = results.map(ofResult);
-  Gaitcal.built(host, "", [html("h2", "Which strides count"), count, tables]);
+  Gaitcal.built(host, "", [html("h2", "Which strides count"), count,
+    html("table", { "aria-label": "Strides" }, html("thead", html("tr", head)), html("tbody", trials))]);
   const write = () => {
     for (const { key, box } of boxes) box.checked = !state.off.has(key);
-    const strides = boxes.map(({ key }) => key.split("/")).filter((parts) => parts.length === 4);
+    const strides = boxes.map(({ key }) => key.split("/")).filter((parts) => parts.length === 3);
     const told = ["r", "l"].map((leg) => {
-      const all = strides.filter(([result, , side]) => side === leg && Number(result) === state.result);
-      const on = all.filter(([result, trial, side, number]) => Gaitcal.isOn(state, result, trial, { side, number }));
+      const all = strides.filter(([, side]) => side === leg);
+      const on = all.filter(([trial, side, number]) => Gaitcal.isOn(state, trial, { side, number }));
       return `${on.length} of ${all.length} ${Gaitcal.LEGS[leg]}`;
     });
     count.textContent = `In means: ${told.join(", ")} straight strides.`;
-    host.hidden = state.preset !== "clinician" || !tables.some(Boolean);
+    host.hidden = state.preset !== "clinician" || !trials.length;
   };
-  state.on(["off", "preset", "result"], write);
+  state.on(["off", "preset"], write);
   write();
 };

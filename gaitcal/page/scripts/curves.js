@@ -2,7 +2,7 @@
 
 // What curves are drawn anew for. Time alone moves cursors.
 Gaitcal.DRAWN_FOR = [
-  "result", "trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off", "second",
+  "trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off",
 ];
 // ms between the numbers above panels that nobody points at, at rest and while the clock runs: nobody reads them then, and
 // to set them anew costs more than the body.
@@ -21,7 +21,7 @@ Gaitcal.Curves = class {
     this.watch = new IntersectionObserver((entries) => this.came(entries), { rootMargin: "120px" });
     this.build();
     state.on(["seconds"], () => this.tick());
-    state.on(Gaitcal.DRAWN_FOR, (changed) => (changed.has("result") ? this.build() : this.refresh()));
+    state.on(Gaitcal.DRAWN_FOR, () => this.refresh());
     state.on(["window"], () => {
       this.looped = this.lead;
       for (const panel of this.panels) panel.window();
@@ -29,7 +29,6 @@ Gaitcal.Curves = class {
     });
     state.on(["joint"], () => this.enlarge(true));
     state.on(["playing"], () => {
-      if (!this.strides.sheet) return;
       this.follow();
       this.readings();
     });
@@ -43,14 +42,7 @@ Gaitcal.Curves = class {
 
   // The frame of the grid: what of the result has curves.
   build() {
-    const { strides, host } = this;
-    for (const panel of this.panels) panel.plot?.destroy();
-    this.watch.disconnect();
-    this.pointed = null;
-    [this.panels, this.groups] = [[], []];
-    for (const part of host.children) part.hidden = !strides.sheet;
-    if (!strides.sheet) return;
-    const trials = strides.sheets.filter(Boolean).flatMap((sheet) => sheet.trials);
+    const { trials } = this.strides.sheet;
     const known = new Set(trials.flatMap(({ packed }) => packed.curves.map(({ base, kind }) => `${base}/${kind}`)));
     const has = ({ base, kind }) => known.has(`${base}/${kind}`);
     const joints = Gaitcal.conventions().joints.map((joint) => Gaitcal.jointGroup(joint, has));
@@ -68,13 +60,12 @@ Gaitcal.Curves = class {
 
   // Everything anew, when it is looked at.
   refresh() {
-    if (!this.strides.sheet) return;
     const { state, strides } = this;
     const { trial } = strides;
     this.colours = Gaitcal.pageColours();
-    this.conventions = strides.sheets.map((sheet) => sheet && new Gaitcal.Convention(sheet, state));
+    this.convention = new Gaitcal.Convention(strides.sheet, state);
     this.offs = ["r", "l"].flatMap((side) => {
-      const known = strides.on(state.result, side).straight.filter(({ stride }) => stride.off !== null);
+      const known = strides.on(side).straight.filter(({ stride }) => stride.off !== null);
       const { n, mean } = Gaitcal.average(known.map(({ stride }) => Gaitcal.percentOf(stride, stride.off)));
       return n ? [{ side, at: mean }] : [];
     });
@@ -121,7 +112,7 @@ Gaitcal.Curves = class {
   // Where in that picture the panels in view are: to ask in every frame would lay out the page each time.
   measure() {
     const { overlay, host } = this;
-    if (!this.strides.sheet || host.hidden) return;
+    if (host.hidden) return;
     const { left, top } = overlay.parentElement.getBoundingClientRect();
     this.ratio = Math.min(2, window.devicePixelRatio);
     const [width, height] = [host.clientWidth, window.innerHeight].map((px) => Math.round(this.ratio * px));
@@ -172,7 +163,7 @@ Gaitcal.Curves = class {
 
   // Each frame while the clock runs.
   tick() {
-    if (!this.strides.sheet || this.host.hidden) return;
+    if (this.host.hidden) return;
     this.follow();
     this.now = this.moment();
     this.drawing ??= requestAnimationFrame(() => this.cursors());
@@ -210,11 +201,6 @@ Gaitcal.Curves = class {
     this.readings();
   }
 
-  // What a result is called.
-  named(i) {
-    return this.page.results[i].name || this.strides.sheets[i].person.name;
-  }
-
   // The looped window as percents of the stride that it lies in, of the leg that led; null where it lies in none.
   windowPercents() {
     const { window } = this.state;
@@ -250,7 +236,6 @@ Gaitcal.Curves = class {
 
   // For paper: all panels at once, light, at twice the density, by kind; and back.
   forPrint(on) {
-    if (!this.strides.sheet) return;
     this.density = on ? 2 : 1;
     this.host.classList.toggle("for-print", on);
     this.papers?.remove();
@@ -269,7 +254,6 @@ Gaitcal.Curves = class {
     const many = Math.max(...counts) > 1;
     const means = percent && state.spread === "mean" && many;
     const has = (part) => sheet.trials.some(({ packed }) => packed.curves.some((curve) => curve[part] && curve.joint));
-    const second = state.second && strides.sheets[1 - state.result];
     const shown = {
       none: !percent,
       sd: means && !(state.errors && has("se")),
@@ -282,11 +266,9 @@ Gaitcal.Curves = class {
       off: percent,
       stance: !percent,
       window: state.window !== null,
-      second: Boolean(second),
     };
     const words = {
       se: means ? "± standard error of the mean" : "± standard error",
-      second: second ? this.named(1 - state.result) : "",
       window: `replayed part${percent ? `, of the ${Gaitcal.LEGS[this.looped]} stride` : ""}`,
     };
     for (const item of this.legend.children) {
@@ -304,7 +286,7 @@ Gaitcal.Curves = class {
       const why = state.axis === "percent" ? ", which holds no complete stride" : "";
       return [`Against the time of ${strides.trial.name}${why}.`, ...relative];
     }
-    const on = (side) => strides.on(state.result, side);
+    const on = (side) => strides.on(side);
     const trials = (side) => Gaitcal.count(new Set(on(side).straight.map(({ trial }) => trial)).size, "trial");
     const turning = on("r").turning.length + on("l").turning.length;
     const [turns, takes] = turning === 1 ? ["turns", "takes"] : ["turn", "take"];

@@ -1,16 +1,13 @@
-// Everything together: results, what is chosen of them, and all that draws.
+// Everything together: the result, what is chosen of it, and all that draws.
 Gaitcal.Page = class {
-  constructor(results) {
-    const alike = results.length > 1 && results[0].name === results[1].name;
-    this.results = results.map((result, i) => ({
-      ...result,
-      name: alike ? `${result.name || result.scene.subject} (${i + 1})` : result.name,
-      trials: result.scene.trials.map((packed) => new Gaitcal.Trial(packed, result.scene)),
-    }));
-    this.bare = this.results.every(({ sheet }) => sheet === null);
+  // `result`: {scene, sheet: null on the page of a bare scene}, as the page holds them.
+  constructor(result) {
+    this.result = result;
+    this.trials = result.scene.trials.map((packed) => new Gaitcal.Trial(packed, result.scene));
+    this.bare = result.sheet === null;
     Gaitcal.get("main").classList.toggle("bare", this.bare);
     for (const part of document.querySelectorAll(".gait")) part.hidden = this.bare;
-    this.state = new Gaitcal.State(this.results);
+    this.state = new Gaitcal.State(this);
     this.clock = Gaitcal.clock(this);
     this.stage = this.staged();
     this.timeline = Gaitcal.timeline(this);
@@ -20,7 +17,7 @@ Gaitcal.Page = class {
     Gaitcal.bind(this.state);
     // A joint that the address names is looked at once everything below has its place.
     if (!this.bare) requestAnimationFrame(() => this.curves.reveal(false));
-    this.state.on(["result", "trial"], () => this.titled());
+    this.state.on(["trial"], () => this.titled());
     this.titled();
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.clock.play(!still && !this.state.still);
@@ -37,7 +34,7 @@ Gaitcal.Page = class {
     }
   }
 
-  // What a page of results has beside the body, each in its place in the page.
+  // What the page of a result has beside the body, each in its place in the page.
   parts() {
     const { get } = Gaitcal;
     Gaitcal.presets(get("presets"), this);
@@ -52,12 +49,8 @@ Gaitcal.Page = class {
     this.print = Gaitcal.print(get("print"), this);
   }
 
-  get result() {
-    return this.results[this.state.result];
-  }
-
   get trial() {
-    return this.result.trials[this.state.trial].open();
+    return this.trials[this.state.trial].open();
   }
 
   // The curves and tables of the shown trial; null on a page of a bare scene.
@@ -80,7 +73,7 @@ Gaitcal.failed = (words) => {
 
 (() => {
   try {
-    window.gaitcal = new Gaitcal.Page(JSON.parse(Gaitcal.get("results").textContent));
+    window.gaitcal = new Gaitcal.Page(JSON.parse(Gaitcal.get("result").textContent));
   } catch (error) {
     Gaitcal.failed(`This page could not be drawn (${error.message}).`);
     throw error;

@@ -26,7 +26,7 @@ Gaitcal.Panel = class {
   }
 
   get convention() {
-    return this.curves.conventions[this.state.result];
+    return this.curves.convention;
   }
 
   // Its words in the chosen convention.
@@ -43,7 +43,7 @@ Gaitcal.Panel = class {
   // Axes and curves as they are chosen now.
   draw(size) {
     this.dirty = false;
-    this.traces = new Gaitcal.Traces(this.subject, this.strides, this.curves.conventions);
+    this.traces = new Gaitcal.Traces(this.subject, this.strides, this.convention);
     const summary = this.curves.peaks.summary(this.subject);
     this.root.setAttribute("aria-label", `${this.title.textContent}, ${this.words}. ${summary}`);
     this.place.classList.toggle("empty", !this.traces.lines.length);
@@ -79,7 +79,7 @@ Gaitcal.Panel = class {
     const spread = main.flatMap((line) => {
       const part = state.errors && line.se ? "se" : "sd";
       const band = { x: line.x, colour: colour(line.side), alpha: part === "se" ? 0.3 : 0.16 };
-      return line.second || !line[part] ? [] : [{ ...band, ...Gaitcal.around(stroke(line, line.value).y, line[part]) }];
+      return !line[part] ? [] : [{ ...band, ...Gaitcal.around(stroke(line, line.value).y, line[part]) }];
     });
     const models = (part, more) => main.filter((line) => line[part]).map((line) => stroke(line, line[part], more));
     const norms = traces.bands.map(({ mean, sd }) => Gaitcal.normBand(Gaitcal.PERCENTS, mean, sd, colours));
@@ -90,20 +90,13 @@ Gaitcal.Panel = class {
         ...lines.filter((line) => !line.valid.every(Boolean)).map(pale),
         ...lines.filter(({ weight }) => weight === "thin").map((line) => stroke(line, line.value, { width: 0.9, alpha: 0.55 })),
         ...models("nominal", { width: 1, colour: colours.nominal }),
-        ...main.map((line) => stroke(line, line.value, line.second ? { width: 1, rings: this.rings(line) } : { width: 1.9 })),
+        ...main.map((line) => stroke(line, line.value, { width: 1.9 })),
         ...models("truth", { width: 1.5, colour: colours.truth, dash: [1.5, 3] }),
       ],
       uprights: percent ? offs.map(({ side, at }) => ({ at, colour: colour(side), dash: side === "l" ? [3, 3] : [] })) : [],
       feet: percent ? [] : stances.map(({ side, span: [from, to] }) => ({ from, to, row: side === "r" ? 7 : 3.5, colour: colour(side) })),
       hooks: { draw: [(plot) => this.drawn(plot)] },
     };
-  }
-
-  // Points at which rings tell a second result.
-  rings({ x, value, valid }) {
-    const step = Math.max(1, Math.round(x.length / 10));
-    const at = Array.from(x.keys()).filter((i) => i % step === step >> 1);
-    return at.filter((i) => valid[i] && !Number.isNaN(value[i]));
   }
 
   // Where x lies, in px of the page, for cursors that move without any drawing.
@@ -159,9 +152,9 @@ Gaitcal.Panel = class {
   }
 
   // "0.62 ± 0.04" of a side at a moment, each leg at its own; nothing where there is no curve.
-  value(side, now, second = false) {
+  value(side, now) {
     const x = this.traces.percent ? now[side] : now[""];
-    const read = this.traces.at(side, x, this.state.seconds, second);
+    const read = this.traces.at(side, x, this.state.seconds);
     if (!read || Number.isNaN(read.value)) return "";
     return read.valid ? Gaitcal.plusMinus(read.value, read.error, this.convention.digits(this.subject.kind)) : "not valid";
   }
@@ -170,17 +163,15 @@ Gaitcal.Panel = class {
   sentence(now) {
     if (!this.traces) return "";
     const place = (side) => (this.traces.percent && now[side] !== null ? `(${Gaitcal.numeral(now[side], 0)} %)` : "");
-    const sides = (second) =>
-      ["r", "l", ""]
-        .map((side) => [Gaitcal.LEGS[side] ?? "", this.value(side, now, second), place(side)])
-        .filter(([, text]) => text)
-        .map((words) => words.join(" ").trim())
-        .join(", ");
+    const sides = ["r", "l", ""]
+      .map((side) => [Gaitcal.LEGS[side] ?? "", this.value(side, now), place(side)])
+      .filter(([, text]) => text)
+      .map((words) => words.join(" ").trim())
+      .join(", ");
     const counts = ["r", "l"].map((side) => this.traces.main(side)).filter((line) => line?.weight === "mean").map(({ n }) => n);
     const spread = counts.length ? ` (mean ± SD of ${[...new Set(counts)].join(" and ")} strides)` : "";
-    const other = sides(true) && `; ${this.curves.named(1 - this.state.result)}: ${sides(true)}`;
     const unit = this.convention.unit(this.subject.kind);
-    return `${this.title.textContent}: ${sides(false) || "nothing"} ${unit}${spread} at ${Gaitcal.numeral(this.state.seconds, 2)} s${other}`;
+    return `${this.title.textContent}: ${sides || "nothing"} ${unit}${spread} at ${Gaitcal.numeral(this.state.seconds, 2)} s`;
   }
 
   // The stretch of time that is looped.

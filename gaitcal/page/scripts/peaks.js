@@ -11,7 +11,7 @@ Gaitcal.Peaks = class {
   }
 
   get convention() {
-    return this.curves.conventions[this.curves.state.result];
+    return this.curves.convention;
   }
 
   title({ title, external }) {

@@ -14,7 +14,7 @@ Gaitcal.pageColours = () => {
 };
 
 // A plot in `place`, `size` px wide and high. NaN is a gap.
-// x, y: [low, high] of both axes; lines: [{x, y, colour, width, dash, alpha, rings: numbers of points}];
+// x, y: [low, high] of both axes; lines, all over the same x: [{x, y, colour, width, dash, alpha}];
 // bands: [{x, low, high, colour, alpha, dash: of its rim}]; uprights: [{at, colour, dash}]; feet: bars at the foot of the plot,
 // [{from, to, row, colour}]; incrs: steps between ticks of x; density: px of the plot for one of the page;
 // unit: of the numbers along x; cursor, hooks: as of uPlot.
@@ -29,20 +29,9 @@ Gaitcal.plot = (place, size, drawing) => {
   const rims = bands.filter(({ dash }) => dash).flatMap(({ x: own, low, high, colour, dash }) =>
     [low, high].map((edge) => ({ x: own, y: edge, colour, width: 1, dash })));
   const all = [...edges, ...rims, ...lines];
-  // Curves over the same x stand together; those of another one, as of a second result, come after them.
-  const axes = [...new Set(all.map((line) => line.x))];
-  const drawn = axes.flatMap((one) => all.filter((line) => line.x === one));
   const known = ({ y: numbers }) => Array.from(numbers, (value) => (Number.isFinite(value) ? value : null));
-  const tables = axes.map((one) => [Array.from(one), ...drawn.filter((line) => line.x === one).map(known)]);
-  const series = drawn.map(({ colour, width, dash = [], alpha = 1, rings = null }) => ({
-    stroke: colour,
-    width: width * density,
-    dash: dash.map((length) => length * scale),
-    alpha,
-    pxAlign: 0,
-    points: rings
-      ? { show: true, size: 5 * density, width: density, stroke: colour, fill: colours.paper, filter: () => rings }
-      : { show: false },
+  const series = all.map(({ colour, width, dash = [], alpha = 1 }) => ({
+    stroke: colour, width: width * density, dash: dash.map((length) => length * scale), alpha, pxAlign: 0, points: { show: false },
   }));
   const line = { stroke: colours.line, width: 0.6 * density };
   const axis = {
@@ -69,12 +58,12 @@ Gaitcal.plot = (place, size, drawing) => {
       ],
       series: [{}, ...series],
       bands: bands.map((band, k) => ({
-        series: [1 + drawn.indexOf(edges[2 * k]), 1 + drawn.indexOf(edges[2 * k + 1])],
+        series: [1 + 2 * k, 2 + 2 * k],
         fill: band.colour,
       })),
       hooks: { ...hooks, drawAxes: [under] },
     },
-    tables.length ? uPlot.join(tables) : [x],
+    [Array.from(all[0]?.x ?? x), ...all.map(known)],
     place,
   );
 };

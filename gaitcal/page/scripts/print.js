@@ -74,7 +74,6 @@ Gaitcal.print = (host, page) => {
   const build = () => {
     clear();
     const { sheet } = page.result;
-    if (!sheet) return;
     root.classList.add("on-paper");
     hidden = curves.host.hidden;
     curves.host.hidden = false;

@@ -39,12 +39,12 @@ Gaitcal.sections = (host, page) => {
     const shown = page.sheet ? [page.sheet] : [];
     cursors.length = 0;
     host.replaceChildren();
-    if (sheet) Gaitcal.built(host, "", Gaitcal.presetParts({ page, cursors }, sheet, state.preset, shown));
+    Gaitcal.built(host, "", Gaitcal.presetParts({ page, cursors }, sheet, state.preset, shown));
     host.hidden = !host.hasChildNodes();
     for (const fold of host.querySelectorAll("details")) fold.open = open.has(title(fold));
     follow();
   };
-  state.on(["preset", "trial", "result"], draw);
+  state.on(["preset", "trial"], draw);
   state.on(["seconds", "playing"], follow);
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   draw();

@@ -20,7 +20,7 @@ Gaitcal.Stage = class {
     this.upright = new THREE.Group();
     root.add(this.upright);
     this.floor = new Gaitcal.Floor(this.upright);
-    this.figures = page.results.map(() => null);
+    this.figure = new Gaitcal.Figure(page.result, this.upright);
     this.camera = new Gaitcal.Camera(this.viewer, get("pane"), page.result.scene.height);
     this.legend = Gaitcal.legend(get("toggles"), page);
     Gaitcal.tip(get("tip"), this.camera, {
@@ -39,12 +39,12 @@ Gaitcal.Stage = class {
     });
     get("follow").addEventListener("change", () => this.refresh());
     this.open();
-    this.state.on(["result", "trial", "joint", "layers", "preset", "seconds"], (changed) => this.changed(changed));
+    this.state.on(["trial", "joint", "layers", "preset", "seconds"], (changed) => this.changed(changed));
   }
 
   changed(changed) {
     const any = (...fields) => fields.some((field) => changed.has(field));
-    if (any("result", "trial")) this.open();
+    if (any("trial")) this.open();
     else if (any("layers", "joint", "preset")) this.refresh();
     else this.pose();
     if (changed.has("joint")) this.look(...this.front(), true);
@@ -63,14 +63,9 @@ Gaitcal.Stage = class {
     this.viewer.set_dirty();
   }
 
-  // The person and trial of the state, from where the camera first sees them.
+  // The trial of the state, from where the camera first sees the person.
   open() {
-    const { page, state } = this;
-    this.figures[state.result] ??= new Gaitcal.Figure(page.result, this.upright);
-    for (const [r, figure] of this.figures.entries()) if (figure) figure.group.visible = r === state.result;
-    this.figure = this.figures[state.result];
-    this.figure.open(page.trial);
-    this.camera.height = page.result.scene.height;
+    this.figure.open(this.page.trial);
     this.camera.tall = this.figure.tall;
     this.legend.open(this.figure);
     this.refresh();

@@ -23,21 +23,20 @@ Gaitcal.jointNamed = (text) => {
 };
 
 // The trial that is shown first: the first walk.
-Gaitcal.firstTrial = (result) => Math.max(0, result.trials.findIndex((trial) => trial.role === "gait"));
+Gaitcal.firstTrial = (trials) => Math.max(0, trials.findIndex((trial) => trial.role === "gait"));
 
 Gaitcal.State = class extends Gaitcal.Chosen {
-  // `results`: as the page holds them, with their trials.
-  constructor(results) {
-    const { sheet } = results[0];
+  // `trials`: those of the body; `result`: as the page holds it.
+  constructor({ result: { sheet }, trials }) {
     const usual = {
-      result: 0, trial: Gaitcal.firstTrial(results[0]), seconds: 0, playing: false, speed: 1, window: null,
+      trial: Gaitcal.firstTrial(trials), seconds: 0, playing: false, speed: 1, window: null,
       preset: "clinician", layers: new Set(sheet ? Gaitcal.PRESETS.clinician.layers : Gaitcal.LAYERS), joint: null,
       axis: !sheet || sheet.trials.some(({ strides }) => strides.length) ? "percent" : "time", spread: "mean",
       unit: "Nm/kg", signs: "clinical", acting: "internal",
-      nominal: false, norm: true, errors: true, truth: true, second: results.length > 1, off: new Set(),
+      nominal: false, norm: true, errors: true, truth: true, off: new Set(),
     };
-    super(usual, Gaitcal.addressed(results));
-    Object.assign(this, { results, lent: [] });
+    super(usual, Gaitcal.addressed(trials, sheet));
+    Object.assign(this, { sheet, trials, lent: [] });
     const values = this.said();
     this.still = values.joint !== undefined || values.seconds !== undefined || values.window !== undefined;
     this.set(values);
@@ -47,13 +46,11 @@ Gaitcal.State = class extends Gaitcal.Chosen {
   // Another trial begins at its begin, a preset has its layers, and time has an end.
   following(values) {
     const next = { ...values };
-    const result = next.result ?? this.result;
-    if (result !== this.result) next.trial ??= Gaitcal.firstTrial(this.results[result]);
-    if (result !== this.result || (next.trial ?? this.trial) !== this.trial) {
+    if ((next.trial ?? this.trial) !== this.trial) {
       next.seconds ??= 0;
       next.window ??= null;
     }
-    const { duration } = this.results[result].trials[next.trial ?? this.trial].open();
+    const { duration } = this.trials[next.trial ?? this.trial].open();
     const inside = (seconds) => Math.min(duration, Math.max(0, seconds));
     if ("seconds" in next) next.seconds = inside(next.seconds);
     if (next.window) next.window = inside(next.window[1]) > inside(next.window[0]) ? next.window.map(inside) : null;
@@ -82,13 +79,12 @@ Gaitcal.State = class extends Gaitcal.Chosen {
   }
 
   normal() {
-    const layers = this.results[0].sheet ? Gaitcal.PRESETS[this.preset].layers : this.usual.layers;
-    const trial = Gaitcal.firstTrial(this.results[this.result]);
-    return { ...this.usual, trial, layers: new Set([...layers, ...this.lent]) };
+    const layers = this.sheet ? Gaitcal.PRESETS[this.preset].layers : this.usual.layers;
+    return { ...this.usual, layers: new Set([...layers, ...this.lent]) };
   }
 };
 
-Gaitcal.addressed = (results) => {
+Gaitcal.addressed = (trials, sheet) => {
   const milli = (value) => String(Math.round(1000 * value) / 1000);
   const among = (known) => ({
     read: (text) => new Set(known.filter((name) => text.split(",").includes(name))),
@@ -96,13 +92,11 @@ Gaitcal.addressed = (results) => {
   });
   // A trial is named by its name where that is short and its own, and by its number from 1 where not.
   const trial = {
-    read: (text, { result }) => {
-      const { trials } = results[result];
+    read: (text) => {
       const number = /^\d{1,4}$/.test(text) ? Number(text) - 1 : trials.findIndex(({ name }) => name === text);
       return trials[number] && number;
     },
-    write: (index, { result }) => {
-      const { trials } = results[result];
+    write: (index) => {
       const { name } = trials[index];
       const own = trials.filter((other) => other.name === name).length === 1;
       return own && name.length <= 80 && !/^\d+$/.test(name) ? name : String(index + 1);
@@ -115,7 +109,7 @@ Gaitcal.addressed = (results) => {
     signs: Gaitcal.among("opensim", "clinical"),
     acting: Gaitcal.among("internal", "external"),
     spread: Gaitcal.among("strides", "mean"),
-    ...Object.fromEntries(["nominal", "norm", "errors", "truth", "second"].map((field) => [field, Gaitcal.onOff])),
+    ...Object.fromEntries(["nominal", "norm", "errors", "truth"].map((field) => [field, Gaitcal.onOff])),
     joint: { read: Gaitcal.jointNamed, write: (joint) => joint ?? "" },
     speed: Gaitcal.among(...Gaitcal.SPEEDS),
     window: {
@@ -126,19 +120,12 @@ Gaitcal.addressed = (results) => {
       write: (window) => (window ?? []).map(milli).join(","),
     },
     layers: among(Gaitcal.LAYERS),
-    off: among(results.flatMap((result, r) => Gaitcal.parts(result, r))),
-    result: {
-      read: (text) => (results[Number(text) - 1] ? Number(text) - 1 : undefined),
-      write: (index) => String(index + 1),
-    },
+    off: among(Gaitcal.parts(sheet)),
     trial,
     seconds: { name: "t", read: (text) => [Number.parseFloat(text)].find(Number.isFinite), write: milli },
   };
 };
 
-// The keys of `state.off`: "result/trial", "result/trial/side/number", all counted from 0 but the stride's own number.
-Gaitcal.parts = ({ sheet }, r) =>
-  (sheet?.trials ?? []).flatMap((trial, t) => [
-    `${r}/${t}`,
-    ...trial.strides.map(({ side, number }) => `${r}/${t}/${side}/${number}`),
-  ]);
+// The keys of `state.off`: "trial", "trial/side/number"; trials are counted from 0.
+Gaitcal.parts = (sheet) =>
+  (sheet?.trials ?? []).flatMap((trial, t) => [`${t}`, ...trial.strides.map(({ side, number }) => `${t}/${side}/${number}`)]);

@@ -7,12 +7,12 @@ Gaitcal.OF_BOTH_FEET = ["step", "first_double", "second_double", "double", "sing
 Gaitcal.measureCounts = (name, side, refused) =>
   !refused.includes(side) && !(refused.length && Gaitcal.OF_BOTH_FEET.some((begin) => name.startsWith(begin)));
 
-// Of all trials of a result of the page together, with what is switched on.
-Gaitcal.stepsOf = ({ results, state }, result) => {
-  const { trials, measures } = results[result].sheet;
+// Of all trials together, with what is switched on.
+Gaitcal.stepsOf = ({ result, state }) => {
+  const { trials, measures } = result.sheet;
   const known = trials.flatMap(({ measures: strides, refused }, index) =>
     strides
-      .filter((stride) => !stride.turns && Gaitcal.isOn(state, result, index, stride))
+      .filter((stride) => !stride.turns && Gaitcal.isOn(state, index, stride))
       .map(({ side, values }) => ({ side, values, refused })),
   );
   const of = (name, leg) => {
@@ -62,16 +62,11 @@ Gaitcal.STEP_WORDS =
   "ends with the named foot. R − L: asymmetry, 100 (right − left) / mean of both ± its standard error, with strikes known " +
   "to a frame at best; the width is one of both feet.";
 
-// With its heading: of the chosen result, and of the second one beside it.
+// With its heading.
 Gaitcal.stepsParts = (page) => {
-  const { results, state } = page;
-  const tables = results.flatMap(({ sheet, name }, index) => {
-    const rows = sheet && (index === state.result || state.second) ? Gaitcal.stepsOf(page, index) : [];
-    const heading = results.length > 1 ? [html("h3", Gaitcal.named(name))] : [];
-    return rows.length ? [...heading, Gaitcal.stepsTable(rows)] : [];
-  });
+  const rows = Gaitcal.stepsOf(page);
   const words = Gaitcal.fold("Which strides, and what is measured", html("p.soft", Gaitcal.STEP_WORDS));
-  return tables.length ? [html("h2", "Steps and phases"), ...tables, words] : [];
+  return rows.length ? [html("h2", "Steps and phases"), Gaitcal.stepsTable(rows), words] : [];
 };
 
 Gaitcal.steps = (host, page) => {
@@ -79,6 +74,6 @@ Gaitcal.steps = (host, page) => {
     host.replaceChildren(...Gaitcal.stepsParts(page));
     host.hidden = page.state.preset !== "clinician" || !host.hasChildNodes();
   };
-  page.state.on(["off", "result", "second", "preset"], draw);
+  page.state.on(["off", "preset"], draw);
   draw();
 };

@@ -1,13 +1,7 @@
-// Which strides of a page's results count in its present state, and where the clock stands in them.
+// Which strides of a page's result count in its present state, and where the clock stands in them.
 Gaitcal.Strides = class {
-  constructor({ state, results }) {
-    this.state = state;
-    this.sheets = results.map((result) => result.sheet && new Gaitcal.Sheet(result));
-    this.held = {};
-  }
-
-  get sheet() {
-    return this.sheets[this.state.result];
+  constructor({ state, result }) {
+    Object.assign(this, { state, sheet: new Gaitcal.Sheet(result), held: {} });
   }
 
   get trial() {
@@ -20,24 +14,18 @@ Gaitcal.Strides = class {
   }
 
   // The strides of a leg that are on: [{trial, stride}]; those that turn apart.
-  on(result, side) {
-    const found = this.sheets[result].trials.flatMap((trial, t) =>
+  on(side) {
+    const found = this.sheet.trials.flatMap((trial, t) =>
       trial.strides
-        .filter((stride) => stride.side === side && Gaitcal.isOn(this.state, result, t, stride))
+        .filter((stride) => stride.side === side && Gaitcal.isOn(this.state, t, stride))
         .map((stride) => ({ trial, stride })),
     );
     return { straight: found.filter(({ stride }) => !stride.turns), turning: found.filter(({ stride }) => stride.turns) };
   }
 
-  // The straight strides of a leg that are on, each as the curve of a variable over its percents.
-  laid(result, side, { base, kind }) {
-    const all = this.on(result, side).straight.map(({ trial, stride }) => trial.ofLeg(base, side, kind)?.over(stride));
-    return all.filter(Boolean);
-  }
-
-  // How many straight strides of the chosen result are on: [right, left].
+  // How many straight strides are on: [right, left].
   get counts() {
-    return ["r", "l"].map((side) => this.on(this.state.result, side).straight.length);
+    return ["r", "l"].map((side) => this.on(side).straight.length);
   }
 
   // The stride of a leg in the chosen trial at a time; the nearest one where there is none; null without any.
@@ -75,6 +63,5 @@ Gaitcal.Strides = class {
 
 Gaitcal.percentOf = ({ start, stop }, seconds) => (100 * (seconds - start)) / (stop - start);
 
-// Whether a stride of a result's trial takes part.
-Gaitcal.isOn = ({ off }, result, trial, { side, number }) =>
-  !off.has(`${result}/${trial}`) && !off.has(`${result}/${trial}/${side}/${number}`);
+// Whether a stride of a trial takes part.
+Gaitcal.isOn = ({ off }, trial, { side, number }) => !off.has(`${trial}`) && !off.has(`${trial}/${side}/${number}`);

@@ -1,16 +1,14 @@
 // The controls of what is shown of the curves and in which convention; those without a meaning here are not shown. The
 // usual ones stand in a row, the others behind a button that says which of them are not as they were at first.
-Gaitcal.switches = (host, { state, results }) => {
-  const sheets = results.map(({ sheet }) => sheet).filter(Boolean);
-  const trials = sheets.flatMap((sheet) => sheet.trials);
-  const curves = trials.flatMap((trial) => trial.curves);
-  const strides = trials.some((trial) => trial.strides.length > 0);
+Gaitcal.switches = (host, { state, result: { sheet } }) => {
+  const curves = sheet.trials.flatMap((trial) => trial.curves);
+  const strides = sheet.trials.some((trial) => trial.strides.length > 0);
   const moments = curves.some(({ kind }) => kind === "moment");
   const has = (field) => curves.some((curve) => curve[field] !== null);
   const meant = {
     axis: strides, spread: strides, unit: moments, signs: moments, acting: moments,
     errors: has("se"), nominal: has("nominal"), truth: has("truth"),
-    norm: sheets.some(({ bands }) => bands.length), second: results.length > 1,
+    norm: sheet.bands.length > 0,
   };
   for (const [field, on] of Object.entries(meant)) if (!on) Gaitcal.get(`switch-${field}`).closest("label").remove();
   const [others, more] = [Gaitcal.get("switches-others"), Gaitcal.get("switches-more")];

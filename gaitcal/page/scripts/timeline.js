@@ -134,7 +134,7 @@ Gaitcal.timeline = (page) => {
   get("window-begin").addEventListener("click", begin);
   get("window-end").addEventListener("click", end);
   get("window-clear").addEventListener("click", () => state.set({ window: null }));
-  state.on(["result", "trial"], open);
+  state.on(["trial"], open);
   state.on(["seconds"], pose);
   state.on(["window"], windowed);
   open();

@@ -3,56 +3,50 @@
 // More strides than these make no difference to the eye.
 Gaitcal.MOST_THIN = 40;
 
-// `subject`: {base, kind} of a panel; `strides`: Gaitcal.Strides; `conventions`: one for each result.
+// `subject`: {base, kind} of a panel; `strides`: Gaitcal.Strides.
 Gaitcal.Traces = class {
-  constructor(subject, strides, conventions) {
-    Object.assign(this, { ...subject, strides, conventions, percent: strides.percent, lines: [] });
-    const { state, sheets } = strides;
-    for (const [result, second] of [[state.result, false], [1 - state.result, true]]) {
-      if (!sheets[result] || (second && !state.second)) continue;
-      if (this.percent) for (const side of ["r", "l"]) this.overCycle(result, side, second);
-      else this.overTime(result, second);
-    }
-    this.bands = this.percent && state.norm ? this.normal(state.result) : [];
+  constructor(subject, strides, convention) {
+    Object.assign(this, { ...subject, strides, convention, percent: strides.percent, lines: [] });
+    if (this.percent) for (const side of ["r", "l"]) this.overCycle(side);
+    else this.overTime();
+    this.bands = this.percent && strides.state.norm ? this.normal() : [];
     this.x = this.percent ? [0, 100] : [0, strides.trial.duration];
     this.y = this.limits();
   }
 
-  overCycle(result, side, second) {
+  overCycle(side) {
     const { strides, strides: { state } } = this;
-    const { straight, turning } = strides.on(result, side);
+    const { straight, turning } = strides.on(side);
     const lay = (found) =>
       found.flatMap(({ trial, stride }) => {
         const curve = trial.ofLeg(this.base, side, this.kind);
         return curve ? [{ stride, laid: curve.over(stride) }] : [];
       });
     const [all, bent] = [lay(straight), lay(turning)];
-    const draw = (laid, weight) => this.add(result, laid, { side, second, weight, n: all.length });
-    if (all.length > 1 && (second || state.spread === "mean")) {
+    const draw = (laid, weight) => this.add(laid, { side, weight, n: all.length });
+    if (all.length > 1 && state.spread === "mean") {
       const laid = all.map((one) => one.laid);
-      if (!second) for (const one of laid.slice(0, Gaitcal.MOST_THIN)) draw(one, "thin");
+      for (const one of laid.slice(0, Gaitcal.MOST_THIN)) draw(one, "thin");
       draw(Gaitcal.averaged(laid), "mean");
       return;
     }
-    const here = second ? null : strides.near(side, state.seconds);
+    const here = strides.near(side, state.seconds);
     const main = [...all, ...bent].find(({ stride }) => stride === here) ?? (all.length === 1 ? all[0] : null);
     for (const one of [...all, ...bent].slice(0, Gaitcal.MOST_THIN)) if (one !== main) draw(one.laid, "thin");
     if (main) draw(main.laid, "main");
   }
 
-  overTime(result, second) {
-    const { trial, sheets } = this.strides;
-    const own = second ? sheets[result].trials.find(({ name }) => name === trial.name) : trial;
+  overTime() {
     for (const side of ["r", "l", ""]) {
-      const curve = own?.curve(this.base, side, this.kind);
-      if (curve) this.add(result, curve.whole(), { side, second, weight: "main", n: 1 });
+      const curve = this.strides.trial.curve(this.base, side, this.kind);
+      if (curve) this.add(curve.whole(), { side, weight: "main", n: 1 });
     }
   }
 
   // A line in the chosen convention. `isMain`: a cursor reads it, and its models and bands are drawn.
-  add(result, laid, line) {
+  add(laid, line) {
     const { state } = this.strides;
-    const factor = this.conventions[result].factor(this.base, this.kind, line.side);
+    const factor = this.convention.factor(this.base, this.kind, line.side);
     const scaled = (values, by) => values?.map((value) => by * value) ?? null;
     const isMain = line.weight === "main" || line.weight === "mean";
     this.lines.push({
@@ -71,11 +65,11 @@ Gaitcal.Traces = class {
   }
 
   // Healthy people: one band where it is the same for both legs.
-  normal(result) {
-    const band = this.strides.sheets[result].bands.find(({ base, kind }) => base === this.base && kind === this.kind);
+  normal() {
+    const band = this.strides.sheet.bands.find(({ base, kind }) => base === this.base && kind === this.kind);
     if (!band) return [];
     const of = (side) => {
-      const factor = this.conventions[result].factor(this.base, this.kind, side);
+      const factor = this.convention.factor(this.base, this.kind, side);
       const scaled = (values, by) => values.map((value) => (value === null ? NaN : by * value));
       return { mean: scaled(band[side][0], factor), sd: scaled(band[side][1], Math.abs(factor)) };
     };
@@ -120,19 +114,19 @@ Gaitcal.Traces = class {
   }
 
   // The line that a cursor reads on a side.
-  main(side, second = false) {
-    return this.lines.find((line) => line.second === second && line.side === side && line.isMain) ?? null;
+  main(side) {
+    return this.lines.find((line) => line.side === side && line.isMain) ?? null;
   }
 
-  // Value, error and validity of a leg at a time, as the files have them; of means, of angles that are told against the
-  // line of a stride, and of the second result, at the leg's place `x` on the axis, null where it has none.
-  at(side, x, seconds, second = false) {
-    const line = this.main(side, second);
-    if (!line || !this.percent || second || line.lined || line.weight === "mean") return x === null ? null : this.on(line, x);
-    const { strides, conventions, base, kind } = this;
-    const curve = strides.trial.ofLeg(base, side, kind);
+  // Value, error and validity of a leg at a time, as the files have them; of means and of angles that are told against
+  // the line of a stride, at the leg's place `x` on the axis, null where it has none.
+  at(side, x, seconds) {
+    const line = this.main(side);
+    if (!line || !this.percent || line.lined || line.weight === "mean") return x === null ? null : this.on(line, x);
+    const { base, kind } = this;
+    const curve = this.strides.trial.ofLeg(base, side, kind);
     if (!curve) return null;
-    const factor = conventions[strides.state.result].factor(base, kind, side);
+    const factor = this.convention.factor(base, kind, side);
     const { value, error, valid } = this.on(curve.whole(), seconds);
     return { value: factor * value, error: Math.abs(factor) * error, valid };
   }

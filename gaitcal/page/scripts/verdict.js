@@ -37,7 +37,7 @@ Gaitcal.facts = ({ person }) =>
   person.facts.slice(1).map(([label, value]) => `${label}: ${Gaitcal.visible(value)}`).join(" · ");
 
 Gaitcal.verdict = (host, page) => {
-  const { results, state } = page;
+  const { result: { sheet }, state } = page;
   // Where the window is narrow, one line is shown until more is asked for.
   let unfolded = false;
   const more = (lines) => {
@@ -51,26 +51,12 @@ Gaitcal.verdict = (host, page) => {
     write(unfolded);
     return button;
   };
-  const judged = ({ name, sheet }, index) => {
-    if (!sheet || (index !== state.result && !state.second)) return null;
-    const words = [
-      results.length > 1 && html("span.whose", Gaitcal.named(name), ": "),
-      Gaitcal.judgement(sheet.verdict.judgement),
-      html("span.unseen", ": why"),
-    ];
-    return Gaitcal.button(words, () => state.set({ preset: "trust", result: index }), { class: "judged" });
-  };
-  const draw = () => {
-    const { sheet } = page.result;
-    host.hidden = !sheet;
-    if (!sheet) return;
-    const lines = Gaitcal.verdictLines(sheet);
-    lines.id = "verdict-lines";
-    const buttons = [results.map(judged), lines.children.length > 1 && more(lines)];
-    host.replaceChildren(html("div.judgements", buttons), lines, html("p.facts.soft", Gaitcal.facts(sheet)));
-  };
-  state.on(["result", "second"], draw);
-  draw();
+  const words = [Gaitcal.judgement(sheet.verdict.judgement), html("span.unseen", ": why")];
+  const judged = Gaitcal.button(words, () => state.set({ preset: "trust" }), { class: "judged" });
+  const lines = Gaitcal.verdictLines(sheet);
+  lines.id = "verdict-lines";
+  const buttons = [judged, lines.children.length > 1 && more(lines)];
+  host.replaceChildren(html("div.judgements", buttons), lines, html("p.facts.soft", Gaitcal.facts(sheet)));
 };
 
 // Reasons of more letters than this are folded: what they make of the moments stands below them.

@@ -1,0 +1,204 @@
+"""What markers are whose labels say nothing: which landmark each may be, else which segment it moves with; to be asked.
+
+One recording stands, the others move. Height, heading and posture of the arms are tried in turn
+(`body_places.place_markers`); the likeliest is kept, unless the opposite heading is nearly as likely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.errors import InputError
+from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.model.landmarks import is_device
+from gaitcal.model.linkage import SIDES
+from gaitcal.session.body_places import HEIGHT_M, HEIGHT_SD_M, Placed, Together, place_markers, standing_bodies
+from gaitcal.session.marker_motion import (
+    distance_scatter,
+    forward_direction,
+    on_one_segment,
+    standing_points,
+    with_missing,
+)
+
+LANDMARK_SET = "landmarks"
+BOTH_FEET = 0.5
+"""How far both feet must say the same of the way forward to be believed without asking where feet and pelvis point."""
+BEYOND_DOUBT = 4.6
+"""Log of the odds, 100 to 1, from which left and right, or a segment, are told without a doubt."""
+FLOOR_M = 0.02
+"""Of the lowest marker over the floor."""
+TALL, STEP, STEPS = 1.03, 1.06, 12
+"""Heights that are tried: the highest marker's, as if it were over the head, and so on to where it is on the pelvis."""
+HEIGHT_TOLD = 0.03
+"""Standard deviation of a height that is told, as a share, against that by which markers fit best."""
+FEWEST_MARKERS = 10
+KNEE, KNEE_SPREAD = 0.27, 0.08
+"""Height of the knee, and how far a device's markers may be above or below, as shares of the body's."""
+DEVICE = ("knee_axis", "knee_device_2", "knee_device_3")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelProposal:
+    """What each label may mean."""
+
+    rename: Mapping[str, str]
+    """Label -> landmark, as the marker set "landmarks" names it."""
+    tracking: Mapping[str, tuple[str, ...]]
+    """Segment -> labels of the other markers that move with it."""
+    weights: Mapping[str, float]
+    """Label -> weight, of those that are shown only."""
+    evidence: Mapping[str, str]
+    """Label -> by what it was told, in words."""
+    unused: Mapping[str, str]
+    """Label -> why it is nowhere."""
+    told: str
+    """By what height and heading were told, in words."""
+
+
+def propose_labels(recordings: Sequence[Recording], height: float | None = None) -> LabelProposal:
+    """What the labels of recordings mean that all name the same markers; `height` in m, where somebody tells it.
+
+    InputError where nobody stands still, or where it cannot be told which way the person faces.
+    """
+    standing = min(recordings, key=_sway)
+    moving = [r for r in recordings if r is not standing]
+    every = list(dict.fromkeys(label for r in (standing, *moving) for label in r.labels))
+    scatter = distance_scatter(moving, every)
+    points = with_missing(standing_points(standing, every), every, moving, scatter)
+    seen = [i for i in range(len(every)) if np.isfinite(points[i]).all()]
+    if len(seen) < FEWEST_MARKERS:
+        raise InputError(f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are needed")
+    forward = forward_direction(moving, points[seen], [every[i] for i in seen])
+    placed, heading, told = _likeliest(points[seen], _evidence(scatter[np.ix_(seen, seen)]), forward, height)
+    still_only = [every[i] for i in seen if not np.isfinite(scatter[i]).any()]
+    knee = points[seen, 1].min() - FLOOR_M + KNEE * placed.height
+    devices = _devices(standing, still_only, knee, KNEE_SPREAD * placed.height)
+    on_device = {label for parts in devices for label in parts}
+    if on_device:
+        seen = [i for i in seen if every[i] not in on_device]
+        placed, heading, told = _likeliest(points[seen], _evidence(scatter[np.ix_(seen, seen)]), forward, height)
+    found = _read_off([every[i] for i in seen], placed, scatter[np.ix_(seen, seen)])
+    right = np.array([-heading[1], heading[0]])
+    middle = np.median(points[seen][:, [0, 2]], axis=0)
+    out = {label: float((points[every.index(label)][[0, 2]] - middle) @ right) for label in on_device}
+    rods: dict[str, str] = {}
+    for parts in devices:
+        outwards = sorted(parts, key=lambda label: -abs(out[label]))
+        side = SIDES[0] if out[outwards[0]] > 0 else SIDES[1]
+        rods |= {label: f"{part}_{side}" for label, part in zip(outwards, DEVICE, strict=True)}
+    words = dict.fromkeys(rods, "at the knee, as far from two others as the markers of a knee alignment device are")
+    known = {every[i] for i in seen} | on_device
+    return LabelProposal(
+        rename={**found.rename, **rods},
+        tracking=found.tracking,
+        weights=found.weights,
+        evidence={**found.evidence, **words},
+        unused={**found.unused, **{m: "never seen with the others" for m in every if m not in known}},
+        told=f"{told}; {standing.source.replace(chr(92), '/').rpartition('/')[2]} stands",
+    )
+
+
+def _sway(recording: Recording) -> float:
+    """m, RMS distance from its mean place of the marker that moves more than nine in ten."""
+    seen = seen_mask(recording.markers)
+    paths = [recording.markers[seen[:, i], i] for i in range(len(recording.labels)) if seen[:, i].any()]
+    away = [float(np.sqrt(np.square(path - path.mean(axis=0)).sum(axis=1).mean())) for path in paths]
+    return float(np.quantile(away, 0.9)) if len(away) >= FEWEST_MARKERS else np.inf
+
+
+def _devices(standing: Recording, labels: Sequence[str], knee: float, spread: float) -> list[tuple[str, str, str]]:
+    """Threes of markers, of the standing trial only, as far from each other as those of a device, and at a knee (m)."""
+    out: list[tuple[str, str, str]] = []
+    paths = {label: standing.markers[:, standing.labels.index(label)] for label in labels if label in standing.labels}
+    paths = {label: path for label, path in paths.items() if abs(np.nanmedian(path[:, 1]) - knee) < spread}
+    for three in combinations(paths, 3):
+        if not any(set(three) & set(other) for other in out) and is_device(*(paths[label] for label in three)):
+            out.append(three)
+    return out
+
+
+def _evidence(scatter: Array) -> Together:
+    known = np.isfinite(scatter)
+    np.fill_diagonal(known, False)
+    places = len(standing_bodies()[0].labels)
+    return Together(moves=on_one_segment(scatter), known=known, allowed=np.ones((len(scatter), places), dtype=bool))
+
+
+def _likeliest(points: Array, evidence: Together, forward: Array, height: float | None) -> tuple[Placed, Array, str]:
+    """The markers on the likeliest body, the way (x, z) that it faces, and how both were told."""
+    floor = points[:, 1].min() - FLOOR_M
+    above = points[:, 1] - floor
+    low = points[above < 0.6 * above.max()][:, [0, 2]]
+    middle = 0.5 * (low.max(axis=0) + low.min(axis=0))
+    said = float(np.linalg.norm(forward))
+    axes = np.linalg.eigh(np.cov(low.T))[1].T
+    headings = [forward / said] if said > BOTH_FEET else [sign * axis for axis in axes for sign in (1.0, -1.0)]
+    usual, spread = (height, HEIGHT_TOLD * height) if height else (HEIGHT_M, HEIGHT_SD_M)
+
+    def seen_from(heading: Array) -> Array:
+        flat, right = points[:, [0, 2]] - middle, np.array([-heading[1], heading[0]])
+        ahead = flat @ heading
+        return np.column_stack([ahead - np.median(ahead[above < 0.5 * above.max()]), above, flat @ right])
+
+    def cost(placed: Placed) -> float:
+        return placed.cost + 0.5 * ((placed.height - usual) / spread) ** 2
+
+    hanging, *_ = bodies = standing_bodies()
+    tried = []
+    for k, heading in enumerate(headings):
+        seen = seen_from(heading)
+        for tall in above.max() / TALL * STEP ** np.arange(STEPS):
+            tried.append((cost(place_markers(seen, hanging, tall, evidence, rounds=4)), float(tall), k))
+    best = {k: min(t for t in tried if t[2] == k) for k in range(len(headings))}
+    whole = {
+        k: min((place_markers(seen_from(headings[k]), body, best[k][1], evidence) for body in bodies), key=cost)
+        for k in sorted(best, key=lambda k: best[k][0])[:2]
+    }
+    chosen = min(whole, key=lambda k: cost(whole[k]))
+    odds = min((cost(whole[k]) - cost(whole[chosen]) for k in whole if k != chosen), default=np.inf)
+    if odds < BEYOND_DOUBT:
+        raise InputError(
+            "it cannot be told which way the person faces: nobody walks, and feet and pelvis fit forward and backward; "
+            "a walk among the recordings tells it"
+        )
+    how = f"both feet swing forward (agreement {said:.2f})" if len(headings) == 1 else "feet and pelvis point forward"
+    return whole[chosen], headings[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"
+
+
+def _read_off(labels: Sequence[str], placed: Placed, scatter: Array) -> LabelProposal:
+    """What the places of markers say of their labels."""
+    body, on = placed.body, placed.places
+    rename, tracking, weights, evidence, unused = {}, dict[str, list[str]](), {}, {}, {}
+    segments = np.array([body.segments[p] if p >= 0 else "" for p in on])
+    for i, label in enumerate(labels):
+        if on[i] < 0:
+            unused[label] = "on no segment of a standing person, or moves with none"
+            continue
+        segment, joint = body.segments[on[i]], body.joints[on[i]]
+        mates = scatter[i, (segments == segment) & (np.arange(len(labels)) != i)]
+        words = ["likely" if placed.ahead[i] < BEYOND_DOUBT else "sure of the segment"]
+        if body.labels[on[i]]:
+            words.append(f"{1e3 * placed.away[i] * placed.height:.0f} mm from where the others put this landmark")
+        if np.isfinite(mates).any():
+            words.append(f"keeps its distance from markers of {segment} to {1e3 * np.nanmedian(mates):.0f} mm")
+        evidence[label] = ", ".join(words)
+        if body.labels[on[i]]:
+            rename[label] = body.labels[on[i]]
+        else:
+            tracking.setdefault(segment, []).append(label)
+            if joint == "head" or placed.ahead[i] < BEYOND_DOUBT:
+                weights[label] = 0.0
+    return LabelProposal(
+        rename=rename,
+        tracking={segment: tuple(group) for segment, group in sorted(tracking.items())},
+        weights=weights,
+        evidence=evidence,
+        unused=unused,
+        told="",
+    )

@@ -1,0 +1,93 @@
+"""What is fixed to a bone goes with its two joints, or stays, as the user says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from gaitcal.export.joint_moves import CARRIED_HEADER, Bone, carried_csv
+from gaitcal.export.joint_transfer import into_osim
+from gaitcal.export.muscle_paths import leg_ranges, muscle_paths
+from gaitcal.export.osim_correspondence import leg_joints
+from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
+from tests.export.osim_people import person_of
+
+MODELS = ("opensim_truth/p01/subject01.osim", "subject01/reference/subject01_simbody.osim")
+"""Wraps, patella by constraint; points that move with a coordinate, knee that rolls, no wraps."""
+ALIKE = 1e-3
+"""m, of moment arms: nothing puts a hinge along its axis, here 1 to 3 mm."""
+
+
+def shifted(source: Path, out: Path) -> Path:
+    """All joints of a bone as far off in it: the bone is another place under its joints, of the same shape."""
+    rng, document = np.random.default_rng(4), read_document(source)
+    by: dict[str, np.ndarray] = {}
+    places = {}
+    for leg in leg_joints(peer_of(document)):
+        for end, body, frame in (
+            ("parent", leg.theirs.parent, leg.theirs.in_parent),
+            ("child", leg.theirs.child, leg.theirs.in_child),
+        ):
+            if not leg.ours.startswith(("hip", "knee", "talocrural")) or body.startswith("talus"):
+                continue
+            across = (1.0, 1.0, body == "pelvis")  # what tells where along its axis a hinge is?
+            way = by.setdefault(body, rng.uniform(-0.02, 0.02, size=3) * across)
+            places[leg.theirs.name, end] = Place(frame.translation + way, None)
+    out.write_bytes(document.changed(places))
+    return out
+
+
+def test_a_bone_is_stretched_along_itself() -> None:
+    rng = np.random.default_rng(0)
+    a, b, a_now, b_now, x = rng.normal(size=(5, 3))
+    length = float(np.linalg.norm(b - a))
+    bone = Bone(
+        was=0.5 * (a + b),
+        now=0.5 * (a_now + b_now),
+        turn=pin.Quaternion.FromTwoVectors(b - a, b_now - a_now).toRotationMatrix(),
+        along=(b - a) / length,
+        stretch=float(np.linalg.norm(b_now - a_now)) / length,
+    )
+    assert bone.point(a) == pytest.approx(a_now) and bone.point(b) == pytest.approx(b_now)
+
+    def off_the_line(point: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
+        return float(np.linalg.norm(np.cross(point - start, end - start)) / np.linalg.norm(end - start))
+
+    assert off_the_line(bone.point(x), a_now, b_now) == pytest.approx(off_the_line(x, a, b))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODELS)
+def test_muscles_keep_their_arms_where_bones_follow(osim: Any, data_dir: Path, tmp_path: Path, name: str) -> None:
+    """Of a model whose bones lie elsewhere under their joints: with `follow` muscles pull as they did in that model, in
+    `stay` as in the one that is right. Meshes are drawn in an offset frame; markers and all else keep their bytes.
+    """
+    path = data_dir / name
+    model, wrong = person_of(read_osim(path)), shifted(path, tmp_path / "wrong.osim")
+    files = {"wrong": wrong, "right": path}
+    for follow in (False, True):
+        done = into_osim(model, wrong, follow=follow)
+        files[f"follow {follow}"] = tmp_path / f"{follow}.osim"
+        files[f"follow {follow}"].write_bytes(done.content)
+        assert bool(done.carried) == follow
+    assert {m.points for m in done.carried} > {2} and 0.005 < done.carried[0].farthest < 0.06
+    rows = carried_csv(done.carried).splitlines()
+    assert rows[0] == CARRIED_HEADER and len(rows) == 1 + len(done.carried)
+    ranges = {k: v[3:10:3] for k, v in leg_ranges(done.legs).items() if k in ("hip_flexion_r", "knee_angle_r")}
+    arms = {key: muscle_paths(file, ranges) for key, file in files.items()}
+    for of, like, unlike in (("follow True", "wrong", "right"), ("follow False", "right", "wrong")):
+        gaps = [[np.abs(p.arm - arms[to][key].arm).max() for key, p in arms[of].items()] for to in (like, unlike)]
+        assert max(gaps[0]) < ALIKE < 5 * ALIKE < max(gaps[1]), of
+    text = files["follow True"].read_text()
+    numbers = re.compile(r"(<(translation|orientation|location|y|value|xyz_body_rotation)>)[^<]*<")
+    frames = re.compile(r'(<components>)?<PhysicalOffsetFrame name="\w+_meshes">.*?</orientation>(?=<attached)', re.S)
+    bare = frames.sub("", numbers.sub(r"\1<", text)).replace("</PhysicalOffsetFrame></components>", "")
+    assert bare == numbers.sub(r"\1<", wrong.read_text())
+    markers = [read_osim(p).markers for p in (wrong, files["follow True"])]
+    for label, (body, place) in markers[0].items():
+        assert markers[1][label][0] == body and (markers[1][label][1] == place).all()

@@ -1,0 +1,136 @@
+"""Markers whose labels say nothing: told by where they are and what they move with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.cli.console import Console
+from gaitcal.cli.folder import draft_study_file, study_or_draft
+from gaitcal.errors import InputError
+from gaitcal.io.formats import read_recording
+from gaitcal.io.recording import Recording
+from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.model.marker_set import SEGMENT_OF, load_marker_set
+from gaitcal.session.draft import study_of
+from gaitcal.session.label_proposal import LANDMARK_SET, LabelProposal, propose_labels
+from gaitcal.session.marker_motion import distance_scatter, forward_direction, standing_points
+from gaitcal.study.study import Study
+from tests.session.folders import SAID, draft, recordings, write
+
+QUIET = Console(quiet=True, verbose=False)
+
+
+def nameless(files: Mapping[str, Recording], seed: int = 0) -> tuple[dict[str, Recording], dict[str, str]]:
+    """Labels M01, M02, ... in another order in each file; and new label -> old one."""
+    rng = np.random.default_rng(seed)
+    known = sorted({label for r in files.values() for label in r.labels})
+    names = {label: f"M{k + 1:02d}" for label, k in zip(known, rng.permutation(len(known)), strict=True)}
+    out = {}
+    for name, r in files.items():
+        order = rng.permutation(len(r.labels))
+        out[name] = replace(r, labels=tuple(names[r.labels[i]] for i in order), markers=r.markers[:, order])
+    return out, {new: old for old, new in names.items()}
+
+
+def told(proposal: LabelProposal) -> dict[str, str]:
+    """Label -> segment."""
+    landmarks = load_marker_set(LANDMARK_SET)
+    of = {m: SEGMENT_OF[name] for name in landmarks.landmarks for option in landmarks.options(name) for m in option}
+    of |= landmarks.segment_of | {m: SEGMENT_OF[k] for k, parts in landmarks.knee_device.items() for m in parts}
+    segments = {label: of[name] for label, name in proposal.rename.items()}
+    return segments | {label: segment for segment, group in proposal.tracking.items() for label in group}
+
+
+def turned(r: Recording, angle: float, size: float = 1.0) -> Recording:
+    """About the vertical, and of a person of another size."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return replace(r, markers=size * r.markers @ np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]]).T)
+
+
+@pytest.mark.parametrize(("angle", "size"), [(0.0, 1.0), (2.1, 0.72)])
+def test_segments_of_labels_that_say_nothing(angle: float, size: float) -> None:
+    files, old = nameless({name: turned(r, angle, size) for name, r in recordings().items()})
+    found, marker_set = propose_labels(list(files.values())), load_marker_set("published")
+    right = marker_set.segment_of
+    wrong = {old[m]: segment for m, segment in told(found).items() if segment != right[old[m]]}
+    assert all(right[m].startswith("upper_arm") for m in wrong) and len(wrong) <= 2, "arms hang still in this walk"
+    wanted = {m: name for name, group in marker_set.landmarks.items() if SEGMENT_OF[name] in LOWER_BODY for m in group}
+    named = {old[m]: name for m, name in found.rename.items()}
+    assert {m: named.get(m) for m in wanted} == wanted
+    assert set(found.evidence) == set(old) and not found.unused
+
+
+def test_a_walk_tells_which_way_is_forward() -> None:
+    files = recordings()
+    labels = files["static"].labels
+    points = standing_points(files["static"], labels)
+    ahead = forward_direction([files["walk"]], points, labels)
+    assert ahead[0] > 0.8 and abs(ahead[1]) < 0.1, "x, as both feet say"
+    walk = turned(files["walk"], 1.0)
+    assert forward_direction([walk], points, labels) == pytest.approx(ahead, abs=1e-9), "wherever the walk leads"
+    belt = replace(walk, markers=walk.markers - walk.markers.mean(axis=1, keepdims=True) * [1, 0, 1])
+    assert forward_direction([belt], points, labels)[0] > 0.8, "on a treadmill, too"
+    assert forward_direction([recordings("hip_r")["hip_r"]], points, labels) == pytest.approx(0, abs=1e-3), "one foot"
+    backward = replace(walk, markers=walk.markers[::-1])
+    assert forward_direction([backward], points, labels)[0] < -0.8
+
+
+def test_markers_of_a_segment_keep_their_distance() -> None:
+    walk = recordings()["walk"]
+    scatter = distance_scatter([walk], walk.labels)
+    of = load_marker_set("published").segment_of
+    same = np.array([[of[a] == of[b] for b in walk.labels] for a in walk.labels])
+    assert scatter[same].max() < 1e-9, "made-up segments are rigid"
+    legs = [i for i, m in enumerate(walk.labels) if of[m].startswith(("thigh", "shank"))]
+    assert scatter[np.ix_(legs, legs)][~same[np.ix_(legs, legs)]].min() > 0.002
+
+
+def test_a_proposal_is_confirmed_before_anything_is_computed(tmp_path: Path) -> None:
+    files, old = nameless(recordings())
+    folder = write(tmp_path / "person", files)
+    with pytest.raises(InputError, match="no marker set knows the labels M.*'gaitcal init .*' writes the proposal"):
+        study_or_draft(folder, SAID, QUIET)
+    with pytest.raises(InputError, match="has to be confirmed"):
+        study_of(draft(folder))
+    draft_study_file(folder, None, QUIET, SAID, force=False)
+    study = folder / "study.toml"
+    with pytest.raises(InputError, match=r"markers.confirmed: found false: .* write confirmed = true"):
+        Study.load(study)
+    text = study.read_text(encoding="utf-8")
+    study.write_text(text.replace("confirmed = false", "confirmed = true"), encoding="utf-8")
+    loaded, right = Study.load(study), load_marker_set("published").segment_of
+    assert len(loaded.marker_set.tracked) == len(right)
+    back = {name: label for label, name in loaded.rename.items()}
+    for label, segment in loaded.marker_set.segment_of.items():
+        assert right[old[back.get(label, label)]] == segment
+    assert [t.role.value for t in loaded.trials] == ["static", "gait"]
+
+
+def test_too_few_markers_are_told(tmp_path: Path) -> None:
+    files, _ = nameless(recordings())
+    few = {name: replace(r, labels=r.labels[:7], markers=r.markers[:, :7]) for name, r in files.items()}
+    fault = draft(write(tmp_path / "few", few)).fault
+    assert "no marker set knows enough" in fault and "10 or more are needed" in fault
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("person", ["labs_c3d/kad", "pig_c3d", "subject01", "children/HC002D"])
+def test_segments_in_real_recordings(person: str, data_dir: Path) -> None:
+    paths = [p for p in sorted((data_dir / person).iterdir()) if p.suffix in (".c3d", ".trc")]
+    own = load_marker_set("gait2354" if person == "subject01" else "plug-in-gait")
+    right = own.segment_of
+    files = {}
+    for recording in (own.renamed(read_recording(p)) for p in paths):
+        known = [i for i, label in enumerate(recording.labels) if label in right]
+        labels = tuple(recording.labels[i] for i in known)
+        files[recording.source] = replace(recording, labels=labels, markers=recording.markers[:, known])
+    files, old = nameless(files)
+    found = {old[m]: segment for m, segment in told(propose_labels(list(files.values()))).items()}
+    wrong = {m: (right[m], found.get(m, "nowhere")) for m in old.values() if found.get(m) != right[m]}
+    assert len(wrong) <= 0.05 * len(old), wrong
+    assert not [m for m, (a, b) in wrong.items() if a[:-1] == b[:-1] and a != b], "a leg for the other"
