@@ -97,7 +97,7 @@ def test_a_proposal_is_confirmed_before_anything_is_computed(tmp_path: Path) -> 
         study_or_draft(folder, SAID, QUIET)
     with pytest.raises(InputError, match="has to be confirmed"):
         study_of(draft(folder))
-    draft_study_file(folder, None, QUIET, SAID, force=False)
+    draft_study_file(QUIET, folder, mass=SAID.mass, height=SAID.height, sex=SAID.sex)
     study = folder / "study.toml"
     with pytest.raises(InputError, match=r"markers.confirmed: found false: .* write confirmed = true"):
         Study.load(study)
