@@ -42,7 +42,7 @@ from gaitcal.results.cycles_export import (
     write_cycles_export,
     write_export_manifest,
 )
-from gaitcal.results.recordings import WrittenRecording, write_recordings
+from gaitcal.results.recordings import write_recordings
 from gaitcal.results.saved import MODEL, load_result, load_result_model, recorded_coordinates
 from gaitcal.results.table_file import Json
 
@@ -167,7 +167,7 @@ def export_model(
     strides = convention or Convention()
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
-    recordings: tuple[WrittenRecording, ...] = ()
+    recordings: dict[str, tuple[str, str, tuple[str, ...]]] = {}
     of_recordings: Mapping[str, str | None] = {}
     with amended(folder) as stage, console.working() as step:
         for name in (name for name in chosen if name in WRITERS):
@@ -192,21 +192,21 @@ def export_model(
         read.require_unchanged()
         written: dict[str, dict[str, Json]] = {WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS}
         written |= {
-            r.file: {"format": C3D, "source": r.source, "source_sha256": r.source_sha256, "notes": list(r.notes)}
-            for r in recordings
+            f"{trial}.c3d": {"format": C3D, "source": source, "source_sha256": digest, "notes": list(notes)}
+            for trial, (source, digest, notes) in recordings.items()
         }
         written |= {f: {"format": STRIDES, "convention": dict[str, Json](strides.keys)} for f in tables}
         write_export_manifest(stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written)
     _tell(console, read, doubts)
     for name in (name for name in chosen if name in WRITERS):
         console.line(f"wrote {folder / WRITERS[name][1]}")
-    for recording in recordings:
-        console.line(f"wrote {folder / recording.file}: {'; '.join(recording.notes)}")
+    for trial, (_, _, notes) in recordings.items():
+        console.line(f"wrote {folder / f'{trial}.c3d'}: {'; '.join(notes)}")
     for file, rows in tables.items():
         console.line(f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}")
     if further:
         console.line(f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run dynamics again")
-    if C3D in chosen and (still := sorted(set(trial_files(result)) - {r.trial for r in recordings})):
+    if C3D in chosen and (still := sorted(set(trial_files(result)) - set(recordings))):
         console.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
 
 

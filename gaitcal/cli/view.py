@@ -106,11 +106,12 @@ def compare_sessions_or_models(
     shared = None
     if shared_model:
         with console.working() as step:
-            shared = compare_with_shared_model(result, other, study or (), step)
-    comparison = compare_results(result, other) if shared is None else shared.comparison
+            comparison, shared = compare_with_shared_model(result, other, study or (), step)
+    else:
+        comparison = compare_results(result, other)
     tell(comparison, console)
     if out is not None:
-        write_comparison(comparison, out, (result, other), None if shared is None else shared.parameters)
+        write_comparison(comparison, out, (result, other), shared)
         console.line(f"wrote {out}")
 
 

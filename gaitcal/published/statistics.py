@@ -31,8 +31,8 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import force_derivatives
-from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.model.chain import Chain, forward, jacobian
+from gaitcal.dynamics.inverse_dynamics import FEET, PlacedLinkage
+from gaitcal.model.chain import Chain
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.parameters import dynamic_jacobian, leg_parameters
 from gaitcal.published import draw
@@ -179,18 +179,10 @@ def _cause(table: pd.DataFrame, varied: Varied, rms_mm: float, side: str) -> Cau
 _ROWS = [(*COORDINATES, *REACTIONS).index(name) for name in draw.LEG_TORQUES]
 
 
-@dataclass(frozen=True)
-class LinearTorques:
-    """Derivatives of the 14 torques by what the study varies."""
-
-    by_joint: dict[ReactionFrame, Array]
-    """(nf, 14, np) N·m per m or rad."""
-    by_inertial: Array
-    """(nf, 14, 36) N·m per relative change of each symmetric inertial parameter."""
-
-
-def linear_torques(context: draw.MonteCarloContext) -> LinearTorques:
-    """Derivatives at the undisturbed case."""
+def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame, Array], Array]:
+    """Derivatives of the 14 torques at the undisturbed case: by joint parameters (nf, 14, np) N·m per m or rad, in
+    either frame, and (nf, 14, 36) N·m per relative change of each symmetric inertial parameter.
+    """
     case, basis = context.case, context.basis
     q, v, a = (basis.evaluate(case.nodes, k) for k in range(3))
     slopes = force_derivatives(case.parameters, context.names, q, v, a, case.wrench)
@@ -204,7 +196,7 @@ def linear_torques(context: draw.MonteCarloContext) -> LinearTorques:
     inertial = case.parameters.inertial
     relative = block_diag(*dynamic_jacobian(inertial)) @ (inertial[:, None] * context.inertial_set.selection)
     by_inertial = (context.regressor @ relative).reshape(nf, len(draw.LEG_TORQUES), -1)
-    return LinearTorques({ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, by_inertial)
+    return {ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, by_inertial
 
 
 @with_one_blas_thread
@@ -218,15 +210,16 @@ def linear_agreement(
     """(14,) R^2 of the linearised RMS errors as a prediction of those of at most `most` draws of a set at a level."""
     varied, level = cell
     of = draws[(draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")].head(most)
-    linear, valid, to_percent = linear_torques(context), context.case.valid, 100.0 / context.case.subject.bwh
+    by_joint, by_inertial = linear_torques(context)
+    valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     predicted = np.empty((len(of), len(draw.LEG_TORQUES)))
     for row, number in enumerate(of["draw"]):
         change = draw.disturb(context, varied, level, int(number))
         error = np.zeros(context.torques.shape)
         if change.joint is not None:
-            error += linear.by_joint[frame] @ change.joint
+            error += by_joint[frame] @ change.joint
         if change.inertial is not None:
-            error += linear.by_inertial @ change.inertial
+            error += by_inertial @ change.inertial
         predicted[row] = to_percent * np.sqrt((error[valid] ** 2).mean(axis=0))
     drawn = of[[draw.torque_column(torque, frame, "rms") for torque in draw.LEG_TORQUES]].to_numpy()
     residual = ((drawn - predicted) ** 2).sum(axis=0)
@@ -238,15 +231,12 @@ def _carried(context: draw.MonteCarloContext, q: Array, change: Array) -> Array:
     """(nf, 14, np) change of J_k . w where the wrenches move with the feet."""
     case = context.case
     chain = Chain(free=context.names, reactions=True)
-    place = [chain.coordinates.index(name) for name in COORDINATES]
-    expanded = np.zeros((len(q), len(chain.coordinates)))
-    expanded[:, place] = q
-    constants = chain.constants(case.parameters.joint, case.parameters.zero_angles)
-    columns = jacobian(chain, constants, forward(chain, constants, expanded)).transpose(2, 1, 0)
-    nk = len(chain.coordinates)
+    place, nk = [chain.coordinates.index(name) for name in COORDINATES], len(chain.coordinates)
+    placed = PlacedLinkage(chain, chain.constants(case.parameters.joint, case.parameters.zero_angles), q)
+    columns = placed.columns.transpose(0, 2, 1)
     out = np.zeros((len(q), len(draw.LEG_TORQUES), len(context.names)))
     for foot, segment in enumerate(FEET):
-        after = chain.support[:, chain.segments.index(segment)]
+        after = placed.moves(segment)
         twist = (columns[:, :, place] * after[place]) @ change + columns[:, :, nk:] * after[nk:]
         velocity, turn = twist[:, :3].transpose(0, 2, 1), twist[:, 3:].transpose(0, 2, 1)
         force, moment = case.wrench[:, foot, None, :3], case.wrench[:, foot, None, 3:]
@@ -264,7 +254,7 @@ def variance_contributions(context: draw.MonteCarloContext) -> pd.DataFrame:
     Columns: `torque`, `grf`, `parameter`, `kind` (`jp` or `ip`), `rms` (%BW*H, the RMS error that this parameter alone
     causes), `share` (per cent of the variance of the torque when joint and inertial parameters vary together).
     """
-    linear, settings = linear_torques(context), context.settings
+    (by_joint, by_inertial), settings = linear_torques(context), context.settings
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     inertial_bound = np.full(len(context.inertial_set.names), settings.inertial_percent / 100.0)
     bounds = np.concatenate([settings.joint_bounds, inertial_bound])
@@ -272,7 +262,7 @@ def variance_contributions(context: draw.MonteCarloContext) -> pd.DataFrame:
     kinds = np.array(["jp"] * len(context.names) + ["ip"] * len(inertial_bound))
     parts = []
     for frame in ReactionFrame:
-        slopes = np.concatenate([linear.by_joint[frame], linear.by_inertial], axis=2)[valid]
+        slopes = np.concatenate([by_joint[frame], by_inertial], axis=2)[valid]
         variance = (bounds**2 / 3.0) * ((to_percent * slopes) ** 2).mean(axis=0)
         for k, torque in enumerate(draw.LEG_TORQUES):
             share = 100.0 * variance[k] / variance[k].sum()
