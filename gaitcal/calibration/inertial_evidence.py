@@ -43,7 +43,6 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration import inertial_calibration
 from gaitcal.calibration.error_sources import ErrorSources, MarkerScores, whole_body_scores
-from gaitcal.calibration.joint_calibration import ending
 from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
@@ -106,7 +105,7 @@ def residual_noise(
     subject: Subject,
     chart: inertial_calibration.LogChart,
     length: float,
-    plates: PlateNoise | None = None,
+    plates: PlateNoise = PlateNoise(),  # frozen
     unmoved: Array | None = None,
 ) -> ResidualNoise:
     """What noise makes of the pelvis residual over the valid frames of all trials.
@@ -118,7 +117,6 @@ def residual_noise(
     length : m, torques are divided by body weight times this, as in the equations that are to be fitted.
     unmoved : (84, n) R with covariance R R^T of inertial parameters that `chart` does not move; exact unless given.
     """
-    plates = plates or PlateNoise()
     slopes = dynamic_jacobian(parameters.inertial)
     kept = np.zeros((len(parameters.inertial), 0)) if unmoved is None else unmoved
     by_variable, by_kept = (
@@ -184,7 +182,7 @@ def _coarser(basis: SplineBasis, nodes: Array) -> tuple[SplineBasis, Array]:
 def stay_nominal(
     seed: Array,
     which: InertialSet,
-    settings: inertial_calibration.ConsistentSettings | None = None,
+    settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
     rms: tuple[float, float] = (np.nan, np.nan),
     why: str = "",
 ) -> inertial_calibration.InertialFit:
@@ -194,7 +192,7 @@ def stay_nominal(
         names=which.names,
         inertial=seed,
         jacobian=chart.jacobian(np.zeros(chart.size)),
-        residual_jacobian=np.diag(1.0 / chart.spread(settings or inertial_calibration.ConsistentSettings())),
+        residual_jacobian=np.diag(1.0 / chart.spread(settings)),
         rms_force=rms[0],
         rms_moment=rms[1],
         iterations=0,
@@ -210,7 +208,7 @@ def unmeasured_stay(
     seed: Array,
     which: InertialSet,
     unmeasured: str,
-    settings: inertial_calibration.ConsistentSettings | None = None,
+    settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
 ) -> inertial_calibration.InertialFit:
     """The seed as it is, as the residual tells first how mass moves that markers leave open, `unmeasured` in words."""
     rms = equations.rms(seed)
@@ -223,7 +221,7 @@ def _words(rms: tuple[float, float]) -> str:
 
 
 def spread_of_the_rest(
-    inertial: Array, which: InertialSet, settings: inertial_calibration.ConsistentSettings | None = None
+    inertial: Array, which: InertialSet, settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE
 ) -> Array:
     """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
 
@@ -235,7 +233,7 @@ def spread_of_the_rest(
     limb = [name.split(".")[0].endswith(("_r", "_l")) for name in every.names]
     scatter = [".com." in n and (paired or not n.endswith(".lat")) for n, paired in zip(every.names, limb, strict=True)]
     kept = np.flatnonzero(scatter & ~free)
-    spread = chart.spread(settings or inertial_calibration.ConsistentSettings())
+    spread = chart.spread(settings)
     return (chart.jacobian(np.zeros(chart.size)) * spread)[:, kept]
 
 
@@ -244,7 +242,7 @@ def fit_by_evidence(
     seed: Array,
     which: InertialSet,
     noise: ResidualNoise,
-    settings: inertial_calibration.ConsistentSettings | None = None,
+    settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
 ) -> inertial_calibration.InertialFit:
     """Physically possible inertias of unchanged total mass; the seed itself unless the residual tells against it.
 
@@ -253,7 +251,6 @@ def fit_by_evidence(
     noise : of the chart that begins at `seed`, with the scale of `equations`.
     """
     began = time.perf_counter()
-    settings = settings or inertial_calibration.ConsistentSettings()
     chart = inertial_calibration.LogChart(seed, which)
     spread, start = chart.spread(settings), np.zeros(chart.size)
     rows = inertial_calibration.by_inertial(equations.factor, seed) @ chart.jacobian(start)
@@ -275,21 +272,9 @@ def fit_by_evidence(
         stay = stay_nominal(seed, which, settings, before, f"{_words(before)} {why}; ln K = {factor:.1f}")
         return replace(stay, seconds=time.perf_counter() - began)
     result, slopes = inertial_calibration.fit_chart(equations, chart, spread, weigh, start)
-    inertial = chart.inertial(result.x)
-    rms_force, rms_moment = equations.rms(inertial)
-    return inertial_calibration.InertialFit(
-        names=which.names,
-        inertial=inertial,
-        jacobian=chart.jacobian(result.x),
-        residual_jacobian=slopes(result.x),
-        rms_force=rms_force,
-        rms_moment=rms_moment,
-        iterations=int(result.nfev),
-        seconds=time.perf_counter() - began,
-        converged=bool(result.status > 0),
-        message=f"{ending(result)}; {_words(before)} moves as wrong masses make it, ln K = {factor:.1f}, beside what "
-        f"marker noise, bandwidth and plates explain {explained}",
-    )
+    found = inertial_calibration.fit_of(equations, chart, result, slopes, began)
+    message = f"{found.message}; {_words(before)} moves as wrong masses make it, ln K = {factor:.1f}, beside what "
+    return replace(found, message=f"{message}marker noise, bandwidth and plates explain {explained}")
 
 
 def log_bayes_factor(scores: Array, slopes: Array) -> float:

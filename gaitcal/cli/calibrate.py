@@ -24,7 +24,7 @@ from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft, tell_
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.faults.study import check_further, check_study
-from gaitcal.faults.verdict import Judgement, judge, stopping, without_consequences
+from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.event_table import events_beside
@@ -119,18 +119,16 @@ def calibrate_study(
     console.line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
     if verdict.judgement is Judgement.REFUSED and not force:
-        raise InputError(
-            f"the result is refused (it was written, with no torque valid): {verdict.reasons[0].cause}",
-            code=verdict.reasons[0].code,
-        )
+        raise _refused("the result is refused (it was written, with no torque valid)", verdict)
     if verdict.trials and all(map(verdict.refused_legs, verdict.trials)) and not force:
-        raise InputError(
-            f"a leg is refused in every walk (the result was written): {verdict.reasons[0].cause}",
-            code=verdict.reasons[0].code,
-        )
+        raise _refused("a leg is refused in every walk (the result was written)", verdict)
     if not calibration.converged:
         late = next(phase for phase in calibration.phases if not phase.converged)
         raise ConvergenceError(f"phase {late.name} did not converge: {late.message} (the results were written)")
+
+
+def _refused(words: str, verdict: Verdict) -> InputError:
+    return InputError(f"{words}: {verdict.reasons[0].cause}", code=verdict.reasons[0].code)
 
 
 def analyse_further(
@@ -180,14 +178,9 @@ def analyse_further(
     console.line(f"results: {folder}")
     console.line(f"page:    {folder / PAGE}")
     if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
-        raise InputError(
-            f"a leg is refused (written, with none of its torques valid): {verdict.reasons[0].cause}",
-            code=verdict.reasons[0].code,
-        )
+        raise _refused("a leg is refused (written, with none of its torques valid)", verdict)
     if verdict.refused and not late:
-        raise InputError(
-            f"refused (written, with no torque valid): {verdict.reasons[0].cause}", code=verdict.reasons[0].code
-        )
+        raise _refused("refused (written, with no torque valid)", verdict)
     if late:
         raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
 

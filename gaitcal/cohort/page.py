@@ -1,7 +1,7 @@
 """What `cohort.html` shows, from the tables of a cohort and from what is kept of every person.
 
-Numbers come from `people.parquet` one column at a time, curves from the people one by one, so that little is held in
-memory. There is no date in it: the same people give the same bytes.
+Curves come from the people one by one, so that little is held in memory. There is no date in it: the same people give
+the same bytes.
 """
 
 from __future__ import annotations
@@ -212,6 +212,10 @@ def _content(
     tables: Mapping[str, Path], people: Sequence[CohortPerson], common: CommonSettings, causes: _Causes
 ) -> Iterator[str]:
     with pq.ParquetFile(tables["people"]) as table:
+
+        def read(name: str) -> Array:
+            return np.asarray(table.read(columns=[name]).column(0).to_numpy(), dtype=np.float64)
+
         about = {
             "people": len({person.name for person in people}),
             "sessions": len(people),
@@ -219,15 +223,7 @@ def _content(
             "version": package_version("gaitcal"),
             "settings": json.loads(common.calibration.model_dump_json(exclude_unset=True)),
         }
-        yield f'{{"about":{_text(about)},"usual":{_text(USUAL)},"every":{EVERY},"columns":['
-
-        def read(name: str) -> Array:
-            return np.asarray(table.read(columns=[name]).column(0).to_numpy(), dtype=np.float64)
-
-        comma = ""
-        for column in _columns(table, read):
-            yield comma + _text(column)
-            comma = ","
+        content = {"about": about, "usual": USUAL, "every": EVERY, "columns": list(_columns(table, read))}
         sizes = [read(name) if table.metadata.num_rows else np.array([]) for name in ("mass_kg", "height_m")]
         mass, height = (
             float(np.nanmean(values)) if np.isfinite(values).any() else usual
@@ -235,8 +231,8 @@ def _content(
         )
     with tables["failures"].open(encoding="utf-8", newline="") as stream:
         failures = list(csv.DictReader(stream))
-    yield f'],"reasons":{_text(causes.content)},"ranked":{_text(causes.ranked(failures))},'
-    yield f'"curves":{_text(_variables(common, mass, height))},"failures":{_text(failures)}}}'
+    content |= {"reasons": causes.content, "ranked": causes.ranked(failures)}
+    yield _text(content | {"curves": _variables(common, mass, height), "failures": failures})
 
 
 def _columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[dict[str, Any]]:

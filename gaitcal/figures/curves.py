@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.figures import chart
 from gaitcal.gait.moments import SIDE_WORDS, capitalised
 from gaitcal.gait.strides import Layout
@@ -25,13 +25,28 @@ TRUTH_WIDTH = 1.1
 
 @dataclass(frozen=True)
 class Trace:
-    """One side of one signal over all frames of the trial."""
+    """One side of one variable over all frames of the trial, (nf,) each."""
 
+    base: str
     side: str
-    value: Array  # (nf,); NaN where it must not be drawn
-    nominal: Array | None = None  # (nf,) with the nominal model
-    error: Array | None = None  # (nf,) standard error
-    truth: Array | None = None  # (nf,) where it is known; in frames that are not valid, too
+    kind: str
+    value: Array
+    valid: BoolArray
+    error: Array | None
+    nominal: Array | None
+    truth: Array | None
+
+    @property
+    def name(self) -> str:
+        """`hip_flexion_r`."""
+        return f"{self.base}_{self.side}" if self.side else self.base
+
+    def scaled(self, factor: float) -> Trace:
+        """As it is drawn, with gaps where values do not count; the truth is drawn there, too."""
+        error, nominal, truth = (None if x is None else factor * x for x in (self.error, self.nominal, self.truth))
+        value = np.where(self.valid, factor * self.value, np.nan)
+        nominal = None if nominal is None else np.where(self.valid, nominal, np.nan)
+        return replace(self, value=value, error=error, nominal=nominal, truth=truth)
 
 
 NORMAL_COLOUR = "#CC79A7"

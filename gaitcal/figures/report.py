@@ -44,30 +44,6 @@ def unpacked(packed: Mapping[str, Any]) -> Array:
 
 
 @dataclass(frozen=True)
-class SheetCurve:
-    """One variable of a trial, (nf,) each."""
-
-    base: str
-    side: str
-    kind: str
-    value: Array
-    valid: BoolArray
-    error: Array | None
-    nominal: Array | None
-    truth: Array | None
-
-    @property
-    def name(self) -> str:
-        """`hip_flexion_r`."""
-        return f"{self.base}_{self.side}" if self.side else self.base
-
-    def masked(self, values: Array) -> Array:
-        """`values` (nf,) with gaps where they do not count."""
-        out: Array = np.where(self.valid, values, np.nan)
-        return out
-
-
-@dataclass(frozen=True)
 class SheetRecording:
     """One trial of a sheet."""
 
@@ -90,7 +66,7 @@ class SheetRecording:
         return np.asarray(seconds + float(self.content["start"]))
 
     @cached_property
-    def curves(self) -> tuple[SheetCurve, ...]:
+    def curves(self) -> tuple[Trace, ...]:
         """All of them."""
         masks = [np.frombuffer(base64.b64decode(mask), dtype="<u1") == 1 for mask in self.content["masks"]]
 
@@ -98,7 +74,7 @@ class SheetRecording:
             return None if curve[key] is None else unpacked(curve[key])
 
         return tuple(
-            SheetCurve(
+            Trace(
                 curve["base"],
                 curve["side"],
                 curve["kind"],
@@ -109,7 +85,7 @@ class SheetRecording:
             for curve in self.content["curves"]
         )
 
-    def of(self, *kinds: str) -> list[SheetCurve]:
+    def of(self, *kinds: str) -> list[Trace]:
         """The curves of these kinds."""
         return [curve for curve in self.curves if curve.kind in kinds]
 
@@ -222,28 +198,14 @@ def _of_walk(told: Told, trial: SheetRecording, name: str) -> Iterator[Chart | N
         yield fit.moment_change_chart({c.name: float(changes[c.name]) for c in moments if c.name in changes}, name)
 
 
-def _curves(told: Told, trial: SheetRecording, curves: list[SheetCurve], kind: Kind, factor: float) -> Curves:
-    """Gaps where a value does not count; the whole body is drawn over the right stride, as healthy people are."""
-
-    def scaled(values: Array | None) -> Array | None:
-        return None if values is None else factor * values
-
-    traces = {
-        c.name: Trace(
-            c.side,
-            factor * c.masked(c.value),
-            None if c.nominal is None else factor * c.masked(c.nominal),
-            scaled(c.error),
-            scaled(c.truth),
-        )
-        for c in curves
-    }
+def _curves(told: Told, trial: SheetRecording, curves: list[Trace], kind: Kind, factor: float) -> Curves:
+    """The whole body is drawn over the right stride, as healthy people are."""
     normal = {
         coordinate_of(name): (factor * sides["r"][0], factor * sides["r"][1])
         for name, sides in told.healthy.items()
         if kind_of(name) is kind
     }
-    return Curves(layout=trial.layout, traces=traces, normal=normal)
+    return Curves(layout=trial.layout, traces={c.name: c.scaled(factor) for c in curves}, normal=normal)
 
 
 def _forces(told: Told, trial: SheetRecording, name: str) -> Chart | None:

@@ -16,6 +16,7 @@ import pandas as pd
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
+from gaitcal.figures.comparison import LEAST, UNITS
 from gaitcal.figures.document import COMMENT_SECTIONS, ReportContent
 from gaitcal.figures.report_sheets import CurvePanel, Sheet
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs
@@ -53,8 +54,6 @@ KINETICS: Final = (
     *("knee_angle_moment", "knee_adduction_moment", "ankle_angle_moment", "hip_power", "knee_power", "ankle_power"),
     *("subtalar_angle_moment", "lumbar_extension_moment", GROUND_REACTION),
 )
-LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
-"""Smallest range of a vertical axis (deg, N·m/kg, W/kg, N/kg), so that nothing small looks dramatic."""
 MOST_REASONS = 6
 RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
 
@@ -300,7 +299,7 @@ def _panels(
             norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
             title=CLINICAL.title(variable),
-            unit={Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}[kind],
+            unit=UNITS[kind],
             senses=CLINICAL.senses(variable, "r"),
             strides=curves,
             mean=mean,
