@@ -219,7 +219,8 @@ def _read(path: Path, forces: Path | None, told: Mapping[str, object], saved: Sa
     trial = TrialTable(name="trial", role="gait", file=path, forces=forces).model_copy(
         update={"name": path.stem, **told}
     )
-    return cleaned_trial(read_trial(trial, saved.rename, saved.marker_set), saved.marker_set.segment_of)
+    marker_set = saved.marker_set
+    return cleaned_trial(read_trial(trial, saved.rename, marker_set), marker_set.segment_of, marker_set.noise)
 
 
 def _check(trial: Trial, saved: SavedResult) -> tuple[Finding, ...]:

@@ -180,8 +180,14 @@ def view(result: Result, other: told.Other = None, html: told.Html = None, geome
 
 
 @command("view:print_report")
-def report(result: Result, pdf: told.Pdf = None, comments: told.Comments = None, normal: Normal = None) -> None:
-    """A gait report on paper: verdict, steps, sheets of angles and moments, what not to trust, comments; A4, PDF."""
+def report(
+    result: Result,
+    other: told.Other = None,
+    pdf: told.Pdf = None,
+    comments: told.Comments = None,
+    normal: Normal = None,
+) -> None:
+    """A report on paper, of a result or two sessions: verdict, steps, sheets of curves, what not to trust; A4, PDF."""
 
 
 @command("view:compare_sessions_or_models")
@@ -191,6 +197,9 @@ def compare(
     osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")] = None,
     shared_model: told.SharedModel = False,
+    motion: Annotated[
+        bool, typer.Option(help="With --osim: its coordinates and moments in the recordings, by OpenSim, too.")
+    ] = False,
     study: told.Studies = None,
 ) -> None:
     """Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours."""

@@ -6,11 +6,11 @@ counts, steps; kinematics; kinetics; joints, comments, signature.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from reportlab.lib.colors import HexColor
 from reportlab.lib.pagesizes import A4
@@ -18,7 +18,18 @@ from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import BaseDocTemplate, Flowable, Frame, PageBreak, PageTemplate, Paragraph, Spacer, Table
 
-from gaitcal.figures import report_sheets
+from gaitcal.figures.report_sheets import (
+    BOLD,
+    FAINT,
+    GRID,
+    INK,
+    SANS,
+    ProfileBars,
+    Sheet,
+    SheetOfCurves,
+    printed,
+    register_fonts,
+)
 from gaitcal.gait.profile_score import Score
 from gaitcal.io.atomic import atomic_bytes
 
@@ -48,7 +59,7 @@ class ReportContent:
     """Head, then a row for each spatiotemporal measure."""
     steps_norm: str
     """Whom their norm is of; empty where there is none."""
-    sheets: tuple[report_sheets.Sheet, ...]
+    sheets: tuple[Sheet, ...]
     toe_off: Mapping[str, float]
     """Side -> % of the gait cycle, the mean over strides."""
     norm: str
@@ -66,16 +77,41 @@ class ReportContent:
     footer: str
     """Program and version."""
 
+    @property
+    def title(self) -> str:
+        """Whose report it is."""
+        return self.person[0][1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonContent:
+    """What the report of two sessions says."""
+
+    title: str
+    people: tuple[tuple[str, ...], ...]
+    """Head with the names of both sessions, then label and value of each."""
+    words: tuple[str, ...]
+    """Warnings, then what differs."""
+    scores: tuple[tuple[str, ...], ...]
+    """Head, then a row for each angle or score: before, after, difference."""
+    steps: tuple[tuple[str, ...], ...]
+    """Head, then a row for each measure."""
+    others: tuple[tuple[str, ...], ...]
+    """The same of all other figures, the largest difference first."""
+    sheets: tuple[Sheet, ...]
+    comments: Mapping[str, str]
+    footer: str
+
 
 COMMENT_SECTIONS: Final = ("summary", "spatiotemporal", "kinematics", "kinetics", "joints")
 """Sections that may have a comment."""
 
 
 def _heading(text: str) -> Paragraph:
-    return report_sheets.printed(text, 11, bold=True, before=9)
+    return printed(text, 11, bold=True, before=9)
 
 
-def write_pdf(content: ReportContent, path: Path) -> int:
+def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     """Write the report; returns the number of its pages. The same content gives the same bytes.
 
     Raises
@@ -83,87 +119,106 @@ def write_pdf(content: ReportContent, path: Path) -> int:
     InputError
         `path` is a folder, or cannot be written.
     """
-    report_sheets.register_fonts()
-    _, pages = _drawn(content, total=None)
-    drawn, pages = _drawn(content, total=pages)
+    story = _of_sessions if isinstance(content, ComparisonContent) else _story
+    register_fonts()
+    _, pages = _drawn(content, story, total=None)
+    drawn, pages = _drawn(content, story, total=pages)
     atomic_bytes(path, drawn)
     return pages
 
 
-def _drawn(content: ReportContent, total: int | None) -> tuple[bytes, int]:
+def _drawn(content: Any, story: Callable[[Any, float, float], list[Flowable]], total: int | None) -> tuple[bytes, int]:
     """The file, and how many pages it has; drawn a first time only to learn that."""
     width, height = A4
     out = BytesIO()
-    document = BaseDocTemplate(
-        out, pagesize=A4, title=f"Gait report: {content.person[0][1]}", author="", creator=content.footer, invariant=1
-    )
+    title = f"Gait report: {content.title}"
+    document = BaseDocTemplate(out, pagesize=A4, title=title, author="", creator=content.footer, invariant=1)
     frame = Frame(MARGIN, MARGIN + 6 * mm, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm, 0, 0, 0, 0)
     seen = 0
 
     def decorate(canvas: Canvas, _: object) -> None:
         nonlocal seen
         seen = canvas.getPageNumber()
-        canvas.setFillColor(report_sheets.INK)
-        canvas.setFont(report_sheets.BOLD, 8)
-        canvas.drawString(MARGIN, height - MARGIN, f"Gait report  ·  {content.person[0][1]}"[:90])
-        canvas.setFont(report_sheets.SANS, 7)
-        canvas.setFillColor(report_sheets.FAINT)
+        canvas.setFillColor(INK)
+        canvas.setFont(BOLD, 8)
+        canvas.drawString(MARGIN, height - MARGIN, f"Gait report  ·  {content.title}"[:90])
+        canvas.setFont(SANS, 7)
+        canvas.setFillColor(FAINT)
         canvas.drawString(MARGIN, MARGIN - 2 * mm, content.footer)
         canvas.drawRightString(width - MARGIN, MARGIN - 2 * mm, f"page {seen}" + (f" of {total}" if total else ""))
-        canvas.setStrokeColor(report_sheets.GRID)
+        canvas.setStrokeColor(GRID)
         canvas.line(MARGIN, height - MARGIN - 2.5 * mm, width - MARGIN, height - MARGIN - 2.5 * mm)
 
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
-    document.build(_story(content, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm))
+    document.build(story(content, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm))
     return out.getvalue(), seen
 
 
 def _story(content: ReportContent, width: float, height: float) -> list[Flowable]:
     out: list[Flowable] = [_person(content, width), Spacer(1, 4 * mm), _verdict(content, width)]
-    out += [report_sheets.printed(sentence, before=3) for sentence in content.fit]
+    out += [printed(sentence, before=3) for sentence in content.fit]
     out += _comment(content, "summary")
     if len(content.walks) > 1:
         out += [_heading("Which strides count for moments"), Spacer(1, 1.5 * mm), _table(content.walks, width)]
     if len(content.steps) > 1:
         out += [_heading("Steps and phases"), Spacer(1, 1.5 * mm), _table(content.steps, width)]
-        out += (
-            [report_sheets.printed(content.steps_norm, 7, colour=report_sheets.FAINT, before=2)]
-            if content.steps_norm
-            else []
-        )
+        out += [printed(content.steps_norm, 7, colour=FAINT, before=2)] if content.steps_norm else []
     out += _comment(content, "spatiotemporal")
     for sheet in content.sheets:
         if not sheet.has_curves:
-            out += [
-                _heading(sheet.title),
-                report_sheets.printed(sheet.without, before=2),
-                *_comment(content, sheet.comment),
-            ]
+            out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
     profile = _profile(content, width)
     together = _height([*out, *profile], width, height) < height
     out += profile if together else []
     for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
         note = " ".join(filter(None, (sheet.note, content.norm_remark)))
-        head = [_heading(sheet.title), report_sheets.printed(note, 7, colour=report_sheets.FAINT), Spacer(1, 2 * mm)]
-        comment = _comment(content, sheet.comment)
-        high = height - _height(head, width, height)
-        left = high - _height(comment, width, height)
-        if left < LEAST_SHEET:
-            left, comment = high, [PageBreak(), _heading(sheet.title), *comment]
-        out += [
-            PageBreak(),
-            *head,
-            report_sheets.SheetOfCurves(sheet, content.toe_off, content.norm, (width, left)),
-            *comment,
-        ]
+        out += _sheet(sheet, note, content, (width, height), content.toe_off, content.norm)
     out += [PageBreak(), *([] if together else profile), _heading("Joints: where calibration moved them")]
-    stayed = report_sheets.printed("Joint parameters stayed as they were.")
+    stayed = printed("Joint parameters stayed as they were.")
     out += [Spacer(1, 1.5 * mm), _table(content.joints, width) if len(content.joints) > 1 else stayed]
     if content.undetermined:
         out += [_heading("Not determined by these recordings")]
-        out += [report_sheets.printed(f"·  {line}", before=2) for line in content.undetermined]
+        out += [printed(f"·  {line}", before=2) for line in content.undetermined]
     out += _comment(content, "joints")
     return [*out, Spacer(1, 14 * mm), _signature(width)]
+
+
+def _sheet(
+    sheet: Sheet,
+    note: str,
+    content: ReportContent | ComparisonContent,
+    size: tuple[float, float],
+    toe_off: Mapping[str, float],
+    norm: str = "",
+) -> list[Flowable]:
+    """A page of curves with its comment, which has a page of its own where it leaves the curves too little."""
+    head = [_heading(sheet.title), printed(note, 7, colour=FAINT), Spacer(1, 2 * mm)]
+    comment = _comment(content, sheet.comment)
+    high = size[1] - _height(head, *size)
+    left = high - _height(comment, *size)
+    if left < LEAST_SHEET:
+        left, comment = high, [PageBreak(), _heading(sheet.title), *comment]
+    return [PageBreak(), *head, SheetOfCurves(sheet, toe_off, norm, (size[0], left)), *comment]
+
+
+def _of_sessions(content: ComparisonContent, width: float, height: float) -> list[Flowable]:
+    out: list[Flowable] = [_table(content.people, width), _heading("What differs")]
+    out += [*(printed(line, before=2) for line in content.words), *_comment(content, "summary")]
+    for title, rows in (
+        ("Gait Profile Score and Movement Analysis Profile", content.scores),
+        ("Steps and phases", content.steps),
+    ):
+        if len(rows) > 1:
+            out += [_heading(title), Spacer(1, 1.5 * mm), _table(rows, width)]
+    out += _comment(content, "spatiotemporal")
+    for sheet in content.sheets:
+        if sheet.has_curves:
+            out += _sheet(sheet, sheet.note, content, (width, height), {})
+        else:
+            out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
+    if len(content.others) > 1:
+        out += [PageBreak(), _heading("All other figures"), Spacer(1, 1.5 * mm), _table(content.others, width)]
+    return [*out, *_comment(content, "joints"), Spacer(1, 14 * mm), _signature(width)]
 
 
 def _height(parts: Sequence[Flowable], width: float, height: float) -> float:
@@ -176,35 +231,20 @@ def _profile(content: ReportContent, width: float) -> list[Flowable]:
         return []
     out: list[Flowable] = [_heading("Gait Profile Score and Movement Analysis Profile"), Spacer(1, 1 * mm)]
     if not content.profile:
-        return [
-            *out,
-            report_sheets.printed(content.norm_remark or "The norm or the strides lack an angle of the profile."),
-        ]
+        return [*out, printed(content.norm_remark or "The norm or the strides lack an angle of the profile.")]
     words = "RMS distance of each angle from healthy people's mean, deg, with its standard error (Baker 2009). Grey: "
     words += f"what healthy people have themselves: {content.norm}."
-    return [
-        *out,
-        report_sheets.printed(words, 7, colour=report_sheets.FAINT),
-        Spacer(1, 1 * mm),
-        report_sheets.ProfileBars(content.profile, width),
-    ]
+    return [*out, printed(words, 7, colour=FAINT), Spacer(1, 1 * mm), ProfileBars(content.profile, width)]
 
 
-def _comment(content: ReportContent, section: str) -> list[Flowable]:
+def _comment(content: ReportContent | ComparisonContent, section: str) -> list[Flowable]:
     text = content.comments.get(section, "").strip()
-    return (
-        [report_sheets.printed("Comment", 8.5, bold=True, before=6), report_sheets.printed(text, before=1)]
-        if text
-        else []
-    )
+    return [printed("Comment", 8.5, bold=True, before=6), printed(text, before=1)] if text else []
 
 
 def _person(content: ReportContent, width: float) -> Table:
     """Labels above values, in rows of `HEADER_COLUMNS`."""
-    cells = [
-        [report_sheets.printed(label, 7, colour=report_sheets.FAINT), report_sheets.printed(value, 9, bold=True)]
-        for label, value in content.person
-    ]
+    cells = [[printed(label, 7, colour=FAINT), printed(value, 9, bold=True)] for label, value in content.person]
     cells += [[]] * (-len(cells) % HEADER_COLUMNS)
     rows = [cells[k : k + HEADER_COLUMNS] for k in range(0, len(cells), HEADER_COLUMNS)]
     return Table(
@@ -220,16 +260,13 @@ def _person(content: ReportContent, width: float) -> Table:
 
 
 def _verdict(content: ReportContent, width: float) -> Table:
-    tone = TONES.get(content.verdict, report_sheets.INK)
+    tone = TONES.get(content.verdict, INK)
     parts: list[Flowable] = [
-        report_sheets.printed(content.verdict.capitalize(), 12, bold=True, colour=tone),
-        report_sheets.printed(content.sentence, before=2),
+        printed(content.verdict.capitalize(), 12, bold=True, colour=tone),
+        printed(content.sentence, before=2),
     ]
     for found, cure in content.reasons:
-        parts += [
-            report_sheets.printed(f"·  {found}", before=3),
-            report_sheets.printed(f"    {cure}", 7.5, colour=report_sheets.FAINT),
-        ]
+        parts += [printed(f"·  {found}", before=3), printed(f"    {cure}", 7.5, colour=FAINT)]
     return Table(
         [[parts]],
         colWidths=[width],
@@ -247,14 +284,14 @@ def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
     words = [max(len(word) for row in rows for word in (*row[k].split(), "")) for k in range(len(rows[0]))]
     longest = [max(of_text, min(14, 1.1 * word)) for of_text, word in zip(letters, words, strict=True)]
     widths = [width * part / sum(longest) for part in longest]
-    body = [[report_sheets.printed(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
+    body = [[printed(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
     return Table(
         body,
         colWidths=widths,
         repeatRows=1,
         style=[
-            ("LINEBELOW", (0, 0), (-1, 0), 0.8, report_sheets.INK),
-            ("LINEBELOW", (0, 1), (-1, -1), 0.25, report_sheets.GRID),
+            ("LINEBELOW", (0, 0), (-1, 0), 0.8, INK),
+            ("LINEBELOW", (0, 1), (-1, -1), 0.25, GRID),
             ("LEFTPADDING", (0, 0), (-1, -1), 2),
             ("TOPPADDING", (0, 0), (-1, -1), 1.5),
             ("BOTTOMPADDING", (0, 0), (-1, -1), 1.5),
@@ -265,7 +302,7 @@ def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
 
 def _signature(width: float) -> Table:
     return Table(
-        [[report_sheets.printed(word, 7.5, colour=report_sheets.FAINT) for word in ("Name", "Date", "Signature")]],
+        [[printed(word, 7.5, colour=FAINT) for word in ("Name", "Date", "Signature")]],
         colWidths=[0.4 * width, 0.2 * width, 0.4 * width],
-        style=[("LINEABOVE", (0, 0), (-1, 0), 0.6, report_sheets.FAINT), ("LEFTPADDING", (0, 0), (-1, -1), 2)],
+        style=[("LINEABOVE", (0, 0), (-1, 0), 0.6, FAINT), ("LEFTPADDING", (0, 0), (-1, -1), 2)],
     )

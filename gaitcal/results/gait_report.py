@@ -16,11 +16,10 @@ import pandas as pd
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.figures.comparison import LEAST, UNITS
 from gaitcal.figures.document import COMMENT_SECTIONS, ReportContent
-from gaitcal.figures.report_sheets import CurvePanel, Sheet
+from gaitcal.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs
-from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, kind_of, known_variables, typed
+from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, kind_of, known_variables
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.normal_bands import BAND_SIGNS, Bands, NormalBand
@@ -73,12 +72,13 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     """
     model, _, _ = load_result_model(folder)
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
-    strides = typed(strides_in_convention(folder, CLINICAL, model))
+    of = read_cycles(folder)
+    strides = strides_in_convention(of, CLINICAL, model)
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
     page = read_page_data(folder / PAGE_DATA)
     norm = _norm(page, named, model.subject, summary, manifest)
     relative = table_of(manifest, "settings").get("angles") == "relative"
-    of, uses = read_cycles(folder), _uses(summary, page)
+    uses = _uses(summary, page)
     return ReportContent(
         person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
@@ -171,13 +171,13 @@ def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
 
 def _fit(summary: Mapping[str, object]) -> Iterator[str]:
     for name, trial in table_of(summary, "trials").items():
-        if trial.get("role") != "gait":
-            continue
-        rms = table_of(trial, "pelvis_and_legs_mm")
+        legs = table_of(trial, "pelvis_and_legs_mm")
+        rms = legs or table_of(trial, "rms_mm")
         best = rms.get("joint_floor") or rms.get("rigid_floor")
         told = []
         if rms.get("calibrated"):
-            told.append(f"marker fit of pelvis and legs {rms['calibrated']:.1f} mm")
+            of = "pelvis and legs" if legs else "the joint's segments"
+            told.append(f"marker fit of {of} {rms['calibrated']:.1f} mm")
             told[-1] += f" (best possible {best:.1f})" if best else ""
         residual = next(reversed(table_of(trial, "pelvis_residual").values()), None)
         limit = table_of(trial, "pelvis_residual_limit")
