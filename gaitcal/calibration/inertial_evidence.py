@@ -105,7 +105,7 @@ def residual_noise(
     subject: Subject,
     chart: inertial_calibration.LogChart,
     length: float,
-    plates: PlateNoise = PlateNoise(),  # frozen
+    plates: PlateNoise | None = None,
     unmoved: Array | None = None,
 ) -> ResidualNoise:
     """What noise makes of the pelvis residual over the valid frames of all trials.
@@ -117,6 +117,7 @@ def residual_noise(
     length : m, torques are divided by body weight times this, as in the equations that are to be fitted.
     unmoved : (84, n) R with covariance R R^T of inertial parameters that `chart` does not move; exact unless given.
     """
+    plates = plates or PlateNoise()
     slopes = dynamic_jacobian(parameters.inertial)
     kept = np.zeros((len(parameters.inertial), 0)) if unmoved is None else unmoved
     by_variable, by_kept = (

@@ -53,6 +53,8 @@ OF_INERTIA = np.zeros((3, 6, 3))
 """OF_INERTIA[i, j, k] x_k is entry (i, j) of I x by the six moments and products I (xx, xy, yy, xz, yz, zz)."""
 for _n, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
     OF_INERTIA[_i, _n, _j] = OF_INERTIA[_j, _n, _i] = 1.0
+BLOCK = 500
+"""Frames at a time: a treadmill's trial may last for minutes."""
 UPWARDS = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
 """m/s^2, gravity as an acceleration of the ground."""
 
@@ -143,23 +145,26 @@ class PlacedLinkage:
         found = [(k, self.chain.segments.index(s)) for k, s in enumerate(MASSIVE_SEGMENTS) if s in self.chain.segments]
         return [k for k, _ in found], [s for _, s in found]
 
+    def _of_bodies(self, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """(nf, bodies, 3) each, in a body's axes: acceleration of its origin, angular velocity and acceleration."""
+        axes, origin = (x[:, self.bodies[1]] for x in self.segments)
+        velocity, gained = (x[:, self.bodies[1]] for x in self.motions(v, a))
+        turn, turning = velocity[..., 3:], gained[..., 3:]
+        pull = gained[..., :3] + cross(turning, origin) + cross(turn, velocity[..., :3] + cross(turn, origin))
+        of_each = (axes @ np.stack([pull, turn, turning], axis=3)).transpose(3, 0, 1, 2)
+        return of_each[0], of_each[1], of_each[2]
+
     def regressors(self, v: Array, a: Array) -> Array:
         """(nf, bodies, 6, 10) wrench [F; M] about its origin, in its axes, that each body asks for, per dynamic
         parameter; v and a (nf, nq).
         """
-        (axes, origin), (velocity, gained) = (
-            tuple(x[:, self.bodies[1]] for x in y) for y in (self.segments, self.motions(v, a))
-        )
-        turn, turning = velocity[..., 3:], gained[..., 3:]
-        at_origin = gained[..., :3] + cross(turning, origin) + cross(turn, velocity[..., :3] + cross(turn, origin))
-        pull, turn, turning = ((axes @ x[..., None])[..., 0] for x in (at_origin, turn, turning))
+        pull, turn, turning = self._of_bodies(v, a)
         out, spin = np.zeros((*pull.shape[:2], 6, 10)), skew(turn)
         out[..., :3, 0] = pull
         out[..., :3, 1:4] = skew(turning) + spin @ spin
         out[..., 3:, 1:4] = -skew(pull)
-        out[..., 3:, 4:] = (OF_INERTIA @ turning[..., None, :, None])[..., 0] + spin @ (
-            OF_INERTIA @ turn[..., None, :, None]
-        )[..., 0]
+        of_inertia, of_spin = ((OF_INERTIA @ x[..., None, :, None])[..., 0] for x in (turning, turn))
+        out[..., 3:, 4:] = of_inertia + spin @ of_spin
         return out
 
     def unloaded_forces(self, dynamic: Array, v: Array, a: Array) -> Array:
@@ -167,9 +172,13 @@ class PlacedLinkage:
 
         `dynamic`: (12, 10) dynamic parameters of the massive segments.
         """
+        own, (pull, turn, turning) = dynamic[self.bodies[0]], self._of_bodies(v, a)
+        mass, first, inertia = own[:, :1], own[:, 1:4], own[:, [[4, 5, 7], [5, 6, 8], [7, 8, 9]]]
         axes, origin = (x[:, self.bodies[1]] for x in self.segments)
-        local = self.regressors(v, a) @ dynamic[self.bodies[0], :, None]
-        force, moment = ((x @ axes)[..., 0, :] for x in (local[..., None, :3, 0], local[..., None, 3:, 0]))
+        force = mass * pull + cross(turning, first) + cross(turn, cross(turn, first))
+        angular, rate = ((inertia @ x[..., None])[..., 0] for x in (turn, turning))
+        moment = cross(first, pull) + rate + cross(turn, angular)
+        force, moment = np.moveaxis(np.stack([force, moment], axis=2) @ axes, 2, 0)
         wrench = np.concatenate([force, moment + cross(origin, force)], axis=2)
         moved = np.ascontiguousarray(self.chain.support[:, self.bodies[1]], dtype=float)
         return np.asarray((self.columns * (moved @ wrench)).sum(axis=2))
@@ -222,14 +231,16 @@ class Dynamics:
 
         Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
         """
-        placed = self.placed(q)
-        unloaded = placed.unloaded_forces(self.dynamic, v, a)
-        return unloaded[:, self._rows] + self._of_ground(placed, wrenches[..., None])[..., 0]
+        parts = []
+        for part in _blocks(len(q)):
+            placed = self.placed(q[part])
+            unloaded = placed.unloaded_forces(self.dynamic, v[part], a[part])[:, self._rows]
+            parts.append(unloaded + self._of_ground(placed, wrenches[part, ..., None])[..., 0])
+        return np.concatenate(parts)
 
     def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
-        unloaded = self.placed(q).unloaded_forces(self.dynamic, v, a)
-        return unloaded[:, self._rows[:3]] - wrenches[:, :, :3].sum(axis=1)
+        return self.forces(q, v, a, np.zeros_like(wrenches))[:, :3] - wrenches[:, :, :3].sum(axis=1)
 
     def of_ground(self, q: Array, wrenches: Array) -> Array:
         """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
@@ -253,6 +264,10 @@ class Dynamics:
         """
         rows = self.placed(q).regressor(self._rows[:6], v, a)
         return root_wrench(q, rows.reshape(len(q), 6, -1)).reshape(rows.shape)
+
+
+def _blocks(frames: int) -> list[slice]:
+    return [slice(k, k + BLOCK) for k in range(0, max(frames, 1), BLOCK)]
 
 
 def paths(chain: Chain) -> tuple[Array, Array]:
