@@ -20,7 +20,7 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_poses
-from gaitcal.model.anthropometry import likely_height
+from gaitcal.model.body_plan import likely_height
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject

@@ -17,7 +17,7 @@ from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.anthropometry import likely_height
+from gaitcal.model.body_plan import likely_height
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.model.anthropometry import likely_height
+from gaitcal.model.body_plan import likely_height
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.session.draft import draft_text, study_of
 from gaitcal.session.drafting import draft_of
