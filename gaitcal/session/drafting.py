@@ -153,7 +153,7 @@ def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
     marker_set = load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
     found = explained(marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename))
     if len(found.missing) > MOST_MISSING:
-        raise InputError(f"no marker lies where these are: {', '.join(found.missing)}")
+        raise InputError(f"no marker lies where these are: {', '.join(found.missing)}", code=Code.LANDMARKS)
     return SetChoice(
         marker_set=marker_set,
         entry=LANDMARK_SET,
