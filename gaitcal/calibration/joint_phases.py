@@ -25,11 +25,32 @@ from functools import partial
 
 import numpy as np
 
-from gaitcal.calibration import identifiability, soft_tissue_artefact
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
+from gaitcal.calibration.identifiability import (
+    Turns,
+    ambiguous_arm_findings,
+    arm_ambiguity,
+    beyond_bounds,
+    in_words,
+    small_turns,
+    turns_of,
+    unmoved_parameters,
+    unseen_parameters,
+    without_arms,
+)
 from gaitcal.calibration.joint_calibration import JointSettings, passed
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, Tasks, estimate_joints, free_of
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of
+from gaitcal.calibration.soft_tissue_artefact import (
+    GAIT,
+    LEAST_SQUARES,
+    NO_TISSUE,
+    SoftTissueScale,
+    TaskTissue,
+    TissuePrior,
+    task_tissue,
+    tissue_prior,
+)
 from gaitcal.findings import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters
@@ -55,7 +76,9 @@ class JointProblem:
     """The segments that a phase fits: of an isolated trial its joint alone, or pelvis and legs; of gait the whole body,
     or pelvis and legs."""
     joint: str | None
-    """The joint of an isolated trial; None for gait."""
+    """The joint of an isolated trial; None for the whole body."""
+    activity: str = ""
+    """What a trial of the whole body does that is no walk: its skin moves as in no other trial."""
 
     @property
     def name(self) -> str:
@@ -65,7 +88,7 @@ class JointProblem:
     @property
     def kind(self) -> str:
         """Of task."""
-        return self.joint or soft_tissue_artefact.GAIT
+        return self.joint or self.activity or GAIT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,10 +152,10 @@ class JointPhase:
     free: tuple[str, ...]
     recordings: tuple[str, ...]
     """Name of each trial, whatever its problem is called."""
-    tissue: soft_tissue_artefact.TissuePrior = soft_tissue_artefact.NO_TISSUE
+    tissue: TissuePrior = NO_TISSUE
     """Of the columns that its problems have."""
 
-    def with_tissue(self, soft: soft_tissue_artefact.TaskTissue) -> JointPhase:
+    def with_tissue(self, soft: TaskTissue) -> JointPhase:
         """The same with what may move the markers against their bones."""
         names = iter(self.recordings)
         tasks = {
@@ -140,7 +163,7 @@ class JointPhase:
             for kind, problems in self.tasks.items()
         }
         plan = replace(self, tasks=tasks)
-        return replace(plan, tissue=soft_tissue_artefact.tissue_prior(plan.problems, soft.scales))
+        return replace(plan, tissue=tissue_prior(plan.problems, soft.scales))
 
     @property
     def problems(self) -> list[MotionProblem]:
@@ -149,12 +172,8 @@ class JointPhase:
 
     @property
     def joints(self) -> list[str | None]:
-        """Of each problem; None for gait."""
-        return [
-            None if kind == soft_tissue_artefact.GAIT else kind
-            for kind, problems in self.tasks.items()
-            for _ in problems
-        ]
+        """Of each problem; None for the whole body."""
+        return [kind if kind in ISOLATED_JOINTS else None for kind, problems in self.tasks.items() for _ in problems]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +199,7 @@ class FittedPhase:
     summary: Phase
     frozen: tuple[str, ...] = ()
     """Joint parameters that were to be fitted and that these trials cannot see."""
-    turned: identifiability.Turns = field(default_factory=dict)
+    turned: Turns = field(default_factory=dict)
     """How far isolated trials move their joints."""
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
@@ -207,16 +226,12 @@ def fit_phase(
         known=known,
     )
     estimate, errors = fit(plan.free)
-    turned = identifiability.turns_of(plan.problems, estimate.nodes, plan.joints)
+    turned = turns_of(plan.problems, estimate.nodes, plan.joints)
     frozen: tuple[str, ...] = ()
     if how.prior is None:
-        (alone,) = plan.tasks if len(plan.tasks) == 1 else (soft_tissue_artefact.GAIT,)
-        unmoved = (
-            ()
-            if alone == soft_tissue_artefact.GAIT
-            else identifiability.unmoved_parameters(plan.free, alone, turned[alone])
-        )
-        frozen = identifiability.unseen_parameters(plan.free, estimate.covariance, estimate.information, unmoved)
+        (alone,) = plan.tasks if len(plan.tasks) == 1 else (GAIT,)
+        unmoved = () if alone not in ISOLATED_JOINTS else unmoved_parameters(plan.free, alone, turned[alone])
+        frozen = unseen_parameters(plan.free, estimate.covariance, estimate.information, unmoved)
     iterations, seconds = estimate.iterations, estimate.seconds
     if frozen:
         estimate, errors = fit(tuple(name for name in plan.free if name not in frozen))
@@ -225,7 +240,7 @@ def fit_phase(
         finding
         for problem, nodes, joint in zip(plan.problems, estimate.nodes, plan.joints, strict=True)
         if joint
-        for finding in identifiability.small_turns(problem, nodes, joint)
+        for finding in small_turns(problem, nodes, joint)
     ]
     weighed = how.equal_weights and how.prior is not None
     summary = Phase(
@@ -260,7 +275,7 @@ def sequential_phases(trials: Sequence[JointProblem], gait: Mapping[str, tuple[s
         if joint[-1] in gait
     ]
     free = tuple(name for names in gait.values() for name in names)
-    phases.append(_phase(soft_tissue_artefact.GAIT, [t for t in trials if t.joint is None], free))
+    phases.append(_phase(GAIT, [t for t in trials if t.joint is None], free))
     return [phase for phase in phases if phase.free]
 
 
@@ -320,9 +335,7 @@ def calibrate_by_evidence(
     free = free_of([t.fitted for t in legs], [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
     done, tissue = list[FittedPhase](), dict[str, SoftTissue]()
     if free:
-        soft = soft_tissue_artefact.task_tissue(
-            {t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal
-        )
+        soft = task_tissue({t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal)
         plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(soft)
         found = fit_phase(plan, nominal, how)
         errors, notes = _with_found_tissue(found), _tissue_notes(soft.scales, found.estimate)
@@ -342,21 +355,12 @@ def _with_found_tissue(phase: FittedPhase) -> ErrorSources:
     return ErrorSources(errors.free, np.hstack([errors.parameters, column]), (*errors.clusters, "skin/found"))
 
 
-def _tissue_notes(
-    scales: Mapping[str, soft_tissue_artefact.SoftTissueScale], estimate: JointEstimate
-) -> tuple[str, ...]:
+def _tissue_notes(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate) -> tuple[str, ...]:
     """What soft tissue was found, and how far repeated trials repeat their errors."""
-    named = {
-        soft_tissue_artefact.GAIT if kind == soft_tissue_artefact.GAIT else "isolated trials": scale
-        for kind, scale in scales.items()
-    }
+    named = {"isolated trials" if kind in ISOLATED_JOINTS else kind: scale for kind, scale in scales.items()}
     sizes = ", ".join(
         f"{kind} {np.sqrt(scale.linear):.2g}"
-        + (
-            f" (and {np.sqrt(scale.squares):.2g} with the squares of angles)"
-            if scale.squares >= soft_tissue_artefact.LEAST_SQUARES
-            else ""
-        )
+        + (f" (and {np.sqrt(scale.squares):.2g} with the squares of angles)" if scale.squares >= LEAST_SQUARES else "")
         for kind, scale in named.items()
     )
     out = [
@@ -385,16 +389,16 @@ def _trunk_and_arms(trials: Sequence[JointProblem], nominal: Parameters, how: Ph
     problems = tuple(replace(part, name=f"{part.name}, trunk and arms") for part in parts)
     plan = JointPhase(
         name="joint parameters of trunk and arms",
-        tasks={soft_tissue_artefact.GAIT: problems},
+        tasks={GAIT: problems},
         free=free_of(problems, UPPER_PARAMETERS),
         recordings=tuple(t.name for t in walks),
     )
     if not plan.free:
         return []
     found = fit_phase(plan, nominal, how)
-    if turned := identifiability.arm_ambiguity(problems, found.estimate.nodes, nominal):
-        found = fit_phase(replace(plan, free=identifiability.without_arms(plan.free, turned)), nominal, how)
-    return [replace(found, findings=identifiability.ambiguous_arm_findings(turned))]
+    if turned := arm_ambiguity(problems, found.estimate.nodes, nominal):
+        found = fit_phase(replace(plan, free=without_arms(plan.free, turned)), nominal, how)
+    return [replace(found, findings=ambiguous_arm_findings(turned))]
 
 
 def _calibration_of(
@@ -438,8 +442,8 @@ def _calibration_of(
         unidentifiable=unseen,
         findings=(
             *(finding for phase in done for finding in phase.findings),
-            *identifiability.in_words([n for n in unseen if n.startswith(LEG_JOINTS)], kept, turned),
-            *identifiability.beyond_bounds(tuple(bounded)),
+            *in_words([n for n in unseen if n.startswith(LEG_JOINTS)], kept, turned),
+            *beyond_bounds(tuple(bounded)),
         ),
         at_bound=tuple(bounded),
         notes=(*(prior.notes if prior else ()), *(note for phase in done for note in phase.notes)),

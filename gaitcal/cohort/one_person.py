@@ -30,7 +30,7 @@ from gaitcal.errors import InputError
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement, stopping
 from gaitcal.findings import STUDY
-from gaitcal.gait.cycles import Kind, kind_of
+from gaitcal.gait.cycles import WALKING, Kind, kind_of
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.peaks import PEAKS
 from gaitcal.gait.profile_score import BOTH, GPS
@@ -284,11 +284,12 @@ _FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
 
 
 def _table(path: Path) -> pd.DataFrame | None:
-    """A table of a result, as text; None where there is none."""
+    """A table of a result, as text, of walking alone; None where there is none."""
     try:
-        return read_csv(path)[0]
+        table, _ = read_csv(path)
     except (OSError, pd.errors.EmptyDataError):
         return None
+    return table[table["activity"] == WALKING] if "activity" in table else table
 
 
 def _by_mass(variable: str, mass: float) -> float:
