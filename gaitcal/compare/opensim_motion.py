@@ -115,6 +115,7 @@ def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurTrial]) 
     except ImportError:
         message = "needs OpenSim, which is not installed: pip install opensim"
         raise InputError(message, field="--motion", code=Code.ARGUMENT) from None
+    opensim.Logger.removeFileSink()  # it writes opensim.log where the user stands
     opensim.Logger.setLevelString("Off")
     peer = read_osim(osim)
     legs = leg_joints(peer)

@@ -21,12 +21,16 @@ SAME_DEG, SAME_NM, MISSED = 0.05, 0.5, 1e-5
 
 @pytest.mark.slow
 @pytest.mark.peers
-def test_our_own_model_moves_and_pulls_as_ours(kept: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_our_own_model_moves_and_pulls_as_ours(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     pytest.importorskip("opensim")
+    monkeypatch.chdir(tmp_path)
     result = kept_result(kept) / "result"
     trials = [t for t in our_trials(result) if t.torques is not None]
     found = compare_motion(load_result_model(result)[0], result / "model.osim", trials)
     assert "MODEL" not in capfd.readouterr().out, "OpenSim's tools print what a model holds"
+    assert not list(tmp_path.iterdir()), "its log"
     curves = {(c.coordinate, c.unit): c for c in found.curves}
     for joint in ("hip_flexion", "hip_adduction", "knee_angle", "ankle_angle"):
         for side in "rl":

@@ -92,20 +92,17 @@ Gaitcal.geometry = (points, index = null) => {
 
 Gaitcal.FLOOR = 48;
 
-// A texture of floor tiles half a metre wide, in two colours.
+// A texture of floor tiles half a metre wide, in two colours: lines that pass behind the camera are lost in software.
 Gaitcal.tiles = (tile, seam) => {
   const canvas = html("canvas", { width: 256, height: 256 });
   const pen = canvas.getContext("2d");
-  pen.fillStyle = tile;
+  Object.assign(pen, { fillStyle: tile, strokeStyle: seam, lineWidth: 6 });
   pen.fillRect(0, 0, 256, 256);
-  pen.strokeStyle = seam;
-  pen.lineWidth = 6;
   pen.strokeRect(0, 0, 256, 256);
   const texture = new THREE.CanvasTexture(canvas);
   texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
   texture.repeat.set(2 * Gaitcal.FLOOR, 2 * Gaitcal.FLOOR);
-  texture.anisotropy = 4;
-  return texture;
+  return Object.assign(texture, { anisotropy: 4 });
 };
 
 // Light from above with a shadow that goes along with the person, and a floor with lines every half metre.
@@ -130,10 +127,8 @@ Gaitcal.Floor = class {
   }
 
   paint(tile, seam) {
-    const { material } = this.floor;
-    material.map?.dispose();
-    material.map = Gaitcal.tiles(tile, seam);
-    material.needsUpdate = true;
+    this.floor.material.map?.dispose();
+    Object.assign(this.floor.material, { map: Gaitcal.tiles(tile, seam), needsUpdate: true });
   }
 
   follow(point) {
