@@ -16,10 +16,10 @@ from gaitcal.cli.other_programs import convention_of
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError, nearest
 from gaitcal.figures.chart import Chart
-from gaitcal.figures.paper import Strides, paper_charts
+from gaitcal.figures.paper import Strides, moment_arm_charts, paper_charts
 from gaitcal.figures.report import FORMATS, HealthyBands, Told, report_charts, write_charts
 from gaitcal.gait.conventions import Signs
-from gaitcal.gait.cycles import Kind
+from gaitcal.gait.cycles import WALKING, Kind
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import counted
 from gaitcal.gait.normal_bands import read_normal_bands
@@ -89,6 +89,7 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
         else:
             (strides, sheet), read = read_whole(result, names, lambda: _strides(result, options.normal))
             charts = paper_charts(strides, convention, width) if convention else []
+            charts += [chart for table in _moment_arms(result, options) for chart in moment_arm_charts(table, width)]
         charts = chosen(charts, options.only)
         folder = out or result / FOLDER
         with amended(folder) as stage:
@@ -102,6 +103,29 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
         console.line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
     for file in files:
         console.line(f"wrote {folder / file.name}")
+
+
+MOMENT_ARMS = "moment_arms"
+
+
+def _moment_arms(result: Path, options: Options) -> list[pd.DataFrame]:
+    """Tables of muscles that `export --into --muscles` wrote into this folder.
+
+    Raises
+    ------
+    InputError
+        They are asked for, and there is none; or more than one, whose figures would have the same names.
+    """
+    found = sorted(path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv"))
+    asked = any(word.strip().startswith(MOMENT_ARMS) for words in options.only for word in words.split(","))
+    if (asked and not found) or len(found) > 1:
+        names = ", ".join(path.name for path in found) or "none"
+        out = result / "export" / "NAME.osim"
+        message = (
+            f"found {names}; allowed: one; gaitcal export {result} --into MODEL.osim --out {out} --muscles writes it"
+        )
+        raise InputError(message, source=result, field="*.muscles.csv", code=Code.NOTHING_TO_SHOW)
+    return [pd.read_csv(path) for path in found]
 
 
 def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
@@ -224,11 +248,25 @@ def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]
     strides = [stride for trial in sheet["trials"] for stride in trial["strides"] if not stride["turns"]]
     offs = {side: [_off(s) for s in strides if s["side"] == side and s["off"] is not None] for side in "rl"}
     return Strides(
-        table=ensemble(read_cycles(folder)),
+        table=ensemble(_of_one_activity(read_cycles(folder), folder)),
         subject=_subject(sheet),
         offs={side: float(np.mean(found)) for side, found in offs.items() if found},
         healthy=_healthy(sheet, normal),
     ), sheet
+
+
+def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """Strides of walks; where there are none, what one other activity repeats."""
+    found = list(strides["activity"].unique())
+    if WALKING in found or not found:
+        return strides[strides["activity"] == WALKING]
+    if len(found) > 1:
+        raise InputError(
+            f"holds no walk, and several other activities: {', '.join(found)}; one alone can be drawn",
+            source=folder / CYCLES,
+            code=Code.NOTHING_TO_SHOW,
+        )
+    return strides
 
 
 def _off(stride: Mapping[str, Any]) -> float:

@@ -47,6 +47,9 @@ class Role(str, Enum):
     JOINT = "joint"
     """One joint moved in isolation."""
     GAIT = "gait"
+    """Walking."""
+    MOTION = "motion"
+    """Any other activity of the whole body."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +105,8 @@ def cleaned_trial(trial: Trial, segment_of: Mapping[str, str], noise: PointNoise
     frames = np.arange(len(time))
     words = f"fewer than three pelvis markers in {100 * np.mean(lost):.0f} % of the frames ({spans(time, lasting)}): "
     words += f"the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, the longest part that shows the pelvis"
-    return replace(trial, recording=recording.frames((frames >= start) & (frames < stop)), cut=words)
+    kept = recording.frames((frames >= start) & (frames < stop)).with_notes(words)
+    return replace(trial, recording=kept, cut=words)
 
 
 def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerSet) -> Trial:
@@ -169,7 +173,7 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
 
 
 def _check_forces_cover(recording: Recording, trial: TrialTable) -> None:
-    if trial.role != "gait":
+    if trial.role not in ("gait", "motion"):
         return
     time, source = recording.time, trial.forces or trial.file
     step, whole = float(np.median(np.diff(time))), float(np.ptp(time))

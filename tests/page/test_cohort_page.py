@@ -62,7 +62,7 @@ def test_it_opens_with_those_who_need_a_look_first(page: Page) -> None:
     assert (causes[0][0], causes[0][-2].strip()) == ("The knee axis passes far from the epicondyles", "2")
     assert len(causes) == 3
     sentence = page.run("document.getElementById('sentence').textContent")
-    assert sentence.startswith("6 people, 7 sessions in 2 groups: 6 results, 1 without, written ")
+    assert sentence.startswith("6 people, 7 sessions in 2 groups: 6 results, 1 without, by gaitcal ")
     assert (
         page.run("document.querySelector('#failures tbody').textContent")
         == "Zedbthe static trial is restlessrecord it again"

@@ -2,7 +2,9 @@
 
 Gaitcal.stepsOf = ({ result, state }) => {
   const { trials, measures } = result.sheet;
-  const known = trials.flatMap((trial, t) => trial.measures.filter((stride) => Gaitcal.isOn(state, t, stride)));
+  const { activity } = trials[state.trial] ?? trials[0];
+  const counting = (trial, t) => trial.activity === activity && trial.measures.filter((stride) => Gaitcal.isOn(state, t, stride));
+  const known = trials.flatMap((trial, t) => counting(trial, t) || []);
   const of = (name, leg) => {
     const average = Gaitcal.average(known.filter(({ side }) => side === leg).map(({ values }) => values[name]));
     return average.n ? average : null;
@@ -36,7 +38,7 @@ Gaitcal.stepsTable = (rows) => {
       leg(right, digits, n),
       leg(left, digits, m),
       ...ofNorm({ norm, digits }),
-      symmetry === null ? "–" : Gaitcal.plusMinus(symmetry, error, 1),
+      symmetry === null ? "–" : Gaitcal.plusMinus(symmetry, error, 0),
     ]),
   };
   return Gaitcal.scroller(Gaitcal.table(table, "Steps and phases"), "Steps and phases");
