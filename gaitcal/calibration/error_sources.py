@@ -255,6 +255,7 @@ def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, nodes:
     spatial = jacobian(chain, constants, poses, data.secondary)
     x = problem.positions(nodes, constants)
     residual = x - data.measured
+    least = 0.0 if problem.noise is None else 1e-3 * problem.noise.size_mm
     inverse = _frame_inverses(problem, constants, q)
     matrix = basis.matrices[0]
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
@@ -267,7 +268,11 @@ def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, nodes:
         met = by_frame @ inverse[np.ix_(np.arange(len(q)), own, own)]
         leverage = (met * by_frame).sum(axis=2).T
         leverage = np.clip(data.weight[m] * leverage, 0.0, LEVERAGE_CAP)
-        pull = velocity * (data.weight[m] * residual[m] / (1.0 - leverage))
+        inflated = residual[m] / (1.0 - leverage)
+        if least and (data.weight[m] > 0).any():  # a program that fitted a body of its own shows less than its errors
+            spread = np.sqrt(np.mean(inflated[:, data.weight[m] > 0] ** 2, axis=1, keepdims=True))
+            inflated = inflated * np.maximum(least / np.maximum(spread, 1e-9), 1.0)
+        pull = velocity * (data.weight[m] * inflated)
         for i in range(3):
             by_node[:, own, 3 * m + i] = (pull[:, i] @ matrix).T
     return by_node.reshape(basis.nodes * nq, -1)

@@ -216,7 +216,7 @@ def noise_of(problems: Sequence[MotionProblem], nominal: Parameters, free: tuple
         return noise
     starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
     expected = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
-    tissue, least = secondary_prior(problems), [least_noise(p.basis) for p in problems]
+    tissue, least = secondary_prior(problems), [least_noise(p.basis, p.noise) for p in problems]
     search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=expected)
     precision = search.problem.prior.T @ search.problem.prior
     for _ in range(ROUNDS):

@@ -52,6 +52,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
+from gaitcal.model.point_noise import PointNoise
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
 from gaitcal.motion.spline import SplineBasis, frame_rate
 from gaitcal.motion.trial_problem import MotionProblem
@@ -156,15 +157,19 @@ def prior_root(names: Sequence[str], prior: JointPrior | None) -> Array:
     return np.asarray(np.linalg.cholesky(prior_of(names, prior)[1]), float)
 
 
-def prior_of_study(told: Mapping[str, ParameterPriorTable], learnt: JointPrior | None = None) -> JointPrior:
+def prior_of_study(
+    told: Mapping[str, ParameterPriorTable], learnt: JointPrior | None = None, noise: PointNoise | None = None
+) -> JointPrior:
     """What is expected of all joint parameters: by anatomy, by a study file in its place, by a cohort in that of both.
+
+    Anatomy's deviations are for palpated markers; points with a `noise` of their own have `noise.joints` times these.
 
     A study file tells mean and standard deviation of a parameter; correlations stay as anatomy has them. Rows and
     columns of P0 are scaled, so that two views of one bone end to which it gives d and e, of correlation c, may be
     (d^2 + e^2 - 2 c d e)^1/2 apart. Without a side a name is for both, the left as the mirror image of the right one;
     what is said of a side comes before that.
     """
-    mean, scale = MEAN.copy(), np.ones(len(JP_NAMES))
+    mean, scale = MEAN.copy(), np.full(len(JP_NAMES), 1.0 if noise is None else noise.joints)
     for name in sorted(told, key=lambda name: name in JP_INDEX):
         for side, own in enumerate(SIDES_OF[name]):
             k, said = JP_INDEX[own], told[name]
@@ -216,8 +221,12 @@ def frames_per_sample(errors: Array, seen: BoolArray | None = None) -> float:
     return 1.0 + 2.0 * float(rho[: small[0] if len(small) else None].sum())
 
 
-def least_noise(basis: SplineBasis) -> float:
-    """m, nu below which nothing is believed: that of the cameras, at the frames of a trial."""
+def least_noise(basis: SplineBasis, noise: PointNoise | None = None) -> float:
+    """m, nu below which nothing is believed: that of the cameras, at the frames of a trial, or that of points that are
+    no markers.
+    """
+    if noise is not None:
+        return noise.least(frame_rate(basis))
     return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * frame_rate(basis), 1.0)))
 
 

@@ -145,10 +145,10 @@ def tissue_of(
     secondary: SecondaryColumns | None = None,
 ) -> SoftTissue | None:
     """The columns of the artefact on the markers of a trial, or those `known` of them, beside secondary motions; None
-    where there are none.
+    where there are none. No skin moves points that are no markers.
     """
     groups = []
-    for s, markers in problem.data.placed.groups:
+    for s, markers in problem.data.placed.groups if problem.noise is None else ():
         segment = problem.chain.segments[s]
         if segment.split("_")[0] not in SIZES or not (problem.data.weight[markers] > 0).any():
             continue
@@ -282,7 +282,7 @@ def _deformation(problem: MotionProblem, group: SegmentTissue) -> tuple[Array, A
     errors = errors - errors.mean(axis=0)  # where a marker lies is not how it moves
     psi = psi - psi.mean(axis=1, keepdims=True)
     rigid = np.linalg.qr(together(local - local.mean(axis=0)).reshape(-1, WIDTH))[0]
-    noise = _noise(errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis))
+    noise = _noise(errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis, problem.noise))
     columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
     projector, seen = np.zeros((width, width)), np.zeros((len(errors), width))
     projector[np.ix_(columns, columns)] = np.eye(len(columns)) - rigid @ rigid.T

@@ -6,17 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from rich.text import Text
 
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.compare.comparison import compare
 from gaitcal.compare.difference import numbers_of, subject
+from gaitcal.compare.opensim_motion import compare_motion
 from gaitcal.compare.osim_words import osim_words
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.errors import UsageError
 from gaitcal.findings import note_of
 from gaitcal.io.result_folder import MANIFEST, ResultKind, require_room
-from gaitcal.results.saved import load_result_model
+from gaitcal.results.saved import load_result_model, our_trials
 from gaitcal.results.sessions import compare_results, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model
 
@@ -33,6 +35,7 @@ class Options:
     osim: Path | None = None
     out: Path | None = None
     shared_model: bool = False
+    motion: bool = False
     studies: Sequence[Path] = ()
 
 
@@ -41,6 +44,8 @@ def compare_sessions_or_models(result: Path, other: Path | None, options: Option
     _require_usable(other, options)
     if options.osim is not None:
         compare_models(result, options.osim, console)
+        if options.motion:
+            compare_motions(result, options.osim, console)
         return
     if other is None:
         raise UsageError("found one result; allowed: two results, or one and --osim FILE", field="compare")
@@ -61,6 +66,8 @@ def _require_usable(other: Path | None, options: Options) -> None:
     if options.osim is not None and (other is not None or options.out is not None or options.shared_model):
         message = "found a second result, --out or --shared-model beside it; allowed: one result and --osim FILE"
         raise UsageError(message, field="--osim")
+    if options.motion and options.osim is None:
+        raise UsageError("found without --osim, whose model it is for", field="--motion")
     if options.studies and not options.shared_model:
         raise UsageError("found without --shared-model, which alone needs them", field="--study")
 
@@ -95,3 +102,23 @@ def compare_models(result: Path, osim: Path, console: Console) -> None:
         table.add_row(Text(row.quantity), Text(row.unit), *numbers)
     console.line()
     console.out.print(table)
+
+
+def compare_motions(result: Path, osim: Path, console: Console) -> None:
+    """Coordinates and moments of an OpenSim model in the recordings of a result, by OpenSim, beside ours."""
+    with console.working() as step:
+        step("inverse kinematics and dynamics in OpenSim")
+        trials = our_trials(result)
+        found = compare_motion(load_result_model(result)[0], osim, trials)
+    table = frameless_table(("coordinate", "unit"), ("ours, range", "offset", "rest, RMS", "correlation"))
+    for curve in found.curves:
+        numbers = (float(np.ptp(curve.ours)), curve.offset, curve.rest)
+        r = "" if np.isnan(curve.correlation) else f"{curve.correlation:.3f}"
+        table.add_row(Text(curve.coordinate), curve.unit, *(f"{v:.1f}" for v in numbers), r)
+    console.line()
+    console.line(f"in {', '.join(t.name for t in trials)}, by OpenSim; theirs - ours = offset + rest:")
+    console.out.print(table)
+    ours, theirs = (f"{1e3 * missed:.1f}" for missed in found.missed)
+    console.line(f"markers are missed by {ours} mm RMS in our model, by {theirs} in theirs")
+    for note in found.notes:
+        console.line(f"note: {note}")

@@ -314,14 +314,16 @@ def compare(
     osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")] = None,
     shared_model: told.SharedModel = False,
+    motion: Annotated[
+        bool, typer.Option(help="With --osim: its coordinates and moments in the recordings, by OpenSim, too.")
+    ] = False,
     study: told.Studies = None,
 ) -> None:
     """Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours."""
     from gaitcal.cli.compare import Options, compare_sessions_or_models
 
-    compare_sessions_or_models(
-        result, other, Options(osim=osim, out=out, shared_model=shared_model, studies=study or ()), console
-    )
+    chosen = Options(osim=osim, out=out, shared_model=shared_model, motion=motion, studies=study or ())
+    compare_sessions_or_models(result, other, chosen, console)
 
 
 @command

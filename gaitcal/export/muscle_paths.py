@@ -92,6 +92,7 @@ def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str
     """
     import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
+    opensim.Logger.removeFileSink()  # it writes opensim.log where the user stands
     opensim.Logger.setLevelString("Off")
     out = {}
     try:

@@ -49,6 +49,8 @@ OTHER_RATE = 2.5
 SPIKE_M = 0.02
 SPIKE_ACCELERATION = 300.0
 """m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
+SPIKE_DEVIATIONS = 6.0
+"""Standard deviations of a coordinate of points that are no markers; three frames of white noise make 1.2 of one."""
 HALF_WINDOW = 5
 """H. At 50 to 200 Hz 25 to 100 ms on either side, in which nothing of a walk but a foot's impact bends twice."""
 NOISE_M = 0.0002
@@ -219,7 +221,9 @@ def same_recording(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
 
 def jump_limit(trial: MarkerEvidence) -> float:
     """m, how far a marker may be out of line with the frames before and after."""
-    return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / trial.recording.rate**2)
+    noise = trial.marker_set.noise
+    of_noise = 0.0 if noise is None else SPIKE_DEVIATIONS * 1e-3 * noise.size_mm
+    return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / trial.recording.rate**2, of_noise)
 
 
 def spikes(trial: MarkerEvidence) -> Iterator[Finding]:

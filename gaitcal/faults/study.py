@@ -28,7 +28,6 @@ from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
@@ -87,6 +86,16 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     plates.beside_feet,
 )
 
+OF_SKIN: tuple[TrialCheck, ...] = (
+    exchanged.exchanged,
+    marker_slip.marker_slip,
+    markers.on_segments,
+    role.standing_straight,
+    role.standing_flat,
+    static_landmarks.proportions,
+)
+"""These ask where a hand put each marker, and whether it stayed there: nothing to ask of points that are no markers."""
+
 
 @with_one_blas_thread
 def check_file(path: Path | str) -> tuple[Finding, ...]:
@@ -134,11 +143,11 @@ def check_study(study: Study) -> tuple[Finding, ...]:
         findings += _worst_first(without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
         if not any(f.topic in SPOILS_BODY and f.severity is Severity.ERROR for f in found):
             measured.append(trial)
-    if study.static.name in [trial.name for trial in measured]:
+    if study.static.name in [trial.name for trial in measured] and study.marker_set.noise is None:
         findings += static_consistency.static_consistency(measured)
     return (
         *findings,
-        *knee_line.knee_lines(measured, findings),
+        *(knee_line.knee_lines(measured, findings) if study.marker_set.noise is None else ()),
         *plates.body_mass(trials),
         *sampling.rates_differ(trials),
         *sampling.same_recording(trials),
@@ -161,7 +170,7 @@ def evidence_of(study: Study, model: SubjectModel | None) -> tuple[MarkerEvidenc
     """What the checks look at, trial by trial, with the nominal model if there is one."""
     stance, completed = None, completed_static(study)
     if model is not None:
-        rule = HipCentre(study.settings.hip_rule)
+        rule = study.hip_centre
         whole = Stance.of_recording(completed.static, study.marker_set, model, rule)
         stance = whole.without(completed.labels)
     trials = [replace(_evidence(study, trial, model), stance=stance) for trial in cleaned(study).trials]
@@ -177,7 +186,10 @@ def _check_trial(trial: MarkerEvidence) -> list[Finding]:
     units = [finding for check in UNIT_CHECKS for finding in check(trial)]
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]
-    found = units + [finding for check in TRIAL_CHECKS for finding in check(trial)]
+    asked = TRIAL_CHECKS
+    if trial.marker_set.noise is not None:
+        asked = tuple(check for check in TRIAL_CHECKS if check not in OF_SKIN)
+    found = units + [finding for check in asked for finding in check(trial)]
     return [*found, *foot_on_plate.outside_sole(trial, found)]
 
 

@@ -12,6 +12,7 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
     [knee_device]    lateral knee marker -> the three markers of the device that stands in for it in the static trial
     [weights]        marker -> { weight, reason } where the weight is not 1
     [aliases]        marker -> other spellings of its label in files
+    [noise]          how points err that are no markers on skin (`point_noise.py`)
 
 `{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides. `marker_set_text` writes a
 set as such a file again, so that a result can keep the one it was made with.
@@ -32,6 +33,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.io.toml import Table, models_path, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.linkage import LEG_SEGMENTS, SIDES, of_side
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
+from gaitcal.model.point_noise import PointNoise
 
 _LANDMARKS_OF = (
     ("pelvis", "asis"),
@@ -124,6 +126,8 @@ class MarkerSet:
     """Marker -> why its weight is not 1."""
     aliases: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Marker -> other spellings of its label."""
+    noise: PointNoise | None = None
+    """Of points that are no markers; None of markers, which skin moves."""
     devices: tuple[str, ...] = field(default=(), compare=False)
     """Markers of knee alignment devices that the set knows, and whose part in the static trial is done."""
     notes: tuple[str, ...] = ()
@@ -303,6 +307,7 @@ class _File(Table):
     knee_device: dict[str, _Labels] = Field(default={}, description="a table, marker = list of three markers")
     weights: dict[str, _Weight] = Field(default={}, description="a table, marker = { weight = ..., reason = ... }")
     aliases: dict[str, _Labels] = Field(default={}, description="a table, marker = list of other spellings")
+    noise: PointNoise | None = Field(default=None, description="a table, of points that are no markers on skin")
 
 
 def built_in_sets() -> tuple[str, ...]:
@@ -389,6 +394,7 @@ def _read(path: Path, name: str) -> MarkerSet:
         weights={label: entry.weight for label, entry in weighed.items()},
         reasons={label: entry.reason for label, entry in weighed.items()},
         aliases=groups["aliases"],
+        noise=file.noise or base.noise,
     )
     for landmark in missing_landmarks(made.landmarks):
         raise fault(f"'{landmark}' is missing: give {instead_of(landmark)}", "landmarks")
@@ -444,5 +450,6 @@ def marker_set_text(marker_set: MarkerSet) -> str:
         *(table(name, group) for name in ("optional", "knee_device") if (group := getattr(marker_set, name))),
         table("aliases", marker_set.aliases),
         table("weights", weights),
+        *([table("noise", marker_set.noise.model_dump())] if marker_set.noise else []),
     ]
     return "\n".join(tables)

@@ -18,9 +18,10 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.atomic import atomic_file
-from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_value
+from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
+from gaitcal.model.point_noise import PointNoise
 from gaitcal.model.subject_model import MarkerPlacement, PatientRecord, Subject, SubjectModel
 
 FORMAT = 1
@@ -61,6 +62,12 @@ def _decimal(value: object) -> object:
     if isinstance(value, Decimal) and value.is_finite() and value and value.adjusted() > LARGEST:
         raise ValueError(f"found {shown(str(value))}; allowed: a number that a person can have")
     return value
+
+
+def _as_floats(value: object) -> object:
+    if not isinstance(value, dict):
+        return value
+    return {name: float(x) if isinstance(x, Decimal) else x for name, x in value.items()}
 
 
 _Number = Annotated[Decimal, BeforeValidator(_decimal)]
@@ -111,6 +118,7 @@ class _File(Table):
     zero_angles: dict[str, _Value]
     marker: list[_Marker]
     landmarks: dict[str, _Landmark]
+    noise: Annotated[PointNoise | None, BeforeValidator(_as_floats)] = None
 
 
 def save_model(model: SubjectModel, path: Path | str) -> None:
@@ -165,6 +173,8 @@ def model_text(model: SubjectModel) -> str:
     for name, (segment, position) in model.landmarks.items():
         place = f"segment = {toml_value(segment)}, position_mm = {_point(position)}"
         lines.append(f"{toml_value(name)} = {{ {place} }}")
+    if model.noise is not None:
+        lines.append(toml_table("[noise]", model.noise.model_dump()))
     m = model.markers
     for label, segment, local, weight in zip(m.labels, m.segments, m.local, m.weight, strict=True):
         lines += [
@@ -274,6 +284,7 @@ def load_model(path: Path | str) -> SubjectModel:
         landmarks={
             name: (place.segment, np.array(_position(place.position_mm))) for name, place in file.landmarks.items()
         },
+        noise=file.noise,
         notes=tuple(file.notes),
     )
 

@@ -145,6 +145,7 @@ def nominal_model(
             for name, point in sorted({**posture.landmarks, **centres}.items())
             if name in _OF_POINT and _OF_POINT[name] not in frozen
         },
+        noise=marker_set.noise,
         notes=(
             *(f"static trial: {note}" for note in static.notes),
             f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s{scatter}",
@@ -154,6 +155,7 @@ def nominal_model(
             *standing.notes,
             *body.notes,
             *notes,
+            *([f"points that are no markers on skin: {marker_set.noise.words}"] if marker_set.noise else []),
             f"inertia: {table_words(subject)}",
         ),
     )

@@ -17,6 +17,7 @@ from gaitcal.arrays import Array
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_elements
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
+from gaitcal.model.point_noise import PointNoise
 from gaitcal.runtime import with_one_blas_thread
 
 GRAVITY = 9.81  # m/s^2, downwards along -y
@@ -194,6 +195,8 @@ class SubjectModel:
     """Coordinate -> rad in the static posture, the pelvis as if it faced along x; what is not there is zero."""
     landmarks: dict[str, tuple[str, Array]] = field(default_factory=dict)
     """Named points: segment and position (3,) m in its frame (`asis_r`, `hjc_r`, `knee_lat_r`, ...)."""
+    noise: PointNoise | None = None
+    """How its markers err where they are none on skin, but segment poses or key points."""
     notes: tuple[str, ...] = ()
     """What was assumed in making it; shown in every output."""
 

@@ -21,6 +21,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.linkage import LUMBAR, ROOT_SUFFIXES, SEGMENTS, coordinates_before, moved_joints
 from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.model.point_noise import PointNoise
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
 from gaitcal.motion.coordinate_prior import (
@@ -64,6 +65,7 @@ class MotionProblem:
     that carries it."""
     priors: tuple[CoordinatePrior, ...] = ()  # what is known of coordinates besides
     posture: Mapping[str, float] = field(default_factory=dict)  # coordinate -> rad of the static posture
+    noise: PointNoise | None = None  # of points that are no markers, which no skin moves
 
     @property
     def guessed(self) -> tuple[str, ...]:
@@ -158,6 +160,7 @@ class MotionProblem:
             labels=tuple(self.labels[k] for k in order),
             priors=tuple(p for p in (prior.of(chain.coordinates) for prior in self.priors) if p.names),
             posture=self.posture,
+            noise=self.noise,
         )
 
     def followed(self, nodes: Array) -> MotionProblem:
@@ -361,6 +364,7 @@ def trial_problem(
         held=held,
         priors=(walls(tuple(c for c in chain.coordinates if c not in moved), model.posture),),
         posture=model.posture,
+        noise=model.noise,
     )
     return problem if held else _with_posture(problem, model)
 

@@ -14,7 +14,9 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.codes import Code
+from gaitcal.compare.opensim_motion import OurTrial
 from gaitcal.errors import InputError
+from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Judgement
 from gaitcal.findings import Finding
 from gaitcal.io.labels import FootEvent, FootMoment
@@ -32,6 +34,7 @@ from gaitcal.results.summary import STATIC_ANGLES
 from gaitcal.results.verdict import SUMMARY, entries_of, of_the_model, table_of
 from gaitcal.session.result import Uncertainty
 from gaitcal.study.settings import CalibrationSettings
+from gaitcal.synthetic.motion import synthetic_markers
 
 MODEL, MARKER_SET, UNCERTAINTY = "model.toml", "marker_set.toml", "uncertainty.npz"
 
@@ -239,6 +242,33 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
         reasons=_reasons(summary, name),
         events=saved_events(of_trial),
     )
+
+
+def our_trials(folder: Path) -> list[OurTrial]:
+    """Every moving trial, as it is set beside another model's."""
+    out = []
+    entries = table_of(read_object(folder / SUMMARY), "trials")
+    for k, name in enumerate(moving_trials(folder)):
+        cutoff = table_of(entries, name).get("bandwidth_hz")
+        saved = load_trial(folder, k, name)
+        q = saved.motion.basis.evaluate(saved.motion.nodes)
+        placed, labels = saved.model.markers, saved.markers.labels
+        seen = [m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0]
+        worn = synthetic_markers(saved.model.parameters, placed, q)[:, seen]
+        apart = saved.markers.markers[:, [labels.index(placed.labels[m]) for m in seen]] - worn
+        missed = np.sqrt(np.nanmean(np.sum(apart**2, axis=2), axis=0))
+        trial = OurTrial(
+            name=name,
+            motion=saved.motion,
+            markers=saved.markers,
+            torques=saved.torques,
+            valid=saved.valid,
+            cutoff=float(cutoff) if isinstance(cutoff, int | float) else None,
+            loads=folder / "forces" / f"{safe_name(name)}.xml",
+            missed={placed.labels[m]: float(e) for m, e in zip(seen, missed, strict=True)},
+        )
+        out.append(trial)
+    return out
 
 
 def saved_events(of_trial: Mapping[str, object]) -> tuple[FootEvent, ...]:

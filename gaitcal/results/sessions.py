@@ -189,9 +189,9 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         verdict=str(summary.get("verdict") or ""),
         reasons=_reasons(summary),
         remarks=(*of_model.remarks, *other),
-        axis_deviations=axis_deviations(settings),
+        axis_deviations=axis_deviations(settings, model),
         error_shares=_shares(summary),
-        prior=prior_of_study(settings.joint_prior),
+        prior=prior_of_study(settings.joint_prior, noise=model.noise),
         leans_on_cohort=JOINT_PRIOR in (read_object(calibrated / SUMMARY) if calibrated is not folder else summary),
         relative=settings.angles == "relative",
     )

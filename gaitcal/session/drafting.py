@@ -18,6 +18,7 @@ from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
+from gaitcal.io.segment_poses import holds_poses
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
@@ -238,6 +239,9 @@ class _Drafting:
             i: f"the same recording as {self.files[j].name}" for i, j in self._copies(statics)
         }
         statics = self._with_model([i for i in statics if i not in out])
+        # segment poses make a standing posture of any movement, which is a trial beside it
+        made = [i for i in statics[:1] if holds_poses(self.spelt[i].labels) and moves[i].shows is not Shows.STANDS]
+        statics = [i for i in statics if i not in made]
         roles: dict[int, tuple[str, str]] = dict.fromkeys(statics, ("static", ""))
         for i, found in moves.items():
             if i in roles or i in out:
@@ -255,14 +259,28 @@ class _Drafting:
         }
         forces, unpaired = pair_forces(walks, self.choice.marker_set, self.folder.files)
         order = sorted(roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i))
-        names = trial_names([self.files[i].path.stem for i in order])
-        trials = tuple(
+        stems = [self.files[i].path.stem for i in order]
+        first, *names = trial_names([f"{self.files[i].path.stem}_upright" for i in made] + stems)
+        names = names if made else [first, *names]
+        upright = tuple(
+            Drafted(
+                name=first,
+                role="static",
+                joint="",
+                file=self.files[i],
+                forces=None,
+                reason="nobody has to stand: the segments of its poses with their axes in line",
+                certain=True,
+            )
+            for i in made
+        )
+        trials = upright + tuple(
             self._trial(i, name, roles[i], moves.get(i), forces.get(i), statics)
             for i, name in zip(order, names, strict=True)
         )
         plates = self._weighed(statics)
         facts = self._facts([*statics, *(i for i in order if i not in statics)])
-        tall = likely_height(session.postures[statics[0]].landmarks)
+        tall = likely_height(session.postures[(made or statics)[0]].landmarks)
         person = person_of(self.folder.name, self.options, facts, plates, tall)
         moving = any(trial.role != "static" for trial in trials)
         number = {file.name: i for i, file in enumerate(self.files)}

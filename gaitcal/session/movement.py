@@ -22,6 +22,7 @@ from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
 from gaitcal.faults.joint_link import links_of
 from gaitcal.faults.role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
 from gaitcal.io.recording import Recording
+from gaitcal.io.segment_poses import upright
 from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
@@ -71,8 +72,8 @@ class Standing:
 
 
 def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | None, str]:
-    """The standing posture, or None and why there is none."""
-    recording = complete_static(recording, marker_set)
+    """The standing posture, or None and why there is none; that of segment poses whatever the person does."""
+    moving, recording = recording, complete_static(upright(recording), marker_set)
     marker_set = worn(marker_set, recording)
     try:
         window = still_window(recording, marker_set.labels)
@@ -85,7 +86,7 @@ def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | No
         return None, why
     return Standing(
         speed=window.speed,
-        sway=sway(recording, marker_set),
+        sway=sway(moving, marker_set),
         start=window.start,
         stop=window.stop,
         worn=marker_set,

@@ -26,6 +26,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import other_side
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
 from gaitcal.io.recording import Recording
+from gaitcal.io.segment_poses import holds_poses
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import REQUIRED, MarkerSet
 from gaitcal.session.movement import Standing, standing
@@ -264,12 +265,13 @@ def _standing_only(
     worn: Mapping[int, tuple[str, ...]],
 ) -> list[int]:
     """Recordings that only stand; where there are none, those called static or with markers of their own, of which a
-    part stands; then those in which somebody merely shifts.
+    part stands; then those in which somebody merely shifts; then those of segment poses, in which nobody has to stand.
     """
     tiers: tuple[Callable[[int], bool], ...] = (
         lambda i: postures[i].throughout,
         lambda i: bool(CLEAR_WORD.search(stems[i]) or recordings[i].facts.is_static or worn[i]),
         lambda i: postures[i].sway <= SHIFTS_M,
+        lambda i: holds_poses(recordings[i].labels),
     )
     return next((found for tier in tiers if (found := [i for i in postures if tier(i)])), [])
 

@@ -84,7 +84,7 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
     if trial.joint is None:
         joint, nodes = session.uncertainty.joint, trial.motion.nodes
         moves = marker_moves(trial.with_skin, nodes, trial.parameters, joint, trial.scores)
-    axes = AxisErrors(trial.parameters, axis_deviations(session.settings))
+    axes = AxisErrors(trial.parameters, axis_deviations(session.settings, session.model))
     erring = _erring_forces(trial, session, axes, moves)
     if erring is None:
         return _without_torque_errors(trial, session, axes, moves)
@@ -169,9 +169,12 @@ def _foot_axes(
     return FootAxes(long_axes, np.sqrt(variance), None if own is None else np.sqrt(own))
 
 
-def axis_deviations(settings: CalibrationSettings) -> Mapping[str, tuple[float, float, float]]:
+def axis_deviations(settings: CalibrationSettings, model: SubjectModel) -> Mapping[str, tuple[float, float, float]]:
     """Segment -> deg, how far its axes may point elsewhere."""
-    return EXACT if settings.segment_axes == "exact" else PALPATED_DEG
+    if settings.segment_axes == "exact":
+        return EXACT
+    by = 1.0 if model.noise is None else model.noise.joints
+    return {segment: (by * x, by * y, by * z) for segment, (x, y, z) in PALPATED_DEG.items()}
 
 
 def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float) -> TrialResult:

@@ -24,7 +24,7 @@ from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import PatientRecord, Subject, SubjectModel
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors
-from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial, model_with_trunk, read_trial
 from gaitcal.study.truth import Truth, other_landmarks, read_truth, truth_files
@@ -205,6 +205,13 @@ class Study:
         return other_landmarks(self.truth.landmarks, self.static.recording, self.marker_set)
 
     @property
+    def hip_centre(self) -> HipCentre:
+        """Where hip centres come from: where nothing is chosen, segment poses have them."""
+        if self.settings.hip_centre == AUTOMATIC and self.marker_set.noise and "hjc_r" in self.marker_set.landmarks:
+            return HipCentre.GIVEN
+        return HipCentre(self.settings.hip_rule)
+
+    @property
     def static(self) -> Trial:
         """The static trial that the model is made of: the first."""
         return next(trial for trial in self.trials if trial.role is Role.STATIC)
@@ -334,7 +341,7 @@ def nominal_of(study: Study) -> SubjectModel:
         nominal_model,
         marker_set=study.marker_set,
         subject=study.subject,
-        hip_centre=HipCentre(study.settings.hip_rule),
+        hip_centre=study.hip_centre,
         ankle_zero=AnkleZero(study.settings.ankle_rule),
         weights=study.weights,
     )

@@ -23,6 +23,7 @@ from gaitcal.io.event_table import events_beside, with_corrected_events
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.segment_poses import upright
 from gaitcal.io.still import duration, runs, spans, still_window
 from gaitcal.model.linkage import carrier_of
 from gaitcal.model.marker_set import MarkerSet
@@ -122,6 +123,8 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
             message = f"found [{low:g}, {high:g}]; the recording runs from {time[0]:g} to {time[-1]:g} s"
             raise _fault(message, trial.file, f"trial '{trial.name}'.time")
         recording = recording.frames(inside)
+    if trial.role == Role.STATIC.value:
+        recording = upright(recording)
     _check_forces_cover(recording, trial)
     files = {"file": trial.file}
     if trial.forces is not None:

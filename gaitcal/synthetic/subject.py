@@ -139,11 +139,12 @@ def recording_of(name: str, motion: TrueMotion, model: SubjectModel, labels: tup
     """What markers with these labels, and plates under a gait, show of a motion."""
     every = synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
-    plates = () if name != "gait" else _plates(motion, residual_free_wrench(model.parameters, motion))
+    plates = () if name != "gait" else plates_under(motion, residual_free_wrench(model.parameters, motion))
     return Recording(source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates)
 
 
-def _plates(motion: TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
+def plates_under(motion: TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
+    """One long plate under each foot, with wrenches (nf, 2, 6) N, N·m about the laboratory origin."""
     plates = []
     for k, (low, high) in enumerate(((0.0, PLATE_Z), (-PLATE_Z, 0.0))):
         point, torque = point_and_torque(wrench[:, k])

@@ -47,6 +47,7 @@ MEMBERS = {
     "force_faults": "force_faults.check",
     "sessions": "sessions",
     "priors": "priors",
+    "markerless": "markerless",
     "cohorts": "cohorts",
     "coverage": "coverage",
     "muscles": "muscles",

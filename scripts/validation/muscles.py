@@ -34,7 +34,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.synthetic.motion import marker_noise
 from scripts.validation.harness import judged, matching, say, side_by_side
 
-SHARED = ("--jobs", "--only", "--seed")
+SHARED = ("--jobs", "--only", "--json", "--seed")
 MODELS = {"p01": "subject01.osim", "p18": "subject18.osim"}
 OFF = (0.010, 0.020)
 """m, how far joints are put from their place."""

@@ -41,7 +41,9 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_built_in_sets() -> None:
-    ours = "cast conventional73 gait2354 ior landmarks opencap plug-in-gait published rajagopal rcnl ufabc visual3d"
+    ours = (
+        "cast conventional73 gait2354 ior landmarks opencap plug-in-gait poses published rajagopal rcnl ufabc visual3d"
+    )
     assert built_in_sets() == tuple(ours.split())
     for name in built_in_sets():
         made = load_marker_set(name)

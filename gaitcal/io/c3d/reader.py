@@ -37,12 +37,15 @@ from gaitcal.io.labels import (
     unique,
 )
 from gaitcal.io.recording import Recording, zeros_to_missing
+from gaitcal.io.segment_poses import points_of_poses
 from gaitcal.io.text_file import FileFault, naming_file
 
 PER_METRE = {"mm": 1e3, "millimeters": 1e3, "millimetres": 1e3, "cm": 1e2, "m": 1.0, "meters": 1.0, "metres": 1.0}
 """Lengths that POINT:UNITS may name."""
 ABSURD_M = 1e6
 """No place lies so far off; only a damaged float does."""
+ORTHONORMAL = 1e-3
+"""By how much products of the axes of a pose may differ from 0 and 1: files hold single precision."""
 NUMBERS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS")
 """POINT parameters that list points which are no places: three numbers of another kind."""
 COMPUTED_GROUPS = (*NUMBERS, "MODELED_MARKERS")
@@ -59,7 +62,7 @@ SECONDS_PER_BYTE = 1e-6
 BASE_MEMORY = 2**30
 MEMORY_PER_BYTE = 100
 """Bytes the process may take for each byte of the file: 16-bit samples become doubles, held some times over."""
-GROUPS = ("POINT", "ANALOG", "FORCE_PLATFORM", "TRIAL", "EVENT", "PROCESSING", "SUBJECTS")
+GROUPS = ("POINT", "ANALOG", "FORCE_PLATFORM", "TRIAL", "EVENT", "PROCESSING", "SUBJECTS", "ROTATION")
 FAULTS = (RuntimeError, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError, OSError, SystemError)
 """What ezc3d and its wrapper raise on files that they cannot read."""
 
@@ -69,7 +72,8 @@ class ParserDiedError(Exception):
 
 
 def parse_c3d(path: Path, size: int) -> dict[str, Any]:
-    """Raw content: `points` (3, np, nf) with NaN for missing, `analogs` (na, ns), `parameters`, rates, first frame.
+    """Raw content: `points` (3, np, nf) with NaN for missing, `poses` (4, 4, ns, nf or more), `analogs` (na, ns),
+    `parameters`, rates, first frame.
 
     ValueError with the parser's words where it refuses the file; ParserDiedError where it does not survive it.
     """
@@ -179,8 +183,9 @@ def _content(path: str) -> dict[str, Any]:
 
     file = ezc3d.c3d(path)
     points = file["data"]["points"][:3]
-    residuals = np.asarray(file["data"]["meta_points"]["residuals"])[0]
-    points[:, residuals < 0] = np.nan
+    if points.shape[1]:
+        residuals = np.asarray(file["data"]["meta_points"]["residuals"])[0]
+        points[:, residuals < 0] = np.nan
     parameters: dict[str, dict[str, Any]] = {}
     for group in GROUPS:
         content = file["parameters"].get(group, {})
@@ -188,6 +193,7 @@ def _content(path: str) -> dict[str, Any]:
     header = file["header"]
     return {
         "points": np.ascontiguousarray(points),
+        "poses": np.ascontiguousarray(file["data"]["rotations"]),
         "analogs": np.ascontiguousarray(file["data"]["analogs"][0]),
         "parameters": parameters,
         "first_frame": int(header["points"]["first_frame"]),
@@ -229,9 +235,16 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     if frames < 1:
         raise FileFault("found no frame of points; at least one is needed")
     first = _first_frame(parameters, int(raw["first_frame"]))
-    keep, labels, label_notes, computed = _markers(parameters, points.shape[1])
+    computed: dict[str, int] = {}
+    poses, names = _poses(parameters, raw["poses"], frames, per_metre)
+    if points.shape[1] or not names:
+        keep, labels, label_notes, computed = _markers(parameters, points.shape[1])
+        markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / per_metre
+        if names:
+            label_notes += (f"{len(names)} segment poses left out, as the file has markers.",)
+    else:
+        labels, markers, label_notes = points_of_poses(names, poses)
     notes += label_notes
-    markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / per_metre
     absurd = (np.abs(markers) > ABSURD_M).any(axis=2)
     if absurd.any():
         notes += (f"{int(absurd.sum())} positions beyond {ABSURD_M:g} m, damaged numbers, taken as gaps.",)
@@ -255,6 +268,25 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         computed=_computed(computed, points, per_metre),
     )
     return recording if UP_TO_Y[vertical.axis, vertical.sign].is_identity else turn_up(recording, vertical)
+
+
+def _poses(
+    parameters: Mapping[str, Mapping[str, Any]], poses: Array, frames: int, per_metre: float
+) -> tuple[Array, tuple[str, ...]]:
+    """(nf, ns, 4, 4) m of the file's segments at its frames, NaN where not known, and their names."""
+    names = tuple(clean(label) for label in _texts(parameters.get("ROTATION", {}), "LABELS"))[: poses.shape[2]]
+    if not names or not frames:
+        return np.empty((frames, 0, 4, 4)), ()
+    each = poses.shape[3] // frames
+    if each * frames != poses.shape[3]:
+        found = f"found {poses.shape[3]} poses of each segment; allowed: as many for each of the {frames} frames"
+        raise FileFault(found, "ROTATION", Code.DAMAGED_RECORDING)
+    out = np.array(poses[:, :, : len(names), ::each].transpose(3, 2, 0, 1))
+    out[..., :3, 3] /= per_metre
+    turns = out[..., :3, :3]
+    proper = np.abs(turns @ turns.swapaxes(-1, -2) - np.eye(3)).max(axis=(-2, -1)) < ORTHONORMAL
+    out[~(proper & (np.abs(out[..., :3, 3]) < ABSURD_M).all(axis=-1))] = np.nan  # lost, or zeros
+    return out, names
 
 
 def _rate(parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:

@@ -1,0 +1,247 @@
+"""Segment poses as points: what a file without markers, but with a 4x4 matrix per segment and frame, shows of a body.
+
+Markerless programs (Theia) write a C3D group ROTATION: for segment s and frame f its axes R (columns, laboratory) and
+its origin o. A pose that errs by dp (m, each axis) and by a small turn dt (rad, about each axis) moves the four corners
+
+    p_k = o + R d_k,      d_k = L/sqrt(3) (1 1 1), (1 -1 -1), (-1 1 -1), (-1 -1 1),      L = sqrt(3/2) sigma_p/sigma_t
+
+of a regular tetrahedron about its origin, for which  sum d_k = 0  and  sum d_k d_k^T = (4 L^2 / 3) 1, so that
+
+    sum_k |dp_k|^2 = 4 |dp|^2 + (8 L^2 / 3) |dt|^2 = 4 (|dp|^2 + (sigma_p / sigma_t)^2 |dt|^2):
+
+the sum of squares of four points is the residual of position and turn, each weighed by its own deviation; four points
+whose coordinates err by 2 sigma_p are the pose. So a pose is tracked as four markers are, exactly, and nothing after
+this module knows of matrices. sigma_p / sigma_t is `LENGTH_PER_TURN` for all segments.
+
+Axes: programs differ in which axis points up. Hips, knees, ankles and toes of the file tell: up is from knee to hip in
+the thighs, right from the left hip to the right one in the pelvis, each the nearest axis; the points have x forward, y
+up, z right. The origin of thigh, shank, foot, upper arm, forearm and hand is its joint, as markerless programs have it;
+that of the toes their joint with the foot. All else that makes a body follows from there (`_LANDMARKS`): points beside
+the joints show the axes of the segments; ASIS and sacrum lie where Harrington 2007 has them for these hips.
+
+A standing posture is none of the recording's (`upright`): the segments of the file with their axes in line, each on the
+one before it where it is on average. All trials of a person give the same one, standing is not needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.codes import Code
+from gaitcal.io.recording import Recording
+from gaitcal.io.text_file import FileFault
+
+LENGTH_PER_TURN = 0.005 / np.deg2rad(2.0)
+"""m per rad, sigma_p / sigma_t: 5 mm for 2 degrees."""
+CORNERS = np.sqrt(0.5) * LENGTH_PER_TURN * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+"""(4, 3) m, d_k in the segment's axes; L / sqrt(3) = sqrt(1/2) sigma_p / sigma_t."""
+PARENT: Mapping[str, str] = {
+    "pelvis": "",
+    "torso": "pelvis",
+    **{
+        f"{side}_{segment}": f"{side}_{parent}" if parent not in ("pelvis", "torso") else parent
+        for side in "rl"
+        for segment, parent in (
+            ("thigh", "pelvis"),
+            ("shank", "thigh"),
+            ("foot", "shank"),
+            ("toes", "foot"),
+            ("uarm", "torso"),
+            ("larm", "uarm"),
+            ("hand", "larm"),
+        )
+    },
+}
+"""Segment, as Theia calls it (`r_thigh_4X4`), -> the one before it; parents come first."""
+NEEDED = tuple(name for name in PARENT if name == "pelvis" or name[2:] in ("thigh", "shank", "foot", "toes"))
+IGNORED = ("worldbody", "head", "neck", "r_clavicle", "l_clavicle")
+"""Segments that the model does not have."""
+ENDS = ("toes", "uarm", "larm", "hand")
+"""Of these only the origin, their joint, is used: toes bend against the foot, and how an arm turns about its length is
+what markerless programs tell worst and what the model has no coordinate for."""
+ALONG = 0.8
+"""Share of its length by which a direction must lie along an axis of its segment: within 37 degrees."""
+BESIDE = {"knee": 0.05, "ankle": 0.04, "elbow": 0.04}
+"""m from a joint to the points that show its axis; any length shows the same."""
+BEHIND = 0.35
+"""From ankle to heel over that from ankle to toes, along the foot."""
+DEPTH = 0.69
+"""From the middle of the ASIS to the sacrum over the distance of the ASIS, of the nominal subject."""
+ABOVE = 0.17
+"""From shoulder up to acromion over the distance of the two: Rab 2002, as the trunk is made of acromia."""
+FRAMES, RATE = 60, 100.0
+FLOOR = 0.03
+"""m, height of the lowest point of the upright body."""
+
+
+def holds_poses(labels: Collection[str]) -> bool:
+    """Whether a recording with these labels holds the points of segment poses."""
+    return "pelvis_pose1" in labels
+
+
+def points_of_poses(labels: Sequence[str], poses: Array) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
+    """Labels, (nf, np, 3) m points, and notes, of segments `labels` with poses (nf, ns, 4, 4), m; NaN where unknown.
+
+    Raises
+    ------
+    FileFault
+        Segments of the legs are not there, or their axes are not those of a body.
+    """
+    stems = [label.strip().lower().removesuffix("_4x4") for label in labels]
+    column = {stem: i for i, stem in enumerate(stems) if stem in PARENT}
+    if missing := [name for name in NEEDED if name not in column]:
+        shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
+        raise FileFault(
+            f"no marker, but poses of {shown}; missing: {', '.join(f'{name}_4X4' for name in missing)}; segment poses "
+            "must be called as Theia calls them",
+            "ROTATION:LABELS",
+            Code.TOO_LITTLE_SEEN,
+        )
+    rotation = {name: poses[:, i, :3, :3] for name, i in column.items()}
+    origin = {name: poses[:, i, :3, 3] for name, i in column.items()}
+    axes = _axes(rotation, origin)
+    rotation = {name: r @ axes for name, r in rotation.items()}
+    points = _points(rotation, origin)
+    others = [label for label, stem in zip(labels, stems, strict=True) if stem not in PARENT and stem not in IGNORED]
+    notes = (
+        f"poses of {len(column)} segments, no markers: four points stand for each, which err by its position and turn",
+        *([f"segments not used: {', '.join(others)}"] if others else []),
+    )
+    return tuple(points), np.stack(list(points.values()), axis=1), notes
+
+
+def _axes(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> Array:
+    """(3, 3) columns: forward, up and right in the segments' own axes."""
+
+    def along(what: str, segment: str, start: str, end: str) -> Array:
+        way = _mean(_in(rotation[segment], origin[end] - origin[start]))
+        largest = int(np.argmax(np.abs(way)))
+        if not np.abs(way[largest]) >= ALONG * np.linalg.norm(way):
+            found = ", ".join(f"{1e3 * x:.0f}" for x in way)
+            raise FileFault(
+                f"{what} it is ({found}) mm; allowed: along one of its axes", f"pose of {segment}", Code.LANDMARKS
+            )
+        return np.asarray(np.sign(way[largest]) * np.eye(3)[largest])
+
+    right = along("from hip to hip", "pelvis", "l_thigh", "r_thigh")
+    ups = {s: along("from knee to hip", s, s.replace("thigh", "shank"), s) for s in ("r_thigh", "l_thigh")}
+    ups |= {s: along("from ankle to knee", s, s.replace("shank", "foot"), s) for s in ("r_shank", "l_shank")}
+    up = ups["r_thigh"]
+    forward = np.cross(up, right)
+    toes = {s: along("from ankle to toes", s, s, s.replace("foot", "toes")) for s in ("r_foot", "l_foot")}
+    wrong = [s for s, way in ups.items() if way @ up < 1.0] + [s for s, way in toes.items() if way @ forward < 1.0]
+    if wrong or not forward.any():
+        raise FileFault(
+            f"its axes point otherwise than those of r_thigh and pelvis; allowed: the same axis up, forward and right "
+            f"in all segments (found wrong: {', '.join(wrong) or 'pelvis'})",
+            "poses",
+            Code.LANDMARKS,
+        )
+    return np.column_stack([forward, up, right])
+
+
+def _in(rotation: Array, vectors: Array) -> Array:
+    """(nf, 3) vectors of the laboratory in axes (nf, 3, 3)."""
+    return np.asarray(np.einsum("fji,fj->fi", rotation, vectors))
+
+
+def _mean(vectors: Array) -> Array:
+    """(3,) of (nf, 3) where they are known."""
+    known = vectors[np.isfinite(vectors).all(axis=1)]
+    return np.asarray(known.mean(axis=0) if len(known) else np.full(3, np.nan))
+
+
+def _offsets(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> dict[str, Array]:
+    """Segment -> (3,) m, its origin in the axes of the one before it, on average; straight below a joint of an arm."""
+    out: dict[str, Array] = {}
+    for name, parent in PARENT.items():
+        if name in origin and parent in origin:
+            away = origin[name] - origin[parent]
+            length = float(_mean(np.linalg.norm(away, axis=1, keepdims=True))[0])
+            out[name] = np.array([0.0, -length, 0.0])
+            if not parent.endswith(ENDS):
+                out[name] = _mean(_in(rotation[parent], away))
+    return out
+
+
+def _points(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> dict[str, Array]:
+    """Label -> (nf, 3) m: corners, ends and landmarks of segments whose axes are forward, up and right."""
+    out: dict[str, Array] = {}
+    for name in origin:
+        if name.endswith(ENDS):
+            out[f"{name}_origin"] = origin[name]
+        else:
+            for k, corner in enumerate(CORNERS, 1):
+                out[f"{name}_pose{k}"] = origin[name] + rotation[name] @ corner
+    for landmark, (segment, local) in _landmarks(_offsets(rotation, origin)).items():
+        axes = "torso" if segment.endswith(ENDS) else segment
+        if segment in origin and axes in rotation:
+            out[landmark] = origin[segment] + rotation[axes] @ local
+    return out
+
+
+def _landmarks(offset: Mapping[str, Array]) -> dict[str, tuple[str, Array]]:
+    """Landmark -> the segment from whose origin it lies (3,) m forward, up and right in its axes; an arm's in those of
+    the torso.
+    """
+    hips = offset["r_thigh"], offset["l_thigh"]
+    width = max((0.5 * float(np.linalg.norm(hips[0] - hips[1])) - 0.0073) / 0.33, 0.0)
+    depth = DEPTH * width
+    # Harrington's hips lie 0.24 depth + 9.9 mm behind the ASIS and 0.30 width + 10.9 mm below them
+    middle = 0.5 * (hips[0] + hips[1]) + [0.24 * depth + 0.0099, 0.30 * width + 0.0109, 0.0]
+    out = {"sacrum": ("pelvis", middle - [depth, 0.0, 0.0])}
+    for side, s in (("r", 1.0), ("l", -1.0)):
+        out[f"asis_{side}"] = "pelvis", middle + [0.0, 0.0, 0.5 * s * width]
+        out[f"hjc_{side}"] = f"{side}_thigh", np.zeros(3)
+        for joint, segment in (("knee", "shank"), ("ankle", "foot"), ("elbow", "larm")):
+            for word, away in (("lat", s), ("med", -s)):
+                out[f"{joint}_{word}_{side}"] = f"{side}_{segment}", np.array([0.0, 0.0, away * BESIDE[joint]])
+        toes = offset[f"{side}_toes"]
+        out[f"toe_{side}"] = f"{side}_foot", toes
+        out[f"heel_{side}"] = f"{side}_foot", toes * [-BEHIND, 1.0, 1.0]
+        if {"r_uarm", "l_uarm"} <= set(offset):
+            up = ABOVE * float(np.linalg.norm(offset["r_uarm"] - offset["l_uarm"]))
+            out[f"acromion_{side}"] = "torso", offset[f"{side}_uarm"] + [0.0, up, 0.0]
+    return out
+
+
+def upright(recording: Recording) -> Recording:
+    """The standing posture of a recording of poses, whatever the person does in it; any other as it is."""
+    if not holds_poses(recording.labels):
+        return recording
+    at = {label: recording.markers[:, i] for i, label in enumerate(recording.labels)}
+    rotation, origin = dict[str, Array](), dict[str, Array]()
+    for name in PARENT:
+        corners = [at[label] for k in range(1, 5) if (label := f"{name}_pose{k}") in at]
+        if len(corners) == len(CORNERS):
+            origin[name] = np.mean(corners, axis=0)
+            size = float((CORNERS**2).sum()) / 3.0
+            rotation[name] = np.einsum("kfi,kj->fij", np.array(corners) - origin[name], CORNERS) / size
+        elif f"{name}_origin" in at:
+            origin[name] = at[f"{name}_origin"]
+    offset = _offsets(rotation, origin)
+    place = {"pelvis": np.zeros(3)}
+    for name, parent in PARENT.items():
+        if parent in place and name in offset:
+            place[name] = place[parent] + offset[name]
+    aligned = dict.fromkeys((name for name in place if name in rotation), np.eye(3)[None])
+    points = _points(aligned, {name: here[None] for name, here in place.items()})
+    labels = tuple(label for label in recording.labels if label in points)
+    posture = np.stack([points[label] for label in labels], axis=1)
+    posture[..., 1] += FLOOR - np.nanmin(posture[..., 1])
+    return replace(
+        recording,
+        time=np.arange(FRAMES) / RATE,
+        labels=labels,
+        markers=np.repeat(posture, FRAMES, axis=0),
+        plates=(),
+        events=(),
+        computed=None,
+    ).with_notes(
+        "posture made of segment poses: the axes of all segments in line, each on the one before it as on average over "
+        f"{len(recording.time)} frames; angles count from the axes of the program that wrote the poses"
+    )
