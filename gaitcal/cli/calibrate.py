@@ -233,7 +233,8 @@ def _read(path: Path, options: FurtherOptions, saved: SavedResult) -> Trial:
             "filter_hz": _filter_of(options.filter_hz),
         }
     )
-    return cleaned_trial(read_trial(trial, saved.rename, saved.marker_set), saved.marker_set.segment_of)
+    marker_set = saved.marker_set
+    return cleaned_trial(read_trial(trial, saved.rename, marker_set), marker_set.segment_of, marker_set.noise)
 
 
 def _check(trial: Trial, saved: SavedResult) -> tuple[Finding, ...]:

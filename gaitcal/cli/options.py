@@ -153,7 +153,7 @@ FigureExternal = Annotated[bool, typer.Option("--external", help="For paper: ext
 FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/kg (unless given), Nm or %BW*H.")]
 
 Other = Annotated[
-    Path | None, typer.Argument(metavar="[DIR2]", help="The same person's other session: the page compares both.")
+    Path | None, typer.Argument(metavar="[DIR2]", help="The same person's other session: page or report compare both.")
 ]
 OtherResult = Annotated[
     Path | None,
@@ -167,7 +167,9 @@ Studies = Annotated[
     typer.Option(help="For --shared-model: study file of DIR, then of OTHER, where they do not lie in these."),
 ]
 
-Pdf = Annotated[Path | None, typer.Option("--pdf", help="The file to write; DIR/report.pdf unless given.")]
+Pdf = Annotated[
+    Path | None, typer.Option("--pdf", help="The file to write; DIR/report.pdf unless given; needed with two results.")
+]
 Comments = Annotated[
     Path | None, typer.Option(help="TOML file of comments, a line a section; DIR/comments.toml where that is there.")
 ]

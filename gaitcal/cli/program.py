@@ -298,12 +298,17 @@ def view(
 
 @command
 def report(
-    console: "Console", result: Result, pdf: told.Pdf = None, comments: told.Comments = None, normal: Normal = None
+    console: "Console",
+    result: Result,
+    other: told.Other = None,
+    pdf: told.Pdf = None,
+    comments: told.Comments = None,
+    normal: Normal = None,
 ) -> None:
-    """A gait report on paper: verdict, steps, sheets of angles and moments, what not to trust, comments; A4, PDF."""
+    """A report on paper, of a result or two sessions: verdict, steps, sheets of curves, what not to trust; A4, PDF."""
     from gaitcal.cli.view import print_report
 
-    print_report(result, pdf, comments, normal, console)
+    print_report(result, other, pdf, comments, normal, console)
 
 
 @command

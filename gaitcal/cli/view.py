@@ -45,16 +45,30 @@ def view_result(
     serve(page, ready=lambda url: console.line(f"{url}  (Ctrl-C ends)"))
 
 
-def print_report(result: Path, pdf: Path | None, comments: Path | None, normal: Path | None, console: Console) -> None:
-    """Write the report of a result as a PDF, with the comments that somebody wrote for it."""
-    from gaitcal.figures.document import write_pdf
+def print_report(
+    result: Path, other: Path | None, pdf: Path | None, comments: Path | None, normal: Path | None, console: Console
+) -> None:
+    """Write the report of a result, or of two sessions, as a PDF, with the comments that somebody wrote for it."""
+    from gaitcal.figures.document import ComparisonContent, ReportContent, write_pdf
     from gaitcal.results.gait_report import read_comments, report_content
 
+    if other is not None and pdf is None:
+        raise UsageError("found two results; needed: --pdf FILE", field="--pdf")
+    if other is not None and normal is not None:
+        raise UsageError(
+            "found two results, each held against its own norm; allowed: with one result", field="--normal"
+        )
     beside = result / COMMENTS
-    file = comments or (beside if beside.is_file() else None)
+    file = comments or (beside if other is None and beside.is_file() else None)
     said = {} if file is None else read_comments(file)
-    named = None if normal is None else (read_normal_bands(normal), normal.name)
-    content = report_content(result, named, said)
+    content: ReportContent | ComparisonContent
+    if other is None:
+        named = None if normal is None else (read_normal_bands(normal), normal.name)
+        content = report_content(result, named, said)
+    else:
+        from gaitcal.results.sessions import compare_results, comparison_content
+
+        content = comparison_content(compare_results(result, other), (result, other), said)
     target = pdf or result / REPORT
     with file_in_place(target) as path:
         pages = write_pdf(content, path)

@@ -30,7 +30,7 @@ from gaitcal.findings import Finding, Severity, listed
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.still import runs, spans
 from gaitcal.model.coordinates import COORDINATE_TABLE
-from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.model.linkage import LOWER_BODY, SIDE_WORDS
 from gaitcal.motion.motion import MarkerErrors, Motion
 
 LIMIT_M = 0.02
@@ -65,7 +65,6 @@ Posture 21:212-225, 2005)."""
 CHANGED_DEG, CHANGED_MUCH_DEG = 10.0, 45.0
 """Mean change of an angle by the calibration that is a note, and that puts the result in doubt. Nominal ankle axes are
 another person's: their offsets change by up to 36 deg on clean recordings."""
-SIDE_WORDS = {"r": "right", "l": "left"}
 
 
 @dataclass(frozen=True, kw_only=True)

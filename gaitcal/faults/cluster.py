@@ -158,6 +158,8 @@ class Cluster:
     """Of the person, by which limits in metres grow."""
     determined: BoolArray
     """(nf,) whether three points not on a line were seen."""
+    loose: tuple[int, ...] = ()
+    """Its own markers that mark no landmark: what is worn as a cluster."""
 
     @cached_property
     def strayed(self) -> Array:
@@ -257,9 +259,14 @@ def clusters_of(
             labels, static, paths = [*labels, name], [*static, at], [*paths, path]
         cluster = _cluster(np.array(static), np.stack(paths, 1), stance.size) if len(labels) >= FEWEST else None
         if cluster is not None:
-            reduced = lent is not None and len(stance.points[segment]) >= FEWEST
+            own = len(labels) - (lent is not None)
             out[segment] = replace(
-                cluster, segment=segment, labels=tuple(labels), borrowed=lent is not None, reduced=reduced
+                cluster,
+                segment=segment,
+                labels=tuple(labels),
+                borrowed=lent is not None,
+                reduced=lent is not None and len(stance.points[segment]) >= FEWEST,
+                loose=tuple(i for i in range(own) if not any(labels[i] in named for named in landmarks.values())),
             )
     return out
 

@@ -8,7 +8,8 @@ axis points p_k of its joints, which the neighbours have at q_k, every explanati
     J = min over rigid C of   sum_i |C m_i - s_i|^2 / sigma^2  +  sum_k |C q_k - p_k|^2 / (2 sigma_k^2)   +  price:
 
 one marker left its place (without its term), two markers carry each other's label (m exchanged), the cluster is
-mirrored (m reflected), or all of it slid or turned on the segment (the two sums each with a C of its own). The price is
+mirrored (m reflected), or all of it, or all but the markers on landmarks, slid or turned on the segment (the terms of
+those with a C of their own). The price is
 what a free quantity gains by chance. The cheapest of the segments concerned is told; its C puts the pose right, all
 quantities are read with it, and what is left is explained anew.
 """
@@ -36,9 +37,10 @@ REDUCED = 1.6
 that always borrow stay within the limits without it."""
 SPREAD = 3.0
 """A limit is taken as so many standard deviations."""
-PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0}
+PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0, "loose": 18.0}
 """Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a cluster's motion and a
-mirror's plane are six and three that the joints tell roughly: by chance they gain about as much."""
+mirror's plane are six and three that the joints tell roughly: by chance they gain about as much. A cluster that left
+the landmarks of its segment behind looks like one of these that moved: odds of 20 to 1 must speak for it."""
 CERTAIN = {"marker": 5.0, "labels": 4.0, "mirrored": 4.0, "cluster": 4.0}
 """Saving from which a cause is told though no single quantity exceeds its limit. On 91 clean trials of 20 people no
 marker saves more than 2.0, no cluster more than 0.1, no exchange anything."""
@@ -144,8 +146,9 @@ class _Body:
         """
         segment, labels = cause.segment, cause.labels
         self.pose[segment] = pose
-        if cause.fault is not Fault.CLUSTER:  # a reflection or an exchange is in the shape
-            explained = labels if cause.fault is Fault.MARKER else self.clusters[segment].labels
+        whole = len(labels) == self.clusters[segment].own
+        if not (cause.fault is Fault.CLUSTER and whole):  # a reflection or an exchange is in the shape
+            explained = labels if cause.fault in (Fault.MARKER, Fault.CLUSTER) else self.clusters[segment].labels
             self.cleared[segment] = (*self.cleared.get(segment, ()), *explained)
         lost = {
             name
@@ -213,14 +216,14 @@ class _Body:
         kept: Sequence[int] | None = None,
         *,
         joints: bool = True,
-        markers: float = 1.0,
+        slid: Sequence[int] = (),
     ) -> tuple[float, Pose]:
-        """J without its price, and the C that makes it least; `markers`: factor of their weight."""
+        """J without its price, and the C that makes it least, in which those that `slid` hardly count."""
         shape = cluster.shape if shape is None else shape
         taken = self.free(cluster, range(len(cluster.labels)) if kept is None else kept)
         sigma = offset_limit(cluster) / SPREAD
         points, targets = [shape[taken]], [cluster.static[taken]]
-        weights = [np.full(len(taken), markers * sigma**-2)]
+        weights = [np.where(np.isin(taken, slid), SLID_WEIGHT, 1.0) * sigma**-2]
         for link, p, q in self.seen_from(cluster.segment) if joints else ():
             points.append(q)
             targets.append(p)
@@ -293,8 +296,13 @@ def _explanations(body: _Body, cluster: Cluster) -> Iterator[_Explanation]:
         yield _Explanation(Fault.LABELS, (labels[i], labels[k]), cost + PRICE["labels"], pose)
     if len(free) == own and cluster.segment not in body.pose:
         inside = body.cost(cluster, joints=False)[0]
-        across, pose = body.cost(cluster, markers=SLID_WEIGHT)
+        across, pose = body.cost(cluster, slid=range(n))
         yield _Explanation(Fault.CLUSTER, labels[:own], inside + across + PRICE["cluster"], pose)
+        if FEWEST <= len(cluster.loose) < own:
+            among = body.cost(cluster, kept=cluster.loose, joints=False)[0]
+            rest, bone = body.cost(cluster, slid=cluster.loose)
+            names = tuple(labels[i] for i in cluster.loose)
+            yield _Explanation(Fault.CLUSTER, names, among + rest + PRICE["loose"], bone)
         reflected = body.cost(cluster, shape * [1.0, 1.0, -1.0], joints=False)[0]
         if not cluster.borrowed and reflected < MIRRORED**2 * inside:
             yield _Explanation(Fault.MIRRORED, labels, reflected + across + PRICE["mirrored"], pose)
@@ -310,18 +318,18 @@ def _contradiction(
 ) -> Contradiction:
     turn, shift = found.pose
     centres = [link.centre for link in body.links.values() if cluster.segment in (link.above, link.below)]
+    at = [cluster.labels.index(label) for label in found.labels]
+    now = cluster.shape[at] @ turn.T + shift
+    away, angle = now - cluster.static[at], angle_of(turn)
+    direction = away[int(np.linalg.norm(away, axis=1).argmax())]
     if found.fault is Fault.CLUSTER:
-        direction = -(turn @ cluster.static.mean(axis=0) + shift - cluster.static.mean(axis=0))
-    else:
-        at = [cluster.labels.index(label) for label in found.labels]
-        away = cluster.shape[at] @ turn.T + shift - cluster.static[at]
-        direction = away[int(np.linalg.norm(away, axis=1).argmax())]
+        direction, angle = away.mean(axis=0), angle_of(alignment(cluster.static[at], now)[0])
     of_two = found.fault is Fault.MARKER and cluster.own < FEWEST
     return Contradiction(
         fault=found.fault,
         segment=cluster.segment,
         labels=found.labels,
-        turn=float(angle_of(turn)),
+        turn=float(angle),
         shift=max((float(np.linalg.norm(turn @ c + shift - c)) for c in centres), default=0.0),
         direction=direction,
         excess=excess,

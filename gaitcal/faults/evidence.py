@@ -56,7 +56,7 @@ class MarkerEvidence:
         stance: Stance | None = None,
     ) -> MarkerEvidence:
         """The evidence of a trial without markers that are metres away from the body, as it will be fitted."""
-        trial = cleaned_trial(trial, marker_set.segment_of)
+        trial = cleaned_trial(trial, marker_set.segment_of, marker_set.noise)
         found = cls(trial=trial, marker_set=marker_set, subject=subject, settings=settings, model=model)
         return replace(found, stance=stance, strays=trial.strays or ())
 

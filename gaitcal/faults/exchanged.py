@@ -24,11 +24,11 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
-from gaitcal.faults.sampling import jump_limit
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import duration, runs, spans
 from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.model.rebuilt_markers import jump_limit
 
 STRANGE_M = 0.02
 """Cost E above which a label is doubted at all; skin movement stays below that in most frames."""
@@ -243,7 +243,7 @@ def _crossings(trial: MarkerEvidence) -> dict[tuple[int, int], list[int]]:
         return out
     before = _last_seen(x, max(1, round(BRIDGED_S * trial.recording.rate)))[:-1]
     length = np.linalg.norm(x[1:] - before, axis=2)
-    jumping = np.nan_to_num(length) > max(jump_limit(trial), JUMP_M)
+    jumping = np.nan_to_num(length) > max(jump_limit(trial.recording, trial.marker_set.noise), JUMP_M)
     for t in np.flatnonzero(jumping.sum(axis=1) >= 2):
         for a, b in combinations(np.flatnonzero(jumping[t]).tolist(), 2):
             crossed = np.linalg.norm(x[t + 1, a] - before[t, b]) + np.linalg.norm(x[t + 1, b] - before[t, a])

@@ -22,11 +22,11 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.faults.body_plan import body_axes
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.joint_link import flexion_of, nearest_rotation
 from gaitcal.faults.static_landmarks import label_words, landmarks
 from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.model.body_plan import body_axes
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import sign
 

@@ -23,11 +23,11 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.faults.body_plan import body_axes
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.still import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
+from gaitcal.model.body_plan import body_axes
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import ISOLATED_JOINTS, SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import REQUIRED

@@ -32,6 +32,7 @@ from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.force_plate import filterable
 from gaitcal.io.still import runs
 from gaitcal.io.text_file import UNEVEN
+from gaitcal.model.rebuilt_markers import jump_limit
 from gaitcal.motion.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.motion.trial_problem import FEWEST_FRAMES
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
@@ -46,11 +47,6 @@ SPEED_M_S = 4.5
 """Nobody walks faster; a faster one runs, or the clock is wrong."""
 OTHER_RATE = 2.5
 """Laboratories record at 50 and 100, or 100 and 200 Hz; a time column that is wrong may be wrong by more."""
-SPIKE_M = 0.02
-SPIKE_ACCELERATION = 300.0
-"""m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
-SPIKE_DEVIATIONS = 6.0
-"""Standard deviations of a coordinate of points that are no markers; three frames of white noise make 1.2 of one."""
 HALF_WINDOW = 5
 """H. At 50 to 200 Hz 25 to 100 ms on either side, in which nothing of a walk but a foot's impact bends twice."""
 NOISE_M = 0.0002
@@ -219,20 +215,17 @@ def same_recording(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
             yield other.error("trials", found, cure, code=Code.SAME_RECORDING)
 
 
-def jump_limit(trial: MarkerEvidence) -> float:
-    """m, how far a marker may be out of line with the frames before and after."""
-    noise = trial.marker_set.noise
-    of_noise = 0.0 if noise is None else SPIKE_DEVIATIONS * 1e-3 * noise.size_mm
-    return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / trial.recording.rate**2, of_noise)
-
-
 def spikes(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Single positions that lie out of line with the frames before and after."""
-    x = trial.recording.markers
+    """Single positions out of line with the frames before and after: those that were left out, and the rest."""
+    x, fitted = trial.recording.markers, set(trial.as_fitted.present)
+    if gone := {label: spikes for label, spikes in trial.trial.spikes.items() if label in fitted}:
+        found = f"single positions up to {1e3 * max(m for _, m in gone.values()):.0f} mm out of line with their "
+        found += f"neighbours are left out: {listed([f'{label} ({n} frames)' for label, (n, _) in gone.items()])}"
+        yield trial.info("jumps", found, "nothing: their paths go on without them", code=Code.SPIKES)
     if len(x) < 3:
         return
     away = np.linalg.norm(x[1:-1] - 0.5 * (x[2:] + x[:-2]), axis=2)
-    limit = jump_limit(trial)
+    limit = jump_limit(trial.recording, trial.marker_set.noise)
     sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
     peak = (sides[1:-1] >= sides[:-2]) & (sides[1:-1] >= sides[2:])  # a spike is out of line, and so are its neighbours
     for one in seams(x):  # the frames on either side of a seam

@@ -22,7 +22,7 @@ from gaitcal.faults.knee_line import knee_axes
 from gaitcal.faults.marker_slip import stretches
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import joint_segments
+from gaitcal.model.linkage import SIDE_WORDS, joint_segments
 from gaitcal.runtime import remembered
 
 SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
@@ -35,7 +35,6 @@ REFUSED_EXCESS = 2.0
 """Times a limit, for a contradiction without a known cause."""
 BETWEEN_WALKS = 0.6
 """Factor of the limits of offsets between walks of one session: clean ones differ by 1.5 mm, the pelvis by 2.6."""
-SIDE_WORDS = {"r": "right ", "l": "left "}
 WAYS = (("forward", "backward"), ("up", "down"), ("to the right", "to the left"))
 PART_OF_OFFSET = 0.4
 """A direction is named where it has so much of an offset."""
@@ -188,7 +187,7 @@ def _ways(cause: Contradiction) -> str:
 
 def _part(name: str) -> str:
     """`thigh_r` as `right thigh`."""
-    return f"{SIDE_WORDS[name[-1]]}{name[:-2]}" if side_of(name) else name
+    return f"{SIDE_WORDS[name[-1]]} {name[:-2]}" if side_of(name) else name
 
 
 def _whole_time(trial: MarkerEvidence) -> str:

@@ -15,6 +15,7 @@ from gaitcal.faults import (
     foot_on_plate,
     joint_places,
     knee_line,
+    knocked,
     marker_slip,
     markers,
     plates,
@@ -29,12 +30,14 @@ from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.runtime import with_one_blas_thread
+from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, cleaned, completed_static, marker_set_of
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from gaitcal.study.study_trial import Trial, read_trial
 
+MOST_PLACED = 3
+"""Clusters; more that were knocked are another static posture."""
 TrialCheck: TypeAlias = Callable[[MarkerEvidence], Iterator[Finding]]
 
 UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consistency.scale)
@@ -131,12 +134,9 @@ def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[Trial, ...], tu
 @with_one_blas_thread
 def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
-    model: SubjectModel | None = None
-    faults: tuple[Finding, ...] = ()
-    if not any(static_consistency.size(_evidence(study, cleaned(study).static, None))):
-        model, faults = role.nominal_model_of(study)
-    trials = evidence_of(study, model)
-    findings: list[Finding] = []
+    study, placed = placed_by_motion(study)
+    _, faults, trials = _looked_at(study)
+    findings: list[Finding] = [one.finding for one in placed]
     measured: list[MarkerEvidence] = []
     for trial in trials:
         found = _check_trial(trial)
@@ -153,6 +153,33 @@ def check_study(study: Study) -> tuple[Finding, ...]:
         *sampling.same_recording(trials),
         *role.statics_agree(trials),
     )
+
+
+@remembered
+def placed_by_motion(study: Study) -> tuple[Study, tuple[knocked.Placement, ...]]:
+    """The study with knocked clusters where its moving trials have them, and which these are; as it is where one that
+    was placed still does not agree with some trial.
+    """
+    placed, found = study, tuple[knocked.Placement, ...]()
+    while len(found) < MOST_PLACED:
+        static, moving = (tuple(t for t in _looked_at(placed)[2] if t.is_static is still) for still in (True, False))
+        causes = {cause.segment for t in moving for cause in static_consistency.contradictions_in(t)}
+        if not causes.isdisjoint(one.segment for one in found) or len(static) != 1:
+            return study, ()
+        one = knocked.placement(moving)
+        if one is None:
+            break
+        placed, found = knocked.with_placement(placed, static[0], one), (*found, one)
+    return placed, found
+
+
+@remembered
+def _looked_at(study: Study) -> tuple[SubjectModel | None, tuple[Finding, ...], tuple[MarkerEvidence, ...]]:
+    """The nominal model, or what keeps the static trial from giving one, and what the checks look at."""
+    model, faults = None, tuple[Finding, ...]()
+    if not any(static_consistency.size(_evidence(study, cleaned(study).static, None))):
+        model, faults = role.nominal_model_of(study)
+    return model, faults, evidence_of(study, model)
 
 
 @np.errstate(all="ignore")

@@ -20,7 +20,7 @@ from enum import Enum
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.moments import joint_words
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import SIDE_WORDS, SIDES
 
 SHOWN = 3
 """Pieces of evidence that a reason gives; how many more there are is said."""
@@ -164,13 +164,12 @@ class Verdict:
         parts = [*self.refused]
         for walk in self.trials:
             if walk not in self.refused:
-                parts += [f"the {_LEG_WORDS[side]} leg of {walk}" for side in self.refused_legs(walk)]
+                parts += [f"the {SIDE_WORDS[side]} leg of {walk}" for side in self.refused_legs(walk)]
         if self.judgement is not Judgement.REFUSED and parts:
             text += f" Refused: {', '.join(parts)}."
         return text + (" It was made with --force, past errors." if self.forced else "")
 
 
-_LEG_WORDS = {"r": "right", "l": "left"}
 _SENTENCES = {
     Judgement.TRUSTWORTHY: "Nothing speaks against this result beyond its error bars.",
     Judgement.DOUBTFUL: "This result may be wrong by more than its error bars: look at the reasons.",

@@ -16,21 +16,20 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pandas as pd
 
+from gaitcal.arrays import Array
 from gaitcal.compare.difference import Difference, numbers_of, subject
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.figures.chart import FAINT, FONT, INK, SIDE_COLOURS, SIDE_DASHES, dress, limits, line_style, new_figure
 from gaitcal.figures.report import SALT
+from gaitcal.figures.report_sheets import LEAST, UNITS, CurvePanel
 from gaitcal.gait.conventions import Convention
-from gaitcal.gait.cycles import Kind, kind_of
+from gaitcal.gait.cycles import POINTS, Kind, kind_of, known_variables
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.model.linkage import SIDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-UNITS: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
-LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
-"""Smallest range of a vertical axis, in these units."""
 SHOWN: Final = 40  # Rows of the table of figures; `differences.csv` has all
 COLUMNS: Final = 4
 PANEL: Final = (2.75, 1.75)  # inches
@@ -116,7 +115,7 @@ def _figures(title: str, names: tuple[str, str], found: Sequence[Difference], mo
     if not found:
         return
     yield f"<h2>{title}</h2>"
-    rows = [(subject(d), d.unit, *numbers_of(d)) for d in found[:most]]
+    rows = figure_rows(found[:most])
     head = ("figure", "unit", *names, "difference", "missed below", "times")
     yield _table(title, head, rows, beyond=[d.exceeds for d in found[:most]])
     if len(found) > most:
@@ -160,14 +159,7 @@ def _sheet(comparison: SessionComparison, convention: Convention, variables: Seq
 def _panel(axes: Axes, comparison: SessionComparison, convention: Convention, curve: pd.DataFrame) -> None:
     variable, side, percent = curve["variable"].iloc[0], curve["side"].iloc[0], curve["percent"].to_numpy()
     kind = kind_of(variable)
-
-    def told(name: str, session: int) -> np.ndarray:
-        person = comparison.subjects[session]
-        by_mass = 1.0 / person.mass if kind is Kind.FORCE else 1.0
-        return by_mass * convention.values(variable, curve[name].to_numpy(dtype=float), side, person)
-
-    before, after = told("a", 0), told("b", 1)
-    band = 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
+    before, after, band = told_curves(comparison, convention, curve)
     positive, title = convention.senses(variable, side)[0], convention.title(variable)
     dress(axes, ylabel=f"{UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
@@ -180,3 +172,51 @@ def _panel(axes: Axes, comparison: SessionComparison, convention: Convention, cu
     axes.plot(percent, beyond, color=INK, linewidth=5.0, solid_capstyle="butt")
     axes.set_xlim(0.0, 100.0)
     axes.set_ylim(low, high)
+
+
+def told_curves(comparison: SessionComparison, convention: Convention, curve: pd.DataFrame) -> tuple[Array, ...]:
+    """(101,) means before and after, by each session's own body mass, and how far apart they could be unnoticed.
+
+    `curve`: the rows of one variable and side of `curve_differences.csv`.
+    """
+    variable, side = curve["variable"].iloc[0], curve["side"].iloc[0]
+
+    def told(name: str, session: int) -> Array:
+        person = comparison.subjects[session]
+        by_mass = 1.0 / person.mass if kind_of(variable) is Kind.FORCE else 1.0
+        return by_mass * convention.values(variable, curve[name].to_numpy(dtype=float), side, person)
+
+    return told("a", 0), told("b", 1), 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
+
+
+def paper_panels(
+    comparison: SessionComparison, convention: Convention, variables: Sequence[str]
+) -> Iterator[CurvePanel | str]:
+    """Of a sheet on paper: before thin, after thick in the band within which a difference could have been missed."""
+    curves, none = comparison.curves, np.full(POINTS, np.nan)
+    for variable in variables:
+        if variable not in known_variables():
+            yield variable
+            continue
+        of = {side: curves[(curves["variable"] == variable) & (curves["side"] == side)] for side in SIDES}
+        told = {
+            side: told_curves(comparison, convention, rows) if len(rows) else (none, none, none)
+            for side, rows in of.items()
+        }
+        kind = kind_of(variable)
+        yield CurvePanel(
+            title=convention.title(variable),
+            unit=UNITS[kind],
+            senses=convention.senses(variable, "r"),
+            strides={side: (before,) for side, (before, _, _) in told.items()},
+            mean={side: after for side, (_, after, _) in told.items()},
+            error={side: band for side, (_, _, band) in told.items()},
+            norm=None,
+            least=LEAST[kind],
+            thin=(0.7, 0.9),
+        )
+
+
+def figure_rows(found: Sequence[Difference]) -> list[tuple[str, ...]]:
+    """Figure, unit, both sessions, difference, what could be missed, and how many times that it is."""
+    return [(subject(d), d.unit, *numbers_of(d)) for d in found]

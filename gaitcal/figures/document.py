@@ -6,11 +6,11 @@ counts, steps; kinematics; kinetics; joints, comments, signature.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from reportlab.lib.colors import HexColor
 from reportlab.lib.pagesizes import A4
@@ -77,6 +77,31 @@ class ReportContent:
     footer: str
     """Program and version."""
 
+    @property
+    def title(self) -> str:
+        """Whose report it is."""
+        return self.person[0][1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonContent:
+    """What the report of two sessions says."""
+
+    title: str
+    people: tuple[tuple[str, ...], ...]
+    """Head with the names of both sessions, then label and value of each."""
+    words: tuple[str, ...]
+    """Warnings, then what differs."""
+    scores: tuple[tuple[str, ...], ...]
+    """Head, then a row for each angle or score: before, after, difference."""
+    steps: tuple[tuple[str, ...], ...]
+    """Head, then a row for each measure."""
+    others: tuple[tuple[str, ...], ...]
+    """The same of all other figures, the largest difference first."""
+    sheets: tuple[Sheet, ...]
+    comments: Mapping[str, str]
+    footer: str
+
 
 COMMENT_SECTIONS: Final = ("summary", "spatiotemporal", "kinematics", "kinetics", "joints")
 """Sections that may have a comment."""
@@ -86,7 +111,7 @@ def _heading(text: str) -> Paragraph:
     return printed(text, 11, bold=True, before=9)
 
 
-def write_pdf(content: ReportContent, path: Path) -> int:
+def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     """Write the report; returns the number of its pages. The same content gives the same bytes.
 
     Raises
@@ -94,20 +119,20 @@ def write_pdf(content: ReportContent, path: Path) -> int:
     InputError
         `path` is a folder, or cannot be written.
     """
+    story = _of_sessions if isinstance(content, ComparisonContent) else _story
     register_fonts()
-    _, pages = _drawn(content, total=None)
-    drawn, pages = _drawn(content, total=pages)
+    _, pages = _drawn(content, story, total=None)
+    drawn, pages = _drawn(content, story, total=pages)
     atomic_bytes(path, drawn)
     return pages
 
 
-def _drawn(content: ReportContent, total: int | None) -> tuple[bytes, int]:
+def _drawn(content: Any, story: Callable[[Any, float, float], list[Flowable]], total: int | None) -> tuple[bytes, int]:
     """The file, and how many pages it has; drawn a first time only to learn that."""
     width, height = A4
     out = BytesIO()
-    document = BaseDocTemplate(
-        out, pagesize=A4, title=f"Gait report: {content.person[0][1]}", author="", creator=content.footer, invariant=1
-    )
+    title = f"Gait report: {content.title}"
+    document = BaseDocTemplate(out, pagesize=A4, title=title, author="", creator=content.footer, invariant=1)
     frame = Frame(MARGIN, MARGIN + 6 * mm, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm, 0, 0, 0, 0)
     seen = 0
 
@@ -116,7 +141,7 @@ def _drawn(content: ReportContent, total: int | None) -> tuple[bytes, int]:
         seen = canvas.getPageNumber()
         canvas.setFillColor(INK)
         canvas.setFont(BOLD, 8)
-        canvas.drawString(MARGIN, height - MARGIN, f"Gait report  ·  {content.person[0][1]}"[:90])
+        canvas.drawString(MARGIN, height - MARGIN, f"Gait report  ·  {content.title}"[:90])
         canvas.setFont(SANS, 7)
         canvas.setFillColor(FAINT)
         canvas.drawString(MARGIN, MARGIN - 2 * mm, content.footer)
@@ -125,7 +150,7 @@ def _drawn(content: ReportContent, total: int | None) -> tuple[bytes, int]:
         canvas.line(MARGIN, height - MARGIN - 2.5 * mm, width - MARGIN, height - MARGIN - 2.5 * mm)
 
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
-    document.build(_story(content, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm))
+    document.build(story(content, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm))
     return out.getvalue(), seen
 
 
@@ -147,13 +172,7 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
     out += profile if together else []
     for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
         note = " ".join(filter(None, (sheet.note, content.norm_remark)))
-        head = [_heading(sheet.title), printed(note, 7, colour=FAINT), Spacer(1, 2 * mm)]
-        comment = _comment(content, sheet.comment)
-        high = height - _height(head, width, height)
-        left = high - _height(comment, width, height)
-        if left < LEAST_SHEET:
-            left, comment = high, [PageBreak(), _heading(sheet.title), *comment]
-        out += [PageBreak(), *head, SheetOfCurves(sheet, content.toe_off, content.norm, (width, left)), *comment]
+        out += _sheet(sheet, note, content, (width, height), content.toe_off, content.norm)
     out += [PageBreak(), *([] if together else profile), _heading("Joints: where calibration moved them")]
     stayed = printed("Joint parameters stayed as they were.")
     out += [Spacer(1, 1.5 * mm), _table(content.joints, width) if len(content.joints) > 1 else stayed]
@@ -162,6 +181,44 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
         out += [printed(f"·  {line}", before=2) for line in content.undetermined]
     out += _comment(content, "joints")
     return [*out, Spacer(1, 14 * mm), _signature(width)]
+
+
+def _sheet(
+    sheet: Sheet,
+    note: str,
+    content: ReportContent | ComparisonContent,
+    size: tuple[float, float],
+    toe_off: Mapping[str, float],
+    norm: str = "",
+) -> list[Flowable]:
+    """A page of curves with its comment, which has a page of its own where it leaves the curves too little."""
+    head = [_heading(sheet.title), printed(note, 7, colour=FAINT), Spacer(1, 2 * mm)]
+    comment = _comment(content, sheet.comment)
+    high = size[1] - _height(head, *size)
+    left = high - _height(comment, *size)
+    if left < LEAST_SHEET:
+        left, comment = high, [PageBreak(), _heading(sheet.title), *comment]
+    return [PageBreak(), *head, SheetOfCurves(sheet, toe_off, norm, (size[0], left)), *comment]
+
+
+def _of_sessions(content: ComparisonContent, width: float, height: float) -> list[Flowable]:
+    out: list[Flowable] = [_table(content.people, width), _heading("What differs")]
+    out += [*(printed(line, before=2) for line in content.words), *_comment(content, "summary")]
+    for title, rows in (
+        ("Gait Profile Score and Movement Analysis Profile", content.scores),
+        ("Steps and phases", content.steps),
+    ):
+        if len(rows) > 1:
+            out += [_heading(title), Spacer(1, 1.5 * mm), _table(rows, width)]
+    out += _comment(content, "spatiotemporal")
+    for sheet in content.sheets:
+        if sheet.has_curves:
+            out += _sheet(sheet, sheet.note, content, (width, height), {})
+        else:
+            out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
+    if len(content.others) > 1:
+        out += [PageBreak(), _heading("All other figures"), Spacer(1, 1.5 * mm), _table(content.others, width)]
+    return [*out, *_comment(content, "joints"), Spacer(1, 14 * mm), _signature(width)]
 
 
 def _height(parts: Sequence[Flowable], width: float, height: float) -> float:
@@ -180,7 +237,7 @@ def _profile(content: ReportContent, width: float) -> list[Flowable]:
     return [*out, printed(words, 7, colour=FAINT), Spacer(1, 1 * mm), ProfileBars(content.profile, width)]
 
 
-def _comment(content: ReportContent, section: str) -> list[Flowable]:
+def _comment(content: ReportContent | ComparisonContent, section: str) -> list[Flowable]:
     text = content.comments.get(section, "").strip()
     return [printed("Comment", 8.5, bold=True, before=6), printed(text, before=1)] if text else []
 

@@ -21,6 +21,7 @@ from reportlab.platypus import Flowable, Paragraph
 from gaitcal.arrays import Array
 from gaitcal.figures import chart
 from gaitcal.figures.chart import SIDE_DASHES, limits
+from gaitcal.gait.cycles import Kind
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.gait.profile_score import Score, score_title
 from gaitcal.model.linkage import SIDES
@@ -28,6 +29,9 @@ from gaitcal.model.linkage import SIDES
 SIDE_COLOURS: Final = {side: HexColor(chart.SIDE_COLOURS[side]) for side in SIDES}
 INK, FAINT, GRID, NORM = (HexColor(colour) for colour in (chart.INK, chart.FAINT, chart.GRID, "#d9d9d9"))
 SHEET_COLUMNS, SHEET_ROWS = 3, 4
+UNITS: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
+LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
+"""Smallest range of a vertical axis, in these units, so that nothing small looks dramatic."""
 SANS, BOLD = "ReportSans", "ReportSans-Bold"
 
 
@@ -48,7 +52,8 @@ class CurvePanel:
     norm: tuple[Array, Array] | None
     """Mean and SD (101,) of healthy people."""
     least: float
-    """Smallest range of the vertical axis."""
+    thin: tuple[float, float] = (0.4, 0.35)
+    """Width in points and opacity of the lines of strides."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +67,9 @@ class Sheet:
     without: str
     """Why there is no curve in any panel, where there is none."""
     comment: str
+    thick: str = "mean ± 1 standard error"
+    thin: str = "thin: strides, vertical: toe-off"
+    """What thick lines with their bands are, and thin ones."""
 
     @property
     def has_curves(self) -> bool:
@@ -130,9 +138,9 @@ class SheetOfCurves(Flowable):  # type: ignore[misc]
             canvas.setLineWidth(1.4)
             canvas.setDash(*([list(SIDE_DASHES[side])] if SIDE_DASHES[side] else [[]]))
             canvas.line(x, 2 * mm, x + 8 * mm, 2 * mm)
-            x = _word(canvas, x + 9.5 * mm, f"{SIDE_WORDS[side]}, mean ± 1 standard error")
+            x = _word(canvas, x + 9.5 * mm, f"{SIDE_WORDS[side]}, {self.sheet.thick}")
         canvas.setDash([])
-        _word(canvas, x, "thin: strides, vertical: toe-off")
+        _word(canvas, x, self.sheet.thin)
         canvas.restoreState()
         canvas.setFont(SANS, 7)
         if self.norm:
@@ -238,9 +246,9 @@ class _Axes:
         at = np.arange(101.0)
         for side, strides in panel.strides.items():
             canvas.setStrokeColor(SIDE_COLOURS[side])
-            canvas.setStrokeAlpha(0.35)
+            canvas.setStrokeAlpha(panel.thin[1])
             for stride in strides:
-                self._line((at, stride), 0.4, SIDE_DASHES[side])
+                self._line((at, stride), panel.thin[0], SIDE_DASHES[side])
             canvas.setStrokeAlpha(1.0)
         for side, mean in panel.mean.items():
             self._band(mean, panel.error[side], SIDE_COLOURS[side], 0.18)

@@ -21,12 +21,17 @@ No least-squares fit survives a marker metres away. c(s, t) is the median, coord
 in frame t on segment s and on those that a joint connects with it. A marker of s farther than REACH from c is nowhere
 on that body. The median stands while fewer than half of these markers stray; where more of all markers do, the unit or
 the labels are wrong, which is another fault.
+
+Nor is a marker on a body in a single frame k whose path goes on without it: with a its distance from the middle of
+x_k-1 and x_k+1, and s the step between these two less the steps before and after, it is left out where a is more than
+any acceleration of a body makes of it and s is not. A path that steps aside, as where labels are exchanged, is not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -36,6 +41,7 @@ from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import runs, spans, still_window
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, segment_kind
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.point_noise import PointNoise
 from gaitcal.model.present_markers import path_of
 from gaitcal.model.segment_frames import HipCentre, hip_centre, off_line, pelvis_frame, rigid_motions
 
@@ -357,3 +363,43 @@ def _median(x: Array) -> Array:
     ordered = np.sort(x, axis=1)  # gaps come last
     count = np.isfinite(x[:, :, 0]).sum(axis=1)
     return np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None, None], axis=1)[:, 0]
+
+
+SPIKE_M, SPIKE_ACCELERATION = 0.02, 300.0
+"""m, m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
+MOST_SPIKES = 0.05
+"""Share of a marker's frames: what is out of line in more of them is noise, which has no exceptions."""
+
+
+SPIKE_DEVIATIONS = 6.0
+"""Standard deviations of a coordinate of points that are no markers; three frames of white noise make 1.2 of one."""
+
+
+def jump_limit(recording: Recording, noise: PointNoise | None) -> float:
+    """m, how far a marker, or a point with a noise of its own, may be out of line with the frames before and after."""
+    of_noise = 0.0 if noise is None else SPIKE_DEVIATIONS * 1e-3 * noise.size_mm
+    return max(SPIKE_M, 0.5 * SPIKE_ACCELERATION / recording.rate**2, of_noise)
+
+
+Spikes: TypeAlias = dict[str, tuple[int, float]]
+"""Marker -> how many single positions lie out of line, and how far (m) the farthest."""
+
+
+def without_spikes(recording: Recording, noise: PointNoise | None = None) -> tuple[Recording, Spikes]:
+    """The recording without single positions that lie out of line with their neighbours, and which these were."""
+    x, limit = recording.markers, jump_limit(recording, noise)
+    if len(x) < 5:
+        return recording, {}
+    before, one, after = x[1:-3] - x[:-4], x[3:-1] - x[1:-3], x[4:] - x[3:-1]
+    before, after = (np.where(np.isfinite(a), a, b) for a, b in ((before, after), (after, before)))
+    away = np.linalg.norm(x[2:-2] - 0.5 * (x[3:-1] + x[1:-3]), axis=2)
+    goes_on = np.linalg.norm(one - before - after, axis=2) <= limit
+    out = np.zeros(x.shape[:2], dtype=bool)
+    out[2:-2] = (away > limit) & goes_on
+    rare = out.sum(axis=0) <= MOST_SPIKES * seen_mask(x).sum(axis=0)
+    out &= rare
+    if not out.any():
+        return recording, {}
+    farthest = np.where(out[2:-2], away, 0.0).max(axis=0)
+    found = {recording.labels[k]: (int(out[:, k].sum()), float(farthest[k])) for k in np.flatnonzero(out.any(axis=0))}
+    return replace(recording, markers=np.where(out[:, :, None], np.nan, x)), found

@@ -10,7 +10,6 @@ import numpy as np
 from gaitcal.gait.moments import listed, role_words, segment_words
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.page.plain_data import Block, Cell, beside, cell, curves, heading, named, number, table, text, words_column
-from gaitcal.page.summary import answers
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.trial_result import RmsErrors, leg_fit, segment_fits, trial_fit
 
@@ -41,8 +40,7 @@ MARKERS_SHOWN = 6
 
 
 def fit_blocks(calibration: Calibration) -> list[Block]:
-    """Of the whole result: the answers, the floors, and every trial in one table."""
-    cards: Block = {"kind": "cards", "cards": answers(calibration)}
+    """Of the whole result: the floors, and every trial in one table."""
     rows = []
     for trial in calibration.trials:
         largest = trial.calibrated.errors.largest()
@@ -55,13 +53,12 @@ def fit_blocks(calibration: Calibration) -> list[Block]:
             ]
         )
     if not rows:
-        return [cards, text("This study has no moving trial: nothing was fitted.")]
+        return [text("This study has no moving trial: nothing was fitted.")]
     head: list[Cell] = ["Trial", *FIT_HEAD, "Largest", words_column("at marker")]
     caption = (
         "RMS marker error in mm, over all markers; ratios of calibrated to either floor, and the largest single error."
     )
     return [
-        cards,
         heading("How well the model follows the markers"),
         text(FLOORS),
         table(head, rows, caption=caption),

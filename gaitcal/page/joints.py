@@ -223,22 +223,14 @@ def _near_truth(calibration: Calibration, truth: TruthErrors) -> list[Block]:
         out.append(heading("Joint centres and axes of the legs", 4))
         out += [text(FEATURES, "soft"), _sided("Centre or axis", features)]
     trials = {name: curve_rows(calibration, truth, name) for name in compared_trials(calibration, truth)}
-    for name, rows in trials.items():
-        if angles := _curve_errors(row.angle for row in rows):
-            words = (
-                f"RMS error over {_frames(rows)}, deg, and in how many of them the truth lies within ±1.96 standard "
-                "errors."
-            )
-            title = f"Joint angles of the legs, trial {named(name)}"
-            out.append(fold(title, [text(words, "soft"), _sided("Angle, deg", angles)]))
-    for name, rows in trials.items():
-        if moments := _curve_errors(row.moment for row in rows):
-            words = (
-                "RMS error over the valid frames, N·m, and in how many of them the truth lies within ±1.96 standard "
-                "errors."
-            )
-            title = f"Joint moments of the legs, trial {named(name)}"
-            out.append(fold(title, [text(words, "soft"), _sided("Moment, N·m", moments)]))
+    for kind, unit in (("angle", "deg"), ("moment", "N·m")):
+        for name, rows in trials.items():
+            if found := _curve_errors(getattr(row, kind) for row in rows):
+                frames = _frames(rows) if kind == "angle" else "the valid frames"
+                words = f"RMS error over {frames}, {unit}, and in how many of them the truth lies within ±1.96 "
+                words += "standard errors."
+                title = f"Joint {kind}s of the legs, trial {named(name)}"
+                out.append(fold(title, [text(words, "soft"), _sided(f"{kind.capitalize()}, {unit}", found)]))
     return [*out, text("Every parameter and curve: folder truth of the result; “truth” in summary.json.", "soft")]
 
 

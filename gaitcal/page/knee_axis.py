@@ -28,8 +28,6 @@ from gaitcal.page.scene import JointMark
 PALPATION_M = 0.008
 """m a coordinate: epicondyles found by different examiners (Della Croce et al., Gait Posture 21:226-237, 2005, give 6
 to 21 mm for landmarks of the leg, all directions together)."""
-_MISFIT_TOLD = 0.005
-"""m: below it, a bone's epicondyles lie where the markers say."""
 _STANDS = {
     KneeEvidence.BOTH: "The femur stands on the markers of both epicondyles and on the fitted hip centre.",
     KneeEvidence.DEVICE: (
@@ -54,8 +52,6 @@ class AxisInCondyle:
     """One axis at one condyle."""
 
     distance: float  # m from the condyle's centre to the axis
-    forward: float  # m by which the axis passes before the centre
-    above: float  # m by which it passes above
     radius: float  # m of the condyle's circle
     standard_error: float  # m of the distance, from the fit; NaN where none is known
     inside: bool
@@ -135,11 +131,8 @@ def _axis(
     def condyle(centre: Array, radius: float) -> AxisInCondyle:
         reach = float(direction @ (centre - start))
         passing = start + reach * direction
-        offset = passing - centre
         return AxisInCondyle(
-            distance=float(np.linalg.norm(offset)),
-            forward=float(offset[0]),
-            above=float(offset[1]),
+            distance=float(np.linalg.norm(passing - centre)),
             radius=float(radius),
             standard_error=error(centre_spread @ centre_spread.T + reach**2 * tilted),
             inside=is_inside(femur, passing),
@@ -152,40 +145,17 @@ def _axis(
 
 
 def knee_words(knee: KneeAxis) -> list[str]:
-    """One sentence for the fitted axis, or that there is none, and one for the nominal axis."""
-    nominal = (
-        f"Nominal axis: {_full(knee.nominal)} It lies there by construction, and proves nothing: the bone stands on "
-        "the epicondyles that define this axis."
-    )
-    if knee.fitted is None:
-        return ["Not fitted: the axis is the nominal one.", nominal]
-    # How far the bone's epicondyles miss their markers, and palpation's scatter in the two directions across the axis.
-    uncertainty = math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
-    sure = f"he bone's place is uncertain by about {1e3 * uncertainty:.0f} mm"
-    known = not math.isnan(knee.fitted.medial.standard_error)
-    sure = f"± is of the fit alone; t{sure}" if known else f"T{sure}"
-    return [f"Fitted axis: {_full(knee.fitted)} {sure}.", nominal]
-
-
-def knee_brief(knee: KneeAxis) -> list[str]:
-    """The same in few words, to stand beside the picture of the knee."""
-    lines = []
+    """Where fitted and nominal axis pass, beside the picture of the knee, and what that proves."""
+    lines = [] if knee.fitted else ["Not fitted: the axis is the nominal one"]
     for name, axis in (("Fitted (solid)", knee.fitted), ("Nominal (dashed)", knee.nominal)):
         if axis is not None:
             far = [f"{_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm" for end in axis.ends.values()]
             places = f"{far[0]} from the medial centre, {far[1]} from the lateral one"
             lines.append(f"{name}: {_where(axis)}, {places}, {_degrees(axis)} off their line")
-    if knee.evidence in (KneeEvidence.LATERAL, KneeEvidence.NOMINAL):
-        lines.append("No marker on the medial epicondyle: how far the bone is turned is assumed")
-    return lines
-
-
-def evidence_words(knee: KneeAxis) -> str:
-    """What the femur stands on, and by how much it misses its own epicondyles."""
-    words = _STANDS[knee.evidence]
-    if knee.misfit > _MISFIT_TOLD and knee.evidence is KneeEvidence.BOTH:
-        words += f" Its epicondyles lie {1e3 * knee.misfit:.0f} mm from where the markers have them."
-    return words
+    # How far the bone's epicondyles miss their markers, and palpation's scatter in the two directions across the axis.
+    uncertainty = 1e3 * math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
+    sure = f"Its place is uncertain by about {uncertainty:.0f} mm; the nominal axis lies in it by construction."
+    return [*lines, f"{_STANDS[knee.evidence]} {sure}"]
 
 
 def _where(axis: AxisInKnee) -> str:
@@ -196,22 +166,6 @@ def _where(axis: AxisInKnee) -> str:
     if places["medial"] == places["lateral"]:
         return _PASSES[places["medial"]][0]
     return " and ".join(_PASSES[place][1].format(name) for name, place in places.items())
-
-
-def _full(axis: AxisInKnee) -> str:
-    places = "; ".join(f"{name} {_end_words(end)}" for name, end in axis.ends.items())
-    turned = f"turned {_degrees(axis)} against the line of their centres"
-    return f"{_where(axis)}, {turned}. From the centre: {places}."
-
-
-def _end_words(end: AxisInCondyle) -> str:
-    parts = [
-        f"{abs(1e3 * off):.0f} mm {forth if off > 0 else back}"
-        for off, forth, back in ((end.forward, "in front", "behind"), (end.above, "above", "below"))
-        if abs(off) >= 0.0005
-    ]
-    far = f"{_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm"
-    return f"{far} ({', '.join(parts)})" if parts else far
 
 
 def _degrees(axis: AxisInKnee) -> str:

@@ -1,4 +1,4 @@
-"""The Monte Carlo study of a person in the preset Trust: ranked lists of expected errors, percentiles behind a fold.
+"""The Monte Carlo study of a person in the preset Trust: ranked lists of expected errors.
 
 The page is made before any draw: blocks of a study carry a
 mark, so that a study that goes on replaces its own. Only its command reads this module, and with it the libraries of a
@@ -15,7 +15,7 @@ import pandas as pd
 
 from gaitcal.gait.moments import SIDE_WORDS, capitalised, parameter_words
 from gaitcal.model.linkage import SIDES
-from gaitcal.page.plain_data import Block, Cell, beside, cell, fold, heading, named, number, table, text
+from gaitcal.page.plain_data import Block, beside, cell, fold, heading, named, number, table, text
 from gaitcal.page.summary import KNEE_ADDUCTION
 from gaitcal.published.draw import TORQUE_WORDS, TORQUES
 from gaitcal.published.protocol import ReactionFrame, Varied
@@ -25,39 +25,23 @@ from gaitcal.published.study import MonteCarloStudy
 PART: Final = "montecarlo"
 """Mark of the blocks of a study."""
 PRESET: Final = "trust"
+FIXED: Final = ReactionFrame.LAB
+"""Ground reactions stay where force plates measure them."""
 SHOWN_SIDE: Final = "l"
 """As published."""
 MOST_PARAMETERS: Final = 6
 """That the ranked list names."""
-SOURCE_WORDS: Final = {
-    Varied.JP: "joint positions and axes",
-    Varied.IP: "masses and inertia",
-    Varied.BOTH: "joints, masses and inertia together",
-    Varied.NOISE: "markers",
-}
+SOURCE_WORDS: Final = {Varied.JP: "joint positions and axes", Varied.IP: "masses and inertia", Varied.NOISE: "markers"}
 SOURCES: Final = (Varied.JP, Varied.IP, Varied.NOISE)
 """Those that are no sum of others."""
-PERCENTILES: Final = {"10 %": "p10", "25 %": "p25", "Median": "p50", "75 %": "p75", "90 %": "p90"}
-FRAMES: Final = {ReactionFrame.LAB: "", ReactionFrame.FOOT: ", ground reactions carried with the foot"}
-MEASURES: Final = (
-    (
-        "rms",
-        "Size of the moment errors",
-        "RMS error of each moment, and marker distance, by cause and level; as figure 3 of the published study.",
-    ),
-    (
-        "mean",
-        "Direction of the moment errors",
-        "Mean error with its sign, near zero where errors cancel over the trial; as figure 4 of the published study.",
-    ),
-)
-CARRIED: Final = (
-    "Ground reactions fixed in the laboratory, as above, stay where force plates measure them; carried with the "
-    "foot, they move where a disturbed model puts the foot. The published study does not say which it used."
-)
 OPEN: Final = (
     "More draws are needed: not every mean and spread stays within 2 % over the last tenth of the draws "
     "(gaitcal montecarlo --until-converged)."
+)
+BESIDE: Final = (
+    "Percentiles of all draws, means with their sign, the shares of every parameter, and all of it with the ground "
+    "reactions carried along with the foot, as a disturbed model puts it (the published study does not say which it "
+    "used): tables and figures of montecarlo/ in the folder of the result."
 )
 Levels = dict[tuple[Varied, str, str, str], list[dict[str, Any]]]
 """What was varied; torque or markers; ground-reaction frame (empty for markers); measure -> rows, ordered by level."""
@@ -91,8 +75,9 @@ def _levels(statistics: pd.DataFrame) -> Levels:
 
 def expected_errors(
     statistics: pd.DataFrame, marker_rms: float | None, side: str
-) -> dict[tuple[str, ReactionFrame], tuple[ExpectedError, ...]]:
-    """Torque (`knee_adduction_l`) of one leg and frame -> its sources, largest first, without undisturbed ones.
+) -> dict[str, tuple[ExpectedError, ...]]:
+    """Torque (`knee_adduction_l`) of one leg, ground reactions as measured -> its sources, largest first, without
+    undisturbed ones.
 
     `marker_rms`: mm, where known joints and markers are as far off as would make it; else as far as was studied.
     """
@@ -105,14 +90,13 @@ def expected_errors(
     }
     out = {}
     for torque in (f"{name}_{side}" for name in TORQUES):
-        for frame in ReactionFrame:
-            found = []
-            for varied in SOURCES:
-                if varied in causes:
-                    found.append(of_cause[varied, torque, frame.value])
-                elif rows := levels.get((varied, torque, frame.value, "rms")):
-                    found.append(_expected(varied, rows[-1]["level"], rows[-1]))
-            out[torque, frame] = tuple(sorted(found, key=lambda e: -e.average))
+        found = []
+        for varied in SOURCES:
+            if varied in causes:
+                found.append(of_cause[varied, torque, FIXED.value])
+            elif rows := levels.get((varied, torque, FIXED.value, "rms")):
+                found.append(_expected(varied, rows[-1]["level"], rows[-1]))
+        out[torque] = tuple(sorted(found, key=lambda e: -e.average))
     return out
 
 
@@ -146,7 +130,7 @@ def monte_carlo_blocks(
         *_explained(study),
         *_ranked(study, marker_rms),
         *([] if contributions is None else _contributions(contributions, SHOWN_SIDE)),
-        _distributions(study, SHOWN_SIDE),
+        text(BESIDE, "soft"),
     ]
 
 
@@ -179,26 +163,21 @@ def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
             "noise stand here at the level at which each by itself would have made that error, masses and inertia, "
             "which no marker error tells of, at the highest level of the study."
         )
-    errors: dict[tuple[str, ReactionFrame], tuple[ExpectedError, ...]] = {}
+    errors: dict[str, tuple[ExpectedError, ...]] = {}
     for side in SIDES:
         errors |= expected_errors(study.statistics, marker_rms, side)
-    lists: dict[ReactionFrame, dict[str, list[Block]]] = {}
-    for frame in ReactionFrame:
-        lists[frame] = {}
-        for name in TORQUES:
-            of_sides = {side: errors[f"{name}_{side}", frame] for side in SIDES}
-            if tables := [[_source_table(study, side, found)] for side, found in of_sides.items() if found]:
-                lists[frame][name] = beside(tables)
-    fixed = lists[ReactionFrame.LAB]
-    if not fixed:
+    lists: dict[str, list[Block]] = {}
+    for name in TORQUES:
+        of_sides = {side: errors[f"{name}_{side}"] for side in SIDES}
+        if tables := [[_source_table(study, side, found)] for side, found in of_sides.items() if found]:
+            lists[name] = beside(tables)
+    if not lists:
         return []
     out = [text(meaning)]
-    if first := fixed.pop(KNEE_ADDUCTION, None):
+    if first := lists.pop(KNEE_ADDUCTION, None):
         title = f"Expected error of your {TORQUE_WORDS[KNEE_ADDUCTION]} moment, RMS over the trial"
         out += [heading(title, 4), *first]
-    out.append(fold("Expected error of the other moments", _titled(fixed)))
-    title = "The same with the ground reactions carried along with the foot"
-    return [*out, fold(title, [text(CARRIED, "soft"), *_titled(lists[ReactionFrame.FOOT])])]
+    return [*out, fold("Expected error of the other moments", _titled(lists))]
 
 
 def _titled(lists: Mapping[str, list[Block]]) -> list[Block]:
@@ -230,57 +209,11 @@ def _source_table(study: MonteCarloStudy, side: str, errors: tuple[ExpectedError
 
 
 def _contributions(contributions: pd.DataFrame, side: str) -> list[Block]:
-    """Share of each parameter in the variance of each moment's error, the most important first."""
-    shares = {frame: _shares(contributions, frame, side) for frame in ReactionFrame}
-    first = shares[ReactionFrame.LAB][f"{KNEE_ADDUCTION}_{side}"].sort_values(ascending=False, kind="stable")
-    rows = [[cell(words), number(value, 0)] for words, value in first.head(MOST_PARAMETERS).items()]
-    head = [cell(f"% of the variance, {SIDE_WORDS[side]}", side=side), *(TORQUE_WORDS[name] for name in TORQUES)]
-    every = []
-    for frame, words in ((ReactionFrame.LAB, "fixed in the laboratory"), (ReactionFrame.FOOT, "carried with the foot")):
-        caption = (
-            "Share of each parameter in the variance of each moment's error at 100 % of the bounds, linearised; ground "
-            f"reactions {words}."
-        )
-        cells = [
-            [cell(name), *(number(row[f"{torque}_{side}"], 0) for torque in TORQUES)]
-            for name, row in shares[frame].iterrows()
-        ]
-        every.append(table(head, cells, caption=caption))
+    """The share of the most important parameters in the variance of the knee adduction moment's error."""
+    of_leg, groups = variance_shares(contributions, FIXED, side)
+    shares = pd.concat([of_leg.rename(index=parameter_words), groups])[f"{KNEE_ADDUCTION}_{side}"]
+    first = shares.sort_values(ascending=False, kind="stable").head(MOST_PARAMETERS)
     return [
         heading(f"Which parameter matters for the {SIDE_WORDS[side]} {TORQUE_WORDS[KNEE_ADDUCTION]} moment", 4),
-        table(["Parameter", "% of the variance"], rows),
-        fold("Which parameter matters for every moment", every),
+        table(["Parameter", "% of the variance"], [[cell(words), number(value, 0)] for words, value in first.items()]),
     ]
-
-
-def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
-    """`variance_shares` as one table, parameters in words."""
-    of_leg, groups = variance_shares(contributions, frame, side)
-    return pd.concat([of_leg.rename(index=parameter_words), groups])
-
-
-def _distributions(study: MonteCarloStudy, side: str) -> Block:
-    """All distributions of one leg behind folds: size and direction, ground reactions fixed or with the foot."""
-    leg, levels, out = f"{SIDE_WORDS[side]} leg", _levels(study.statistics), []
-    quantities = [(f"{name}_{side}", "%BW·H", capitalised(TORQUE_WORDS[name])) for name in TORQUES]
-    for frame, words in FRAMES.items():
-        for measure, title, meaning in MEASURES:
-            shown = [text(meaning, "soft")]
-            for quantity, unit, name in quantities:
-                shown += _percentiles(levels, quantity, frame.value, measure, unit, name)
-            shown += _percentiles(levels, f"markers_{side}", "", measure, "mm", "Marker distance")
-            out.append(fold(f"{title}, {leg}{words}", shown))
-    return fold("Percentiles of all draws", out)
-
-
-def _percentiles(levels: Levels, quantity: str, frame: str, measure: str, unit: str, title: str) -> list[Block]:
-    """Of one quantity: a row for each cause and level; nothing where there are no draws."""
-    rows: list[list[Cell]] = [
-        [
-            f"{capitalised(SOURCE_WORDS[varied])}, {row['level']:g} %",
-            *(number(row[of], 2) for of in PERCENTILES.values()),
-        ]
-        for varied in Varied
-        for row in levels.get((varied, quantity, frame, measure), ())
-    ]
-    return [table([f"{title}, {unit}", *PERCENTILES], rows)] if rows else []

@@ -31,7 +31,7 @@ from gaitcal.gait.moments import explained
 from gaitcal.gait.norms import FREE_WORDS, Norm
 from gaitcal.gait.peaks import Figure, PeakMean, peak_means
 from gaitcal.gait.profile_score import Score, score_title
-from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES
+from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, OF_BOTH_LEGS
 from gaitcal.io.toml import package_version
 from gaitcal.model.anthropometry import looks_like_child
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, SEGMENT_ANGLES
@@ -58,7 +58,7 @@ from gaitcal.page.trust import trust_blocks
 from gaitcal.session.result import Calibration, TrialResult
 
 PAGE_DATA: Final = "page.json"
-FORMAT: Final = 2
+FORMAT: Final = 3
 MOST_LETTERS: Final = 7_000_000
 """Packed curves of all trials of a page together, of the 25 MB that it may have."""
 SHOWN_MEASURES: Final = {
@@ -189,6 +189,7 @@ def person_page_data(
                 "digits": digits,
                 "unit": MEASURES[name],
                 "least": LEAST_SD[MEASURES[name]],
+                "compared": name not in OF_BOTH_LEGS,
                 "norm": list(norm.steps.get(name, ())),
             }
             for name, (title, digits) in SHOWN_MEASURES.items()

@@ -43,11 +43,6 @@ PHASES: Final = {
     "all joints": "all joints, over all trials at once",
     "inertial": "masses, mass centres and moments of inertia",
 }
-NOISE: Final = (
-    "Noise: the marker error that would say as little of the joint parameters, if every frame of every marker were "
-    "independent of all others. Skin movement repeats itself, so it is larger than the residuals; what was known "
-    "before a phase, of people and by earlier trials, is weighed against it. How long each phase took: summary.json."
-)
 FILES: Final = (
     "Beside this page: parameters.csv (every parameter with its error), summary.json, manifest.json (settings, "
     "versions, SHA-256 of every file), cycles.csv and ensemble.csv (curves of each stride, and their means), "
@@ -135,8 +130,7 @@ def note_blocks(notes: Sequence[str]) -> list[Block]:
 def _phases(phases: Sequence[Phase]) -> list[Block]:
     if not phases:
         return [heading("Phases of the calibration"), text("No phase was run.")]
-    head: list[Cell] = ["Phase", words_column("Trials"), "Parameters", "Iterations", "Noise"]
-    head += [words_column("Status"), words_column("Why it ended")]
+    head: list[Cell] = ["Phase", words_column("Trials"), "Parameters", words_column("Status")]
     rows: list[list[Cell]] = []
     for phase in phases:
         words = PHASES.get(phase.name, phase.name)
@@ -147,13 +141,10 @@ def _phases(phases: Sequence[Phase]) -> list[Block]:
                 cell(words),
                 cell(", ".join(named(trial) for trial in phase.trials)),
                 str(phase.parameters),
-                str(phase.iterations),
-                "" if phase.marker_noise is None else f"{number(1e3 * phase.marker_noise)} mm",
                 cell(phase.status, tone="good" if phase.converged else "look"),
-                cell(phase.message),
             ]
         )
-    return [heading("Phases of the calibration"), table(head, rows), text(NOISE, "soft")]
+    return [heading("Phases of the calibration"), table(head, rows)]
 
 
 def _hashes(inputs: object) -> list[Block]:

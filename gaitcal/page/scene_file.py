@@ -32,7 +32,7 @@ from gaitcal.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
 from gaitcal.page.bone_files import EXTRA
 from gaitcal.page.bone_landmarks import KneeEvidence, PersonLandmarks
 from gaitcal.page.bone_placement import Landmarked, fitted_bones
-from gaitcal.page.knee_axis import evidence_words, knee_axes, knee_brief, knee_words
+from gaitcal.page.knee_axis import knee_axes, knee_words
 from gaitcal.page.plain_data import LARGEST, base64_of, floats, lengths, script_json
 from gaitcal.page.scene import JointMark, MotionScene, Scene
 
@@ -327,9 +327,7 @@ def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:
             {
                 "joint": f"knee_{knee.side}",
                 "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
-                "brief": knee_brief(knee),
-                "axes": knee_words(knee),
-                "stands": evidence_words(knee),
+                "words": knee_words(knee),
                 "segment": scene.segments.index(f"thigh_{knee.side}"),
                 "centres": [_numbers(centre) for centre in knee.centres],
                 "radii": _numbers(knee.radii),

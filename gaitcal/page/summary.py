@@ -1,4 +1,4 @@
-"""What a reader asks first of walks and of the whole result: three lines on top, four answers, preset Clinician."""
+"""What a reader asks first of walks and of the whole result: three lines on top, preset Clinician."""
 
 from __future__ import annotations
 
@@ -7,32 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaitcal.codes import Code
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.cycles import source_words
-from gaitcal.gait.moments import (
-    SIDE_WORDS,
-    MomentNumbers,
-    coordinate_title,
-    counted,
-    explained,
-    listed,
-    moment_numbers,
-    moment_of,
-)
+from gaitcal.gait.moments import SIDE_WORDS, MomentNumbers, counted, explained, listed, moment_numbers
 from gaitcal.gait.norms import Norm
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean
 from gaitcal.gait.profile_score import BOTH, Score, score_title
-from gaitcal.gait.strides import TURNING, Layout, layout, strides_of
+from gaitcal.gait.strides import Layout, layout, strides_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.plain_data import Block, cell, fold, heading, named, number, table, text, visible, words_column
 from gaitcal.page.stride_use import stride_uses, usable_words
-from gaitcal.session.parameter_words import counts, counts_sentence
 from gaitcal.session.result import Calibration, TrialResult
-from gaitcal.session.trial_result import RmsErrors, leg_fit, trial_fit
-from gaitcal.session.warnings import is_trunk_unmeasured, unmeasured_words
+from gaitcal.session.trial_result import RmsErrors, leg_fit
 
 KNEE_ADDUCTION = "knee_adduction"
 """The moment that is told in full; external adduction is the opposite of the internal moment."""
@@ -51,15 +39,7 @@ HOW_TO_READ = (
     "not change the files.",
     "Bands about curves are ±1 standard error. A mean over strides has a band of one standard deviation, "
     "which holds measurement errors as well.",
-    f"Steps and phases are mean ± SD over all strides of all walks, each counting the same, also those of "
-    "which a recording shows a part; n strides. Strides that turn by more than "
-    f"{number(TURNING, 0)} deg are left out, and legs that are refused, with steps and supports beside them. "
-    "Lengths are between heels at strikes along the line of the stride, the width across it; the step is the "
-    "one that ends with the named foot. Asymmetry: 100 (right − left) / mean of both ± its standard error; "
-    "the width is one of both feet.",
 )
-MOST_SPANS = 6
-"""Strides whose times are told one by one."""
 Line = dict[str, str]
 """`tone`: `good`, `look`, `poor` or `plain`; `text`."""
 
@@ -201,102 +181,6 @@ def _peak(peak: PeakMean, mass: float) -> str:
     return f"{SIDE_WORDS[peak.side]} {number(-peak.mean / mass, 2)}{error} ({of})"
 
 
-def answers(calibration: Calibration) -> list[dict[str, str]]:
-    """Cards: does it fit, did it matter, do motion and forces agree, what was fitted; as far as the result can tell.
-
-    `value` is the one number, with its unit; `tone` as of a line, also written out in `verdict`.
-    """
-    walks = walks_of(calibration.model, calibration.trials)
-    possible = (
-        _fit_answer(calibration),
-        _change_answer(calibration, walks),
-        _residual_answer(calibration, walks),
-        _parameters_answer(calibration),
-    )
-    return [answer for answer in possible if answer is not None]
-
-
-def _card(question: str, value: str, text: str, tone: str, verdict: str = "", trial: str = "") -> dict[str, str]:
-    about = f"Trial {named(trial)}. {text}" if trial else text
-    return {"question": question, "value": value, "verdict": verdict, "tone": tone, "text": about}
-
-
-def _fit_answer(calibration: Calibration) -> dict[str, str] | None:
-    if (worst := _worst_fit(calibration.trials)) is None:
-        return None
-    fit, trial = worst
-    calibrated, ratio = fit.calibrated or 0.0, _ratio(fit)
-    whole, where = trial_fit(trial), "of pelvis and legs" if trial.joint is None else "of this joint's segments"
-    words = f"RMS distance between measured and model markers {where}."
-    words += "" if fit.nominal is None else f" Before calibration it was {fit.nominal:.1f} mm."
-    if fit.floor is not None and ratio is not None:
-        words += f" No model of rigid segments can come below {fit.floor:.1f} mm"
-        words += f", each joint by itself reaches {fit.joint_floor:.1f} mm" if fit.joint_floor is not None else ""
-        words += f"; this is {ratio:.2f} times that. "
-    tone, verdict, meaning = "plain", "", ""
-    if any(r.code is Code.TRIALS_DISAGREE and trial.name in r.trials for r in calibration.verdict.reasons):
-        tone, verdict, meaning = "look", "worse than before", "The trials disagree about the joints: see the verdict."
-    elif ratio is not None and ratio <= GOOD_RATIO:
-        tone, verdict = "good", "good"
-        meaning = "Together the joints explain nearly all that each could explain alone."
-    elif ratio is not None:
-        meaning = "The rest is skin that moves, other joint positions, or markers: look at the segments below."
-    words += meaning
-    if whole.calibrated is not None and whole.calibrated > calibrated + 0.05:
-        words += f" With trunk and arms, whose joints are not calibrated: {whole.calibrated:.1f} mm."
-    return _card("Does the model follow the markers?", f"{calibrated:.1f} mm", words, tone, verdict, trial.name)
-
-
-def _change_answer(calibration: Calibration, walks: Sequence[GaitNumbers]) -> dict[str, str] | None:
-    found = [(walk, n) for walk in walks for n in walk.numbers]
-    if not found:
-        return None
-    walk, most = max(found, key=lambda pair: pair[1].change_bwh)
-    words = (
-        f"Largest RMS change of a joint moment: {coordinate_title(most.name).lower()}, {most.change:.3f} N·m/kg or "
-        f"{most.change_of_peak:.0f} % of its peak."
-    )
-    loads = walk.trial.loads
-    if loads is not None and loads.errors is not None:
-        error = moment_of(loads.errors, most.name)[loads.reactions.valid_for(most.name)]
-        typical = 100.0 * float(np.median(error[np.isfinite(error)])) / calibration.model.subject.bwh
-        words += f" The standard error of this moment is {typical:.2f} % of body weight × height (median)."
-    question = "Did calibration change the joint moments?"
-    return _card(question, f"{most.change_bwh:.2f} %BW·H", words, "plain", trial=walk.trial.name)
-
-
-def _residual_answer(calibration: Calibration, walks: Sequence[GaitNumbers]) -> dict[str, str] | None:
-    if (walk := _largest_residual(walks)) is None:
-        return None
-    first, last, held, body = walk.stages[0], walk.stages[-1], walk.expected, walk.trial.body
-    tone, verdict, meaning = "plain", "", "No standard errors are known to hold it against."
-    if held is not None:
-        tone, verdict = ("good", "within its errors") if held.within else ("look", "beyond its errors")
-        meaning = (
-            f"Its errors let expect {held.force.expected:.1f} N and {held.moment.expected:.1f} N·m, and more than "
-            f"{held.force.limit:.1f} N or {held.moment.limit:.1f} N·m in 1 walk of 1000."
-        )
-    if is_trunk_unmeasured(body):
-        meaning += (
-            f" Markers do not determine {unmeasured_words(body, calibration.nominal.nominal)}: how it moves is the "
-            "first cause, no inertial parameter was fitted against it, and the moments of the legs do not depend on it."
-        )
-    words = (
-        f"RMS force and moment at the pelvis that nothing explains, before calibration {first.rms_force:.1f} N "
-        f"and {first.rms_moment:.1f} N·m. {meaning}"
-    )
-    value = f"{last.rms_force:.1f} N and {last.rms_moment:.1f} N·m"
-    return _card("Do motion and ground forces agree?", value, words, tone, verdict, walk.trial.name)
-
-
-def _parameters_answer(calibration: Calibration) -> dict[str, str]:
-    blind, words = len(calibration.unidentifiable), counts_sentence(calibration)
-    if blind:
-        words += f" {counted(blind, 'joint parameter')} could not be determined; see the preset Joints."
-    value, tone = counted(sum(counts(calibration)), "parameter"), "look" if blind else "plain"
-    return _card("What was calibrated?", value, words, tone, f"{blind} not determined" if blind else "")
-
-
 def clinician_blocks(calibration: Calibration, norm: Norm, scores: Sequence[Score] = ()) -> list[Block]:
     """Of the whole result: how to read curves and steps, and from whom the bands are."""
     if all(trial.joint is not None for trial in calibration.trials):
@@ -329,9 +213,12 @@ def _profile(scores: Sequence[Score]) -> Block:
 
 
 def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
-    """Of one walk: its strides, and where its moments count."""
-    out = [heading(f"Trial {named(walk.trial.name)}"), text(_strides(walk))]
-    loads = walk.trial.loads
+    """Of one walk: what tells its foot events, and why moments do not count."""
+    events, loads = walk.trial.events.events, walk.trial.loads
+    out = [heading(f"Trial {named(walk.trial.name)}")]
+    out.append(text(f"Foot events: {source_words([e.source for e in events])}." if events else "No foot events."))
+    if without := [SIDE_WORDS[side] for side in SIDES if not strides_of(walk.trial.events)[side]]:
+        out.append(text(f"No complete stride of the {listed(without)} foot."))
     if walk.trial.refused_legs:
         legs = listed([SIDE_WORDS[side] for side in walk.trial.refused_legs])
         out.append(text(f"Refused: {legs}; no moment and no error bar of it counts. See the verdict.", "bad"))
@@ -339,35 +226,6 @@ def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
         return [*out, text(NO_FORCES, "soft")]
     if not loads.reactions.has_torques:
         return [*out, text(NO_FOOT, "warning")]
-    out.append(text(_validity(walk)))
     if loads.errors is None:
         out.append(text(NO_ERRORS, "soft"))
     return out
-
-
-def _strides(walk: GaitNumbers) -> str:
-    """Which strides there are, and what tells when feet met the ground."""
-    events, start = walk.trial.events, float(walk.layout.time[0])
-    of_sides = []
-    for side in SIDES:
-        cycles = strides_of(events)[side]
-        if not cycles:
-            of_sides.append(f"no complete stride of the {SIDE_WORDS[side]} foot")
-            continue
-        spans = [f"{c.start - start:.2f} to {c.stop - start:.2f} s" for c in cycles[:MOST_SPANS]]
-        more = f" and {len(cycles) - MOST_SPANS} more" if len(cycles) > MOST_SPANS else ""
-        of_sides.append(f"{counted(len(cycles), f'{SIDE_WORDS[side]} stride')} ({', '.join(spans)}{more})")
-    words = f"This recording holds {of_sides[0]}, and {of_sides[1]}."
-    sources = source_words([event.source for event in events.events])
-    return f"{words} Foot events: {sources}." if events.events else words
-
-
-def _validity(walk: GaitNumbers) -> str:
-    right, left, whole = (number(int(walk.layout.valid_for(side).sum()), 0) for side in ("r", "l", ""))
-    words = (
-        f"Of {number(len(walk.layout.time), 0)} frames, moments are valid in {right} of the right leg, {left} "
-        f"of the left leg and {whole} of pelvis, trunk and arms: those of a leg where its own foot is wholly on "
-        "plates or in the air, the others where both feet are, away from the ends of the trial."
-    )
-    uses = stride_uses(walk.trial)
-    return f"{words} {usable_words(uses)}" if uses else words

@@ -20,7 +20,8 @@ from gaitcal.faults.verdict import WalkVerdict
 from gaitcal.gait.cycles import GaitCycle, Kind, normalise, source_words, usable
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of, role_words
 from gaitcal.gait.peaks import stride_peaks
-from gaitcal.gait.strides import along_line, pelvis_angles, strides_of, turns
+from gaitcal.gait.spatiotemporal import counting
+from gaitcal.gait.strides import along_line, pelvis_angles, strides_of
 from gaitcal.model.coordinates import COORDINATE_TABLE, FOOT_PROGRESSION, GROUPS, SEGMENT_ANGLES, split_side
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
@@ -265,7 +266,6 @@ def trial_page_data(
         "file": PureWindowsPath(trial.recording.source).name,
         "role": role_words(trial.role, trial.joint),
         "joint": trial.joint,
-        "refused": list(trial.refused_legs),
         "verdict": None
         if verdict is None
         else {"judgement": verdict.judgement.value, **{side: of.value for side, of in verdict.legs.items()}},
@@ -280,14 +280,9 @@ def trial_page_data(
             for e in trial.events.events
         ],
         "strides": _strides(trial, pelvis_parts(trial, truth), curves),
-        "measures": [  # rows of `spatiotemporal.csv`, also of a stride of which the recording shows a part
-            {
-                "side": stride.side,
-                "number": stride.number,
-                "turns": turns(stride.turn),
-                "values": {name: float(value) for name, value in stride.measures.items()},
-            }
-            for stride in trial.strides
+        "measures": [  # what counts, also of a stride of which the recording shows a part
+            {"side": stride.side, "number": stride.number, "values": {n: float(v) for n, v in stride.measures.items()}}
+            for stride in counting(trial.strides, trial.refused_legs)
         ],
         "line": line_of(trial),
         "relative": relative_to is not None,

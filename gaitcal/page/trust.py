@@ -15,7 +15,7 @@ from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.dynamics.expected_residual import HeldResidual
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.gait.moments import MomentNumbers, capitalised, coordinate_title, joint_words, moment_of
+from gaitcal.gait.moments import capitalised, coordinate_title, joint_words, moment_of
 from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words, split_side
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
@@ -30,8 +30,6 @@ from gaitcal.page.plain_data import (
     heading,
     named,
     number,
-    picture,
-    rounded,
     table,
     text,
 )
@@ -56,7 +54,8 @@ RESIDUALS = (
     "bandwidth of the motion, and from what walks without a fault leave: 1 of 1000 such walks is beyond it, and a walk "
     "that is, is doubtful. Hicks et al. (2015) ask of simulations, whose motion is changed until it agrees, for peaks "
     "below 5 % of the peak net external force, and 1 % of the height of the mass centre times that force; few walks as "
-    "measured have that, and nothing is judged by it."
+    "measured have that, and nothing is judged by it. RMS are over valid frames and the three components, peaks of the "
+    "magnitude."
 )
 CHANGES = (
     "RMS difference over the valid frames between the moments of the nominal and of the calibrated model. "
@@ -165,9 +164,6 @@ def peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
 
 def _error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
     """Empty where it is not known what makes them."""
-    all_frames = _all_frames(walk, mass)
-    if all_frames is None:
-        return []
     names = [f"{base}_{side}" for base in LEG_COORDINATES for side in SIDES]
     peaks: dict[str, list[PeakError]] = {}
     for name in names:
@@ -181,7 +177,7 @@ def _error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
     for base, found in peaks.items():
         if base != KNEE_ADDUCTION:
             others += [heading(coordinate_title(base), 4), *beside([[_peak_table(peak)] for peak in found])]
-    return [*out, fold("Expected error of every other peak, source by source", others), all_frames]
+    return [*out, fold("Expected error of every other peak, source by source", others)] if peaks else []
 
 
 def _peak_table(peak: PeakError) -> Block:
@@ -197,37 +193,9 @@ def _peak_table(peak: PeakError) -> Block:
     return table(head, rows, caption=f"{peak.words}, at {number(peak.time, 2)} s", total=[len(rows) - 1])
 
 
-def _all_frames(walk: GaitNumbers, mass: float) -> Block | None:
-    """The parts of each error bar over all valid frames; None where they are not known."""
-    loads = walk.trial.loads
-    if loads is None or loads.errors is None:
-        return None
-    found: dict[str, tuple[float, Mapping[ErrorSource, float]]] = {}
-    for name in (f"{base}_{side}" for side in SIDES for base in LEG_COORDINATES):
-        column, valid = FORCES.index(name), loads.reactions.valid_for(name)
-        if shares := loads.errors.shares(column, valid):
-            found[name] = float(np.sqrt((loads.errors.every[valid, column] ** 2).mean())) / mass, shares
-    if not found:
-        return None
-    sources = [s for s in ErrorSource if any(s in shares for _, shares in found.values())]
-    rows = [
-        [
-            cell(coordinate_title(name), unit=f"± {number(error, 3)} N·m/kg"),
-            *(number(100.0 * shares.get(source, 0.0), 1) for source in sources),
-        ]
-        for name, (error, shares) in found.items()
-    ]
-    head: list[Cell] = ["% of the variance", *(cell(source.words) for source in sources)]
-    caption = (
-        "Parts of the variance over all valid frames; those of a moment sum to 100 %. Beside each moment stands its "
-        "RMS standard error."
-    )
-    return table(head, rows, caption=caption, fold="All parts as numbers, over all valid frames")
-
-
 def _residuals(walk: GaitNumbers) -> list[Block]:
-    limits, held = walk.limits, walk.expected
-    if limits is None:
+    held = walk.expected
+    if (limits := walk.limits) is None:
         return []
     rows: list[list[Cell]] = [
         [
@@ -245,16 +213,11 @@ def _residuals(walk: GaitNumbers) -> list[Block]:
         below.append(["limit", number(held.force.limit), "", number(held.moment.limit), ""])
     below.append(["asked of simulations", "", number(limits.force, 0), "", number(limits.moment)])
     head: list[Cell] = ["Model", "Force, N: RMS", "peak", "Moment, N·m: RMS", "peak"]
-    rests = (
-        "RMS over valid frames and the three components, peaks of the magnitude. What is asked of simulations rests on "
-        f"a peak force of {number(limits.peak_force, 0)} N and a mass centre {number(limits.centre_height, 2)} m high."
-    )
     return [
         heading(f"Do motion and ground forces agree? Trial {named(walk.trial.name)}"),
         text(RESIDUALS),
         curves(["residual_force", "residual_moment"]),
         table(head, [*rows, *below], total=range(len(rows), len(rows) + len(below))),
-        text(rests, "soft"),
     ]
 
 
@@ -275,12 +238,5 @@ def _changes(walk: GaitNumbers) -> list[Block]:
     return [
         heading(f"What calibration changed, trial {named(walk.trial.name)}"),
         text(CHANGES, "soft"),
-        picture("intervals", "%BW·H", [_change(n) for n in walk.numbers]),
-        table(["RMS change", "%BW·H", "N·m/kg", "% of peak"], rows, fold="All changes as numbers"),
+        table(["RMS change", "%BW·H", "N·m/kg", "% of peak"], rows),
     ]
-
-
-def _change(n: MomentNumbers) -> dict[str, object]:
-    base, side = split_side(n.name)
-    label, change = coordinate_title(base), rounded(n.change_bwh)
-    return {"label": label, "side": side, "nominal": 0.0, "fitted": change, "se": None, "truth": None}

@@ -77,15 +77,9 @@ class _Result:
     """Trial -> table of moment vectors."""
 
 
-def strides_in_convention(folder: Path, convention: Convention, model: SubjectModel) -> pd.DataFrame:
-    """The strides of the result in `folder` in another convention, as `write_cycles_export` writes them.
-
-    Raises
-    ------
-    InputError
-        The result is damaged, or has no strides.
-    """
-    return in_convention(_read_whole(folder, convention.frame, model)[0], convention)
+def strides_in_convention(strides: pd.DataFrame, convention: Convention, model: SubjectModel) -> pd.DataFrame:
+    """Strides, as `read_cycles` gives them, in another convention about the axes of coordinates."""
+    return in_convention(_Result(model, strides, (), {}, {}), convention)
 
 
 def write_cycles_export(

@@ -17,9 +17,9 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, ReportContent
-from gaitcal.figures.report_sheets import CurvePanel, Sheet
+from gaitcal.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs
-from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, kind_of, known_variables, typed
+from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, kind_of, known_variables
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.normal_bands import BAND_SIGNS, Bands, NormalBand
@@ -53,8 +53,6 @@ KINETICS: Final = (
     *("knee_angle_moment", "knee_adduction_moment", "ankle_angle_moment", "hip_power", "knee_power", "ankle_power"),
     *("subtalar_angle_moment", "lumbar_extension_moment", GROUND_REACTION),
 )
-LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
-"""Smallest range of a vertical axis (deg, N·m/kg, W/kg, N/kg), so that nothing small looks dramatic."""
 MOST_REASONS = 6
 RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
 
@@ -74,12 +72,13 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     """
     model, _, _ = load_result_model(folder)
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
-    strides = typed(strides_in_convention(folder, CLINICAL, model))
+    of = read_cycles(folder)
+    strides = strides_in_convention(of, CLINICAL, model)
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
     page = read_page_data(folder / PAGE_DATA)
     norm = _norm(page, named, model.subject, summary, manifest)
     relative = table_of(manifest, "settings").get("angles") == "relative"
-    of, uses = read_cycles(folder), _uses(summary, page)
+    uses = _uses(summary, page)
     return ReportContent(
         person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
@@ -172,13 +171,13 @@ def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
 
 def _fit(summary: Mapping[str, object]) -> Iterator[str]:
     for name, trial in table_of(summary, "trials").items():
-        if trial.get("role") != "gait":
-            continue
-        rms = table_of(trial, "pelvis_and_legs_mm")
+        legs = table_of(trial, "pelvis_and_legs_mm")
+        rms = legs or table_of(trial, "rms_mm")
         best = rms.get("joint_floor") or rms.get("rigid_floor")
         told = []
         if rms.get("calibrated"):
-            told.append(f"marker fit of pelvis and legs {rms['calibrated']:.1f} mm")
+            of = "pelvis and legs" if legs else "the joint's segments"
+            told.append(f"marker fit of {of} {rms['calibrated']:.1f} mm")
             told[-1] += f" (best possible {best:.1f})" if best else ""
         residual = next(reversed(table_of(trial, "pelvis_residual").values()), None)
         limit = table_of(trial, "pelvis_residual_limit")
@@ -300,7 +299,7 @@ def _panels(
             norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
             title=CLINICAL.title(variable),
-            unit={Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}[kind],
+            unit=UNITS[kind],
             senses=CLINICAL.senses(variable, "r"),
             strides=curves,
             mean=mean,

@@ -17,7 +17,9 @@ from gaitcal.compare.difference import DIFFERENCES_HEADER, MDC
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Session
 from gaitcal.errors import InputError
-from gaitcal.figures.comparison import comparison_page
+from gaitcal.figures.comparison import comparison_page, figure_rows, paper_panels
+from gaitcal.figures.document import ComparisonContent
+from gaitcal.figures.report_sheets import Sheet
 from gaitcal.gait.cycles import typed
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.gait.profile_score import GPS
@@ -28,7 +30,7 @@ from gaitcal.io.toml import package_version
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.model_file import load_model
-from gaitcal.page.page_data import person_facts
+from gaitcal.page.page_data import SHOWN_MEASURES, person_facts
 from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.cycles_export import made_with_another_model, trial_files
@@ -48,6 +50,8 @@ SHARED_HEADER = (
     "standard error",
 )
 
+PRINTED = 30
+"""Figures beside steps that a report on paper lists; `differences.csv` has all."""
 SHEETS = {"Kinematics": KINEMATICS, "Kinetics": KINETICS}
 
 
@@ -90,6 +94,45 @@ def comparison_html(comparison: SessionComparison, results: Sequence[Path]) -> s
     norms, scores = _scores(results)
     people = [person_facts(person) for person in comparison.subjects]
     return comparison_page(comparison, CLINICAL, SHEETS, people, scores, norms)
+
+
+def comparison_content(
+    comparison: SessionComparison, results: Sequence[Path], comments: Mapping[str, str]
+) -> ComparisonContent:
+    """The report on paper of two `results`; `comments` as of `report_content`."""
+    norms, scores = _scores(results)
+    names, people = comparison.names, [dict(person_facts(person)) for person in comparison.subjects]
+    labels = dict.fromkeys(label for known in people for label in known)
+    head = ("figure", "unit", *names, "difference", "missed below", "times")
+    steps = [d for d in comparison.found if d.kind == "spatiotemporal" and d.name in SHOWN_MEASURES]
+    others = [d for d in comparison.found if d.kind != "spatiotemporal"]
+    against = (f"{name}, against {norm}" for name, norm in zip(names, norms, strict=True))
+    note = (
+        f"Means over the stride of each foot: {names[0]} thin, {names[1]} thick in the band within which a difference "
+        "could have been missed (95 %). Moments and powers by each session's own body mass."
+    )
+    return ComparisonContent(
+        title=f"{comparison.subjects[1].name}: {names[1]} against {names[0]}",
+        people=(("", *names), *((label, *(known.get(label, "–") for known in people)) for label in labels)),
+        words=comparison.lines,
+        scores=(("deg, ± standard error", *against, "difference"), *scores),
+        steps=(head, *figure_rows(steps)),
+        others=(head, *figure_rows(others[:PRINTED])),
+        sheets=tuple(
+            Sheet(
+                title=title,
+                panels=tuple(paper_panels(comparison, CLINICAL, variables)),
+                note=note,
+                without="No curves: the sessions share none.",
+                comment=title.lower(),
+                thick=f"{names[1]} ± what could be missed",
+                thin=f"thin: {names[0]}",
+            )
+            for title, variables in SHEETS.items()
+        ),
+        comments=comments,
+        footer=f"gaitcal {package_version('gaitcal')}: gaitcal compare has every figure and its error",
+    )
 
 
 def _scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:

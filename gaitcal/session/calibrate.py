@@ -41,7 +41,7 @@ from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.faults.study import check_study
+from gaitcal.faults.study import check_study, placed_by_motion
 from gaitcal.faults.verdict import judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.anthropometry import table_spread
@@ -93,6 +93,7 @@ def calibrate(
         progress("checking the recordings")
         checked = check_study(study)
     progress("nominal model from the static trial")
+    study, _ = placed_by_motion(study)
     session = session_of(study, nominal_of(study), tuple(checked))
     session = fit_joints(session, progress, leave_out=leave_out)
     session = track(session, progress)

@@ -11,14 +11,16 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import PurePath, PureWindowsPath
 
+import numpy as np
+
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.faults.body_plan import likely_height
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_poses
+from gaitcal.model.body_plan import likely_height
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
@@ -39,7 +41,7 @@ from gaitcal.session.label_proposal import LANDMARK_SET, place_strangers, propos
 from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, candidates, choose_set, explained, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
-from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed
+from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed, weighed_walking
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 
@@ -281,7 +283,11 @@ class _Drafting:
         plates = self._weighed(statics)
         facts = self._facts([*statics, *(i for i in order if i not in statics)])
         tall = likely_height(session.postures[(made or statics)[0]].landmarks)
-        person = person_of(self.folder.name, self.options, facts, plates, tall)
+        on_plates = {i: self.spelt[i].plates for i, (role, _) in roles.items() if role == "gait"}
+        on_plates |= {i: choice.file.forces.plates for i, choice in forces.items() if choice.file.forces}
+        strides = {self.files[i].name: kg for i, of in on_plates.items() if (kg := weighed_walking(of)) is not None}
+        walking = (", ".join(strides), float(np.median(list(strides.values())))) if strides else None
+        person = person_of(self.folder.name, self.options, facts, plates, tall, walking)
         moving = any(trial.role != "static" for trial in trials)
         number = {file.name: i for i, file in enumerate(self.files)}
         owner = {choice.file.name: self.files[i].name for i, choice in forces.items()}

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.labels import OLDEST, Facts, years_between
-from gaitcal.io.recording import Recording
+from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.io.still import duration, runs
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import GRAVITY
@@ -63,6 +65,7 @@ def person_of(
     files: Sequence[tuple[str, Facts]],
     plates: tuple[str, float] | None,
     markers: tuple[float, float] | None = None,
+    walks: tuple[str, float] | None = None,
 ) -> dict[str, Known]:
     """Field of `[subject]` -> what is known of it; fields that nobody tells are not in it.
 
@@ -71,6 +74,7 @@ def person_of(
     files : name and facts of every file of the person, the static trial's first.
     plates : name of the static trial that stands wholly on plates, and the mass (kg) that these weigh.
     markers : height (m) that the standing markers tell, and its standard deviation.
+    walks : names of walks with whole strides on plates, and the mass (kg) that these weigh.
     """
     out = {"name": Known(value=options.name or folder, reason="option" if options.name else "name of the folder")}
     if options.session:
@@ -86,6 +90,9 @@ def person_of(
         out["mass_kg"] = Known(value=round(plates[1], 1), reason=reason, certain=False)
     elif (mass := _doubtful(files, "mass", 2)) is not None:
         out["mass_kg"] = mass
+    elif walks is not None:
+        reason = f"weighed by the plates over whole strides of {walks[0]}, to some 3 %, where no file says it"
+        out["mass_kg"] = Known(value=round(walks[1], 1), reason=reason, certain=False)
     height = _number(options.height, files, lambda f: f.height, "m", 4) or _doubtful(files, "height", 4)
     if height is not None:
         out["height_m"] = height
@@ -208,6 +215,30 @@ def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> f
     return mass
 
 
+def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
+    """Mass (kg) by the plates of a walk: over a whole stride the mean vertical force of both feet is body weight.
+
+    Three steps in a row that overlap, the third after the first has ended, are a stride from the first's beginning to
+    the third's: what the first and the second push in all, wherever in time, carries the body for so long. They are
+    taken for whole where they push alike; None where no stride is.
+    """
+    steps = []
+    for plate in plates:
+        up = np.nan_to_num(plate.force[:, 1])
+        for run in runs(up > BODY_N):
+            if run.start > 0 and run.stop < len(up) and duration(plate.time, run) > STEP_S:
+                pushed = float(np.trapezoid(up[run], plate.time[run]))
+                steps.append((float(plate.time[run.start]), float(plate.time[run.stop - 1]), pushed))
+    told = []
+    for (begin, end, one), (second, off, other), (third, _, _) in zip(
+        *(sorted(steps)[k:] for k in range(3)), strict=False
+    ):
+        if begin < second < end < third < off and abs(one - other) < ALIKE * one:
+            told.append((one + other) / (GRAVITY * (third - begin)))
+    mass = float(np.median(told)) if told else 0.0
+    return mass if MASS_KG[0] <= mass <= MASS_KG[1] else None
+
+
 def _inside(point: Array, corners: Array) -> bool:
     """Whether a point (2,) lies in the quadrangle of corners (4, 2)."""
     edges = np.roll(corners, -1, axis=0) - corners
@@ -223,7 +254,9 @@ BODY_MASS_INDEX = (8.0, 70.0)
 FACTORS = {"lb": 2.2046, "N": GRAVITY}
 """Unit -> how many of it are a kilogram."""
 ALIKE = 0.1
-"""Relative difference from such a factor up to which it is named."""
+"""Relative difference from such a factor up to which it is named; and of what two whole steps push."""
+STEP_S = 0.3
+"""Shorter loadings are no step of walking."""
 
 
 def mass_fault(person: Mapping[str, Known], options: Options, plates: tuple[str, float] | None) -> str:

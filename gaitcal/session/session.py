@@ -156,7 +156,7 @@ def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] =
         parameters=model.parameters,
         trials=tuple(trials),
         static=completed_static(study).static,
-        prior=prior_of_study(settings.joint_prior, study.joint_prior, model.noise),
+        prior=prior_of_study(settings.joint_prior, study.joint_prior, model.noise).loosened(study.loosened),
         checked=checked,
         findings=tuple(findings),
     )

@@ -66,7 +66,7 @@ def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, un
     uncertainty : of the calibration, for standard errors.
     """
     segment_of = dict(zip(model.markers.labels, model.markers.segments, strict=True))
-    prepared = prepare_trial(cleaned_trial(trial, segment_of), model, settings)
+    prepared = prepare_trial(cleaned_trial(trial, segment_of, model.noise), model, settings)
     if uncertainty.joint is not None:
         tissue = tissue_of_walk(prepared.body, model.nominal, uncertainty.joint.free)
         prepared = replace(prepared, tissue=tissue)

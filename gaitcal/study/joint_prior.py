@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,6 +73,11 @@ class JointPrior:
         covariance[at], covariance[:, at] = 0.0, 0.0
         mean[at], covariance[np.ix_(at, at)] = other.mean, other.covariance
         return replace(self, mean=mean, covariance=covariance)
+
+    def loosened(self, more: Mapping[str, float]) -> JointPrior:
+        """With independent errors (m, rad) of some parameters beside what is known."""
+        variance = np.array([more.get(name, 0.0) for name in self.names]) ** 2
+        return replace(self, covariance=self.covariance + np.diag(variance))
 
     def held_near(self, names: Sequence[str]) -> str:
         """What those of some joint parameters that no trial shows stay near, in words; empty: their nominal values."""

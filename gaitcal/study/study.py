@@ -15,7 +15,10 @@ from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.snapshot import Snapshot
+from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero
+from gaitcal.model.body_plan import likely_height
+from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.present_markers import complete_static, worn
@@ -36,7 +39,8 @@ AGES_DIFFER = 1.0
 @remembered
 def cleaned(study: Study) -> Study:
     """The study without markers metres away from the body in its trials."""
-    return replace(study, trials=tuple(cleaned_trial(t, study.marker_set.segment_of) for t in study.trials))
+    segment_of, noise = study.marker_set.segment_of, study.marker_set.noise
+    return replace(study, trials=tuple(cleaned_trial(t, segment_of, noise) for t in study.trials))
 
 
 @remembered
@@ -48,10 +52,37 @@ def completed_static(study: Study) -> Rebuilding:
     return rebuild_lost(study.static.recording, marker_set, others, study.static.name)
 
 
+def _with_height(
+    table: SubjectTable, marker_set: MarkerSet, recordings: Sequence[Recording], path: Path
+) -> tuple[SubjectTable, str]:
+    """The person with a height, and a note where neither the study at `path` nor a file says one: then it is that of
+    people with legs as long, as uncertain as that is.
+    """
+    said = table.height_m or next((f.height for f in _facts(recordings) if f.height), None)
+    if said is not None:
+        return table.model_copy(update={"height_m": said}), ""
+    fault = InputError(
+        "missing, and the markers tell none; give [subject] height_m",
+        source=path,
+        field="subject.height_m",
+        code=Code.MISSING_FIELD,
+    )
+    try:
+        standing = still_window(recordings[0], marker_set.labels).frames
+        told = likely_height(static_posture(recordings[0], marker_set, standing).landmarks)
+    except InputError as cause:
+        raise fault from cause
+    if told is None:
+        raise fault
+    height, error = round(told[0], 2), round(told[1], 3)
+    note = f"no height is given: {height:g} m, SD {error:g}, as people with legs as long have it"
+    return table.model_copy(update={"height_m": height, "height_error_m": error}), note
+
+
 def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
     """The person as the study says, and, of what it does not say, as the files do: the first recording's before others.
 
-    A file that names another person than the first one is not asked.
+    A file that names another person than the first one is not asked. `table` has a height.
     """
     facts = _facts(recordings)
     knees, ankles, legs = dict[str, float](), dict[str, float](), dict[str, float]()
@@ -64,7 +95,7 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
     return Subject(
         table.name,
         table.mass_kg,
-        table.height_m,
+        table.height_m or 0.0,
         table.sex or "",
         height_error=table.height_error_m,
         age=_age(table, facts)[0],
@@ -143,6 +174,8 @@ class Study:
     """What is known to be true of a made-up person, where the study file names it (`[truth]`)."""
     joint_prior: JointPrior | None = None
     """What a cohort says of the joint parameters (`priors.json`), if one is asked."""
+    loosened: Mapping[str, float] = field(default_factory=dict)
+    """Joint parameter -> m, rad by which more it is uncertain, as a cluster of its segment was put back."""
 
     @classmethod
     @with_one_blas_thread
@@ -177,11 +210,12 @@ class Study:
         require_joint_prior(file.calibration, path)
         marker_set, trials = _worn(marker_set, trials)
         recordings = [t.recording for t in sorted(trials, key=lambda t: t.role is not Role.STATIC)]
-        if note := _age(file.subject, _facts(recordings))[1]:
-            first = recordings[0]
-            trials = tuple(replace(t, recording=first.with_notes(note)) if t.recording is first else t for t in trials)
+        person, height = _with_height(file.subject, marker_set, recordings, path)
+        if notes := [note for note in (_age(person, _facts(recordings))[1], height) if note]:
+            first = recordings[0].with_notes(*notes)
+            trials = tuple(replace(t, recording=first) if t.recording is recordings[0] else t for t in trials)
         study = cls(
-            subject=subject_of(file.subject, recordings),
+            subject=subject_of(person, recordings),
             marker_set=marker_set,
             trials=trials,
             settings=file.calibration,

@@ -107,7 +107,11 @@ class SubjectTable(Table):
 
     name: str = Field(description="the subject's name as reports show it")
     mass_kg: float = Field(gt=0, description="body mass in kg")
-    height_m: float = Field(description="body height in m")
+    height_m: float | None = Field(
+        default=None,
+        description="body height in m; without it as a file says, or as people with legs as long have it: their "
+        "standard deviation counts in the errors then",
+    )
     height_error_m: float = Field(
         default=0.0, ge=0, le=0.3, description="standard deviation of an estimated height, m; counts in the errors"
     )
@@ -151,8 +155,8 @@ class SubjectTable(Table):
 
     @field_validator("height_m")
     @classmethod
-    def _height(cls, height: float) -> float:
-        if 0.3 <= height <= 2.6:
+    def _height(cls, height: float | None) -> float | None:
+        if height is None or 0.3 <= height <= 2.6:
             return height
         unit = {30 <= height <= 260: ("centimetres", 100), 300 <= height <= 2600: ("millimetres", 1000)}.get(True)
         hint = f"; this looks like {unit[0]}: height_m = {height / unit[1]:g}" if unit else ""

@@ -27,7 +27,8 @@ from gaitcal.io.segment_poses import upright
 from gaitcal.io.still import duration, runs, spans, still_window
 from gaitcal.model.linkage import carrier_of
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.rebuilt_markers import Outlier, without_outliers
+from gaitcal.model.point_noise import PointNoise
+from gaitcal.model.rebuilt_markers import Outlier, Spikes, without_outliers, without_spikes
 from gaitcal.model.segment_frames import off_line, unit
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import IN_A_PLANE
@@ -68,6 +69,8 @@ class Trial:
     """`file`; where forces have one of their own, `forces`; where a person corrected events, `events`."""
     strays: tuple[Outlier, ...] | None = None
     """Markers that were left out where they were metres away from the body; None: not looked for yet."""
+    spikes: Spikes = field(default_factory=dict)
+    """Single positions out of line that were left out."""
     cut: str = ""
     """What was left out of the recording as it does not show the pelvis; empty: nothing."""
 
@@ -76,15 +79,18 @@ BRIDGED_S = 0.2
 """Without three markers the splines carry a pelvis over so much; more hides a part of a step."""
 
 
-def cleaned_trial(trial: Trial, segment_of: Mapping[str, str]) -> Trial:
-    """The trial without markers metres away from the body, and cut to the longest part that shows the pelvis it hangs
-    on; `segment_of`: label -> segment.
+def cleaned_trial(trial: Trial, segment_of: Mapping[str, str], noise: PointNoise | None = None) -> Trial:
+    """The trial without markers metres away from the body and, where it moves, without single positions out of line,
+    cut to the longest part that shows the pelvis it hangs on; `segment_of`: label -> segment; `noise`: of the set.
     """
     if trial.strays is not None:
         return trial
     recording, strays = without_outliers(trial.recording, segment_of)
-    trial, time = replace(trial, recording=recording, strays=strays), recording.time
-    if trial.role is Role.STATIC or carrier_of(trial.joint) not in ("", "pelvis"):
+    if trial.role is Role.STATIC:
+        return replace(trial, recording=recording, strays=strays)
+    recording, spikes = without_spikes(recording, noise)
+    trial, time = replace(trial, recording=recording, strays=strays, spikes=spikes), recording.time
+    if carrier_of(trial.joint) not in ("", "pelvis"):
         return trial
     pelvis = [i for i, label in enumerate(recording.labels) if segment_of.get(label) == "pelvis"]
     lost = seen_mask(recording.markers[:, pelvis]).sum(axis=1) < 3

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.faults.body_plan import body_axes
 from gaitcal.faults.knee_line import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
 from gaitcal.faults.static_landmarks import landmarks
 from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Finding, Severity
+from gaitcal.model.body_plan import body_axes
 from gaitcal.study.study import Study, nominal_of
 from tests.faults.spoilt import Array, moved, with_trial
 from tests.real_studies import REAL, write_study

@@ -1,22 +1,27 @@
 """One body in all trials: faults in random places of a sound study are named, and nothing is said of the sound one."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from gaitcal.calibration.joint_prior import ANATOMY
+from gaitcal.codes import Code
 from gaitcal.faults.cluster import alignment, clusters_of
 from gaitcal.faults.contradiction import contradictions, offset_limit
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import by_lengths
 from gaitcal.faults.joint_link import flexion_of, links_of, nearest_rotation, side_turns
 from gaitcal.faults.role import nominal_model_of
-from gaitcal.faults.study import check_further, check_study, evidence_of
+from gaitcal.faults.study import check_further, check_study, evidence_of, placed_by_motion
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
 from tests.faults.spoilt import Change, moved, scaled, swapped, with_trial
+from tests.real_studies import write_study
 
 Array = NDArray[np.float64]
 
@@ -101,10 +106,47 @@ def test_a_turned_cluster_is_an_error(sound: Study, trials: dict[str, MarkerEvid
     angle = np.deg2rad(30.0)
     turn = np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]])
     away = cluster.static - cluster.static.mean(axis=0)
-    spoilt = with_trial(sound, "walk", turned_with(walk, "thigh_r", cluster.labels, away @ (turn - np.eye(3)).T))
-    found = told(spoilt)
-    assert found[0].severity is Severity.ERROR
-    assert "right thigh slid or turned together" in found[0].cause
+    way = away @ (turn - np.eye(3)).T + [0.0, 0.02, 0.0]
+    found = told(with_trial(sound, "walk", turned_with(walk, "thigh_r", cluster.labels, way)))
+    assert found[0].severity is Severity.ERROR, "the isolated knee has it as the static trial: nothing is placed"
+    assert "right thigh slid or turned together" in found[0].cause and "mm up" in found[0].found
+
+
+KNOCKED = {
+    "subject01": ("R.Thigh.Upper", "R.Thigh.Front", "R.Thigh.Rear"),
+    "uf3": ("R_Thigh_Superior", "R_Thigh_Inferior", "R_Thigh_Lateral"),
+}
+PLACED_M = 0.012
+"""By the rest of the leg, whose joints moving people have this far from where they stand."""
+
+
+@pytest.mark.parametrize("name", KNOCKED)
+def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
+    name: str, data_dir: Path, tmp_path: Path
+) -> None:
+    """By 23 degrees and 50 mm, for which the leg was refused."""
+    study = Study.load(write_study(name, data_dir, tmp_path))
+    static = study.static.recording
+    at = [static.labels.index(label) for label in KNOCKED[name]]
+    middle = static.markers[:, at].mean(axis=(0, 1))
+    turn = Rotation.from_euler("y", 23.0, degrees=True).as_matrix()
+    markers = static.markers.copy()
+    markers[:, at] = (markers[:, at] - middle) @ turn.T + middle + [0.03, -0.04, 0.0]
+    knocked = replace(study.static, recording=replace(static, markers=markers))
+    spoilt = replace(study, trials=tuple(knocked if t is study.static else t for t in study.trials))
+    found = [f for f in check_study(spoilt) if f.code is Code.CLUSTER_SLID]
+    assert [f.severity for f in found] == [Severity.INFO] and "which the error bars count" in found[0].found
+    assert [f.line for f in check_study(spoilt) if f.severity is not Severity.INFO] == []
+    placed, (one,) = placed_by_motion(spoilt)
+    away = (placed.static.recording.markers - static.markers)[:, at]
+    assert np.linalg.norm(away, axis=2).max() < PLACED_M < one.shift_spread
+    assert {parameter for parameter in placed.loosened if "hip_r" in parameter} == {
+        f"hip_r.thigh.{d}" for d in ("ant", "sup", "lat")
+    }
+    prior = ANATOMY.loosened(placed.loosened)
+    k = prior.names.index("hip_r.thigh.sup")
+    more = prior.covariance[k, k] - ANATOMY.covariance[k, k]
+    assert more == pytest.approx(one.shift_spread**2) and placed_by_motion(study)[0] is study
 
 
 def test_a_mirrored_cluster_is_an_error(sound: Study, trials: dict[str, MarkerEvidence]) -> None:

@@ -9,8 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gaitcal.faults import body_plan as body_build
-from gaitcal.faults.body_plan import body_axes, cost, cost_of_build, measures
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.role import nominal_model_of, standing_legs, standing_straight
 from gaitcal.faults.static_landmarks import (
@@ -26,6 +24,8 @@ from gaitcal.faults.study import check_study, evidence_of
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
+from gaitcal.model import body_plan as body_build
+from gaitcal.model.body_plan import body_axes, cost, cost_of_build, measures
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.study.study import Study

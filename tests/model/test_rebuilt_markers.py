@@ -15,7 +15,7 @@ from gaitcal.findings import Severity
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
+from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost, without_spikes
 from gaitcal.study.study import Study, completed_static, nominal_of
 from tests.real_studies import write_study
 
@@ -153,3 +153,20 @@ def test_a_lost_landmark_gives_a_model_and_a_finding_and_is_no_evidence(subject0
     (told,) = [f for f in findings if f.topic == "lost markers"]
     assert told.severity is Severity.WARNING
     assert "heel_r" in told.cause
+
+
+def test_single_positions_out_of_line_are_left_out_and_steps_are_not() -> None:
+    """A path that steps aside and stays, noise, and what borders on a gap stay as they are."""
+    time = np.arange(200) / 100.0
+    path = np.stack([np.sin(4.0 * time), 0.1 * np.cos(9.0 * time), time], axis=1)
+    labels = ("spiked", "stepped", "noisy", "beside a gap", "at the ends")
+    markers = np.repeat(path[:, None], len(labels), axis=1)
+    markers[[40, 90, 140], 0] += [0.0, 0.1, 0.0]
+    markers[100:, 1] += 0.1
+    markers[:, 2] += np.random.default_rng(1).normal(0.0, 0.03, (200, 3))
+    markers[50, 3], markers[51, 3] = np.nan, path[51] + 0.1
+    markers[[0, -1], 4] += 0.1
+    found, out = without_spikes(Recording(source="x", time=time, labels=labels, markers=markers))
+    assert list(out) == ["spiked"] and out["spiked"] == (3, pytest.approx(0.1, abs=0.005))
+    gone = np.isnan(found.markers[:, :, 0]) & ~np.isnan(markers[:, :, 0])
+    assert np.argwhere(gone).tolist() == [[40, 0], [90, 0], [140, 0]]

@@ -9,7 +9,7 @@ import pandas as pd
 
 from gaitcal.codes import Code
 from gaitcal.gait.cycles import GaitCycle, normalise, usable
-from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, Stride
+from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, OF_BOTH_LEGS, Stride, counting
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.bone_files import BoneMeshes
 from gaitcal.page.page_data import FORMAT, SHOWN_MEASURES, explained_code
@@ -42,7 +42,7 @@ def trial_data(
     """Of a trial, with the curves packed."""
     time = trial.time - trial.time[0]
     return {
-        "name": trial.name, "role": "walking", "joint": None, "refused": [], "verdict": None, "start": 0.0,
+        "name": trial.name, "role": "walking", "joint": None, "verdict": None, "start": 0.0,
         "duration": float(time[-1]), "frames": len(time), "every": 1, "time": floats(time), **packed_curves(curves, 1),
         "events": [], "strides": strides, "measures": [], "line": 0.0, "relative": False, "sections": {},
     } | more  # fmt: skip
@@ -180,7 +180,14 @@ def everything_page(**changes: Any) -> str:
         {"severity": "warning", "cause": "few markers", "evidence": "", "action": "", "trials": [], "leg": ""},
     ]  # fmt: skip
     measures = [
-        {"name": n, "title": t, "digits": d, "unit": MEASURES[n], "least": LEAST_SD[MEASURES[n]]}
+        {
+            "name": n,
+            "title": t,
+            "digits": d,
+            "unit": MEASURES[n],
+            "least": LEAST_SD[MEASURES[n]],
+            "compared": n not in OF_BOTH_LEGS,
+        }
         for n, (t, d) in SHOWN_MEASURES.items()
     ]
     data = page_data(
@@ -226,19 +233,15 @@ def _everything_of(trial: MotionScene, strides: tuple[Stride, ...]) -> dict[str,
         for k, side in enumerate("rl")
     ]
     legs = {side: "refused" if side in refused else "trustworthy" for side in "rl"}
+    curves = (*(Curve(k, "", k, u, v, valid, nominal=1.2 * v) for k, u, v in kinds), *joint)
+    counted = [base64_of(usable(time, mask, GaitCycle(0.1, 0.9, 0.6)).astype("<u1")) for mask in masks_of(curves)]
+    stride = {"number": 1, "start": 0.1, "stop": 0.9, "off": 0.6, "turns": False, "peaks": {}, "valid": counted}
     return trial_data(
         trial,
-        (*(Curve(k, "", k, u, v, valid, nominal=1.2 * v) for k, u, v in kinds), *joint),
-        [
-            {**_USE, "side": s, "number": 1, "start": 0.1, "stop": 0.9, "off": 0.6, "turns": False, "peaks": {}}
-            for s in "rl"
-        ],
-        refused=list(refused),
+        curves,
+        [{**_USE, "side": s, **stride} for s in "rl"],
         verdict={"judgement": "refused" if refused else "trustworthy", **legs},
-        measures=[
-            {"side": s.side, "number": s.number, "turns": s.turn != STRAIGHT, "values": dict(s.measures)}
-            for s in strides
-        ],
+        measures=[{"side": s.side, "number": s.number, "values": dict(s.measures)} for s in counting(strides, refused)],
         sections={preset: every_block() for preset in PRESETS},
     )
 
@@ -277,8 +280,6 @@ def _heading(text: str, level: int = 3) -> dict[str, Any]:
 
 def every_block() -> list[dict[str, Any]]:
     """One block of every kind, with names that would be markup if they were not data, in no order of sense."""
-    fit = {"question": "Does the model follow the markers?", "value": "9.1 mm", "verdict": "good", "tone": "good"}
-    what = {"question": "What was calibrated?", "value": "61 parameters", "verdict": "", "tone": "plain"}
     wide = {
         "head": ["Marker", *(f"Column number {k}" for k in range(14))],
         "rows": [[f"{HOSTILE} {r}", *(f"{r}.{k}" for k in range(14))] for r in range(40)],
@@ -293,7 +294,6 @@ def every_block() -> list[dict[str, Any]]:
         {"kind": "text", "text": "Not converged: do not use these numbers.", "tone": "bad"},
         {"kind": "text", "text": "Look at the trials.", "tone": "warning"},
         {"kind": "list", "items": ["an assumption", HOSTILE], "tone": "soft"},
-        {"kind": "cards", "cards": [{**fit, "text": "RMS."}, {**what, "text": HOSTILE}]},
         _heading("Joint parameters"),
         _intervals(),
         {"kind": "fold", "title": "Monte Carlo", "blocks": [_heading("Spread", 4), _intervals()]},

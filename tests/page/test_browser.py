@@ -41,10 +41,6 @@ def until(condition: str) -> str:
     return f"new Promise(done => {{ const look = () => {condition} ? done(true) : setTimeout(look, 20); look(); }})"
 
 
-THERE = f"{until('gaitcal.stage.camera.flight === null')}.then(() => {DRAWN})"
-"""The camera has arrived."""
-
-
 def stage(page: Page) -> np.ndarray:
     """(h, w, 3) what the stage shows."""
     box = page.run("(r => [r.left, r.top, r.width, r.height])(document.getElementById('pane').getBoundingClientRect())")
@@ -141,7 +137,7 @@ def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path
     page = paused(visit(html))
     press = "[...document.querySelectorAll('#near button')].find(b => b.textContent === '{}').click()"
     whole = stage(page)
-    page.run(press.format("right knee") + f"; {THERE}")
+    page.run(press.format("right knee") + f"; {DRAWN}")
     words = page.run("document.getElementById('about').textContent")
     assert words.startswith("Right knee\nFitted (solid): ") and "Nominal (dashed): " in words
     assert page.run(SIDES_SHOWN) == " r", "nothing of the other leg stands before it"
@@ -149,7 +145,7 @@ def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path
     assert changed(whole, near) > 5000
     page.run(f"document.getElementById('show-bones').click(); {DRAWN}")
     assert changed(near, stage(page)) > 5000
-    page.run(f"document.getElementById('show-bones').click(); {press.format('whole body')}; {THERE}")
+    page.run(f"document.getElementById('show-bones').click(); {press.format('whole body')}; {DRAWN}")
     assert page.run(SIDES_SHOWN) == " l r"
     assert "frames" in page.run("document.getElementById('about').textContent")
     assert page.console == []
@@ -167,7 +163,7 @@ def test_an_address_that_names_a_knee_opens_there(visit: Visit, html: Path) -> N
 def test_bones_veil_an_axis_and_do_not_hide_it(visit: Visit, html: Path) -> None:
     """The fitted rod changes the picture before the bone and, fainter, inside it."""
     page = paused(visit(html))
-    page.run(f"gaitcal.state.set({{ joint: 'knee_r' }}); {THERE}")
+    page.run(f"gaitcal.state.set({{ joint: 'knee_r' }}); {DRAWN}")
     for layer in ("measured", "model", "errors", "uncertainty", "nominal", "body"):
         page.run(f"document.getElementById('show-{layer}').click()")
     page.run(DRAWN)
@@ -195,7 +191,7 @@ def test_without_bones_the_page_says_how_to_get_them(
     page = paused(visit(tmp_path / "view.html"))
     assert page.run("document.getElementById('show-bones').disabled")
     assert "pip install 'gaitcal[bones]'" in page.run("document.getElementById('toggles').textContent")
-    assert page.run("document.getElementById('knees').hidden") and page.console == []
+    assert page.console == []
 
 
 def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path, scene: Scene) -> None:

@@ -76,17 +76,3 @@ def test_a_key_names_bounds_only_where_one_is_seen(visit: Visit, everything: Pat
     made = "Gaitcal.BLOCKS.intervals({unit: 'mm', rows: [%s]}, new Gaitcal.Blocks({})).querySelector('.key')"
     told_of = [page.run(f"({made % json.dumps(row)})?.textContent ?? ''") for row in rows]
     assert ["bound" in text for text in told_of] == [False, True]
-
-
-def test_paper_says_what_it_leaves_out_and_leaves_nothing_out_on_demand(visit: Visit, everything: Path) -> None:
-    page = visit(everything, 1280, 800)
-    page.run("gaitcal.print.build()")
-    folded = page.run("document.querySelectorAll('#print details:not([open])').length")
-    assert folded > 0
-    [left] = words(page, "#print .left-out")
-    assert int(left.split()[0]) <= folded and "not printed" in left
-    assert page.run("document.querySelectorAll('#print .reasons details:not([open], .explanation)').length") == 0
-    page.run("gaitcal.print.clear(); document.getElementById('print-all').checked = true; gaitcal.print.build()")
-    assert page.run("document.querySelectorAll('#print details:not([open])').length") == 0
-    assert words(page, "#print .left-out") == []
-    page.run("gaitcal.print.clear()")

@@ -14,7 +14,7 @@ from gaitcal.faults.verdict import judge
 from gaitcal.gait.moments import parameter_words
 from gaitcal.page.page_data import calibration_page_data, peak_page_rows, result_sections
 from gaitcal.page.plain_data import LONGEST_NAME, number
-from gaitcal.page.summary import answers, gait_numbers
+from gaitcal.page.summary import gait_numbers
 from gaitcal.page.trial_data import trial_sections
 from gaitcal.page.trust import peak_error
 from gaitcal.results.summary import summary
@@ -109,8 +109,6 @@ def test_residuals_and_changes_are_those_of_the_summary(whole: Calibration, shee
     (changes,) = tables(blocks, "RMS change")
     rows = rows_of(changes)
     assert rows["Right hip flexion"][0] == number(told["torque_change_bwh"]["hip_flexion_r"], 2)
-    (picture,) = [b for b in walked(blocks) if b["kind"] == "intervals"]
-    assert len(picture["rows"]) == len(rows)
     (curves,) = [b for b in walked(blocks) if b["kind"] == "curves"]
     walk = gait_numbers(whole.model, whole.trials[0])
     assert walk is not None and walk.limits is not None
@@ -152,7 +150,7 @@ def test_peaks_are_told_with_their_sources_the_largest_first(sheet: dict[str, An
         ({"errors": False}, "No standard errors of the moments", "error alone"),
         ({"gait": False}, "that needs a walking trial with force plates", "Of 241 frames"),
         ({"joint": False}, "Joint parameters were not calibrated", "kept, not determined"),
-        ({"cycles": False}, "no complete stride of the", "Usable for moments"),
+        ({"cycles": False}, "No complete stride of the", "Usable for moments"),
     ],
 )
 def test_what_is_not_there_is_said_or_left_out(without: dict[str, bool], there: str, missing: str) -> None:
@@ -177,7 +175,6 @@ def test_a_further_trial_has_the_sections_of_its_kind(whole: Calibration, sheet:
 def test_a_refused_leg_is_told(whole: Calibration) -> None:
     text = words(trial_sections(whole.model, whole.trials[0].refused(["l"]))["clinician"])
     assert "Refused: left" in text
-    assert "valid in 221 of the right leg, 0 of the left leg and 0" in text
 
 
 def test_hostile_and_long_names_are_data_and_folders_stay_private() -> None:
@@ -205,7 +202,7 @@ def test_what_was_recorded_assumed_and_computed(whole: Calibration) -> None:
     assert walk["blocks"][0]["items"] == ["its own"]
     assert "long " * 79 in words(blocks)
     phases = rows_of(tables(blocks, "Phase")[0])
-    assert phases["legs, from walking"][:3] == ["walk", "34", "9"]
+    assert phases["legs, from walking"] == ["walk", "34", "converged"]
     recorded = rows_of(tables(blocks, "Trial")[0])
     assert recorded["walk"][1:4] == ["walk.trc", "2.40 s", "241"]
 
@@ -234,8 +231,6 @@ def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
 def test_nothing_on_top_is_amber_where_the_verdict_has_no_reason(whole: Calibration) -> None:
     sound = replace(whole, verdict=judge((), ["walk"]))
     assert [line["tone"] for line in calibration_page_data(sound)["lines"]] == ["good", "good", "plain"]
-    (residual,) = (answer for answer in answers(sound) if answer["question"] == "Do motion and ground forces agree?")
-    assert residual["verdict"] == "within its errors", "its limit is that of the verdict's reason (GC-128)"
 
 
 def test_a_page_without_plates_says_so(whole: Calibration) -> None:

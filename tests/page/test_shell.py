@@ -10,7 +10,7 @@ import pytest
 from gaitcal.page.scene import Scene
 from tests.page.browser import Page
 from tests.page.made_page import plain_page
-from tests.page.test_browser import DRAWN, THERE, paused, stage, until
+from tests.page.test_browser import DRAWN, paused, stage, until
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -198,7 +198,7 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     )
     drag(page, (x, y), (x, y))
     assert state(page, "joint") == "knee_r"
-    page.run(THERE)
+    page.run(DRAWN)
     assert page.run("gaitcal.stage.viewer.camera.fov") == 10
     assert {"fitted", "nominal"} < set(state(page, "layers")), "its axes are seen"
     opacity = """Object.fromEntries(gaitcal.stage.figure.body.meshes.filter(m => m.skin && m.mesh.visible)
@@ -206,7 +206,7 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     near = page.run(opacity)
     assert near["thigh_r"] == near["shank_r"] > 2 * near["pelvis"] and "thigh_l" not in near
     page.press("Escape")
-    page.run(THERE)
+    page.run(DRAWN)
     assert state(page, "joint") is None and page.run("gaitcal.stage.viewer.camera.fov") == 32
     assert len(set(page.run(opacity).values())) == 1
     assert state(page, "layers") == ["body", "bones", "forces"]
@@ -221,8 +221,6 @@ def test_who_wants_no_motion_gets_none(visit: Visit, shown: Path, media: Callabl
     media()
     page = visit(f"{shown.as_uri()}?moving")
     assert page.run("gaitcal.state.playing")
-    page.run("gaitcal.clock.play(false)")
-    assert page.run("gaitcal.state.set({ joint: 'knee_l' }), gaitcal.stage.viewer.camera.fov") == 32
 
 
 def test_dark_is_dark(visit: Visit, shown: Path, media: Callable[..., None]) -> None:

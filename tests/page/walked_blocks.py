@@ -9,7 +9,6 @@ KINDS = {
     "text": {"text", "tone"},
     "list": {"items", "tone"},
     "table": {"head", "rows", "caption", "fold", "total"},
-    "cards": {"cards"},
     "intervals": {"unit", "rows"},
     "curves": {"kinds"},
     "pair": {"left", "right"},
@@ -62,5 +61,4 @@ def words(blocks: Sequence[Block]) -> str:
         out += [b.get(key, "") for key in ("text", "title", "caption", "fold")]
         out += b.get("items", [])
         out += [shown(cell) for row in (b.get("head", []), *b.get("rows", [])) if b["kind"] == "table" for cell in row]
-        out += [text for card in b.get("cards", []) for text in card.values()]
     return "\n".join(filter(None, out))

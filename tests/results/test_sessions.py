@@ -4,20 +4,32 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from gaitcal.cli.compare import Options
 from gaitcal.cli.compare import compare_sessions_or_models as run
 from gaitcal.cli.console import Console
+from gaitcal.cli.view import print_report
 from gaitcal.codes import Code
 from gaitcal.compare.stride_sets import Common
 from gaitcal.errors import InputError, UsageError
+from gaitcal.figures.document import write_pdf
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.model_file import save_model
 from gaitcal.results.calibration import json_text
 from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty
-from gaitcal.results.sessions import CURVES, DIFFERENCES, PAGE, WORDS, compare_results, write_comparison
+from gaitcal.results.sessions import (
+    CURVES,
+    DIFFERENCES,
+    PAGE,
+    PRINTED,
+    WORDS,
+    compare_results,
+    comparison_content,
+    write_comparison,
+)
 from gaitcal.results.shared_model import compare_with_shared_model, study_of_result
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
@@ -83,6 +95,24 @@ def test_scores_against_other_norms_have_no_difference(results: tuple[Path, Path
         page = (out / PAGE).read_text(encoding="utf-8")
         assert page.count("6.2 ± 0.4") == 1 and ("-2.9 (missed below" in page) == (of_both == ("free speed",) * 2)
         assert f">after, against {of_both[1] or 'not told whom'}</th>" in page
+
+
+def test_the_report_of_two_sessions_holds_both_means(results: tuple[Path, Path], tmp_path: Path) -> None:
+    found = compare_results(*results)
+    content = comparison_content(found, results, {"kinematics": "Softer knee."})
+    panel = next(p for p in content.sheets[0].panels if not isinstance(p, str) and p.title == "Pelvic tilt")
+    rows = found.curves[(found.curves["variable"] == "pelvis_tilt") & (found.curves["side"] == "r")]
+    for drawn, column, sign in (
+        (panel.strides["r"][0], "a", -1),
+        (panel.mean["r"], "b", -1),
+        (panel.error["r"], "mdc95", 1),
+    ):
+        np.testing.assert_allclose(drawn, sign * rows[column].to_numpy(), err_msg="clinical: anterior tilt is positive")
+    assert len(content.others) <= PRINTED + 1 and content.people[0] == ("", *found.names)
+    pages = write_pdf(content, tmp_path / "two.pdf")
+    assert 3 <= pages <= 5 and 2_000 < (tmp_path / "two.pdf").stat().st_size < 1_000_000
+    with pytest.raises(UsageError, match="found two results; needed: --pdf FILE"):
+        print_report(*results, None, None, None, Console(quiet=True, verbose=False))
 
 
 def test_names_stay_as_they_are_on_the_screen(results: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:

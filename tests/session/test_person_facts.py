@@ -1,16 +1,18 @@
 """What files, plates and the user say of the person."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.session.movement import standing
-from gaitcal.session.person_facts import Options, mass_fault, person_of, weighed
+from gaitcal.session.person_facts import Options, mass_fault, person_of, weighed, weighed_walking
 from tests.session.folders import recordings
 
 
@@ -52,6 +54,18 @@ def test_only_who_stands_wholly_on_plates_is_weighed(reach: float, expected: flo
     assert mass == (None if expected is None else pytest.approx(expected))
     without_corners = replace(plate, corners=None)
     assert weighed(replace(static, plates=(without_corners,)), marker_set, posture) is None
+
+
+def test_whole_strides_weigh_who_never_stands_on_plates(data_dir: Path) -> None:
+    """Five walks of 53.5 kg over plates that touch: feet that straddle two of them weigh nothing."""
+    folder = data_dir / "labs_c3d" / "multi"
+    found = {k: weighed_walking(read_recording(folder / f"walk0{k}.c3d").plates) for k in range(3, 8)}
+    assert [k for k, mass in found.items() if mass is not None] == [4, 5]
+    assert found[4] == pytest.approx(53.5, rel=0.03) and found[5] == pytest.approx(53.5, rel=0.03)
+    half_on = read_recording(data_dir / "pig_c3d" / "gait.c3d").plates
+    assert weighed_walking(half_on) is None
+    known = person_of("x", Options(), [("static", Facts())], None, walks=("walk04", 53.8))["mass_kg"]
+    assert known.value == 53.8 and not known.certain and "whole strides of walk04" in known.reason
 
 
 def test_a_figure_in_another_unit_is_likely_and_comes_after_all_others() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.faults.body_plan import likely_height
+from gaitcal.model.body_plan import likely_height
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.session.draft import draft_text, study_of
 from gaitcal.session.drafting import draft_of
@@ -24,7 +24,8 @@ FOLDERS = {
     "pig_c3d": ("plug-in-gait", {"static": "static", "gait": "gait"}, ()),
     "functional_c3d": ("conventional73", {"static": "static", "hip_r": "joint hip_r", "knee_r": "joint knee_r"}, ()),
     "more_labs/one_frame_static": ("cast", {"static": "static", "walk": "gait"}, ("mass_kg",)),
-    "subject01": ("gait2354", {"subject01_static": "static", "subject01_walk1": "gait"}, ("mass_kg",)),
+    "more_labs/mt_feet": ("visual3d", {"static": "static", "walk": "gait"}, ()),
+    "subject01": ("gait2354", {"subject01_static": "static", "subject01_walk1": "gait"}, ()),
     "uf3": ("rcnl", {"static": "static", "gait": "gait"} | {joint: f"joint {joint}" for joint in JOINTS}, ("mass_kg",)),
 }
 
@@ -43,7 +44,7 @@ def test_bare_folders(name: str, data_dir: Path) -> None:
     assert ("height_error_m" in made.person) == (name not in WITH_HEIGHT)
     assert all(trial.certain for trial in made.trials)
     forces = [trial.forces.file.name for trial in made.trials if trial.forces]
-    assert forces == (["subject01_walk1_grf.mot"] if name == "subject01" else [])
+    assert forces == {"subject01": ["subject01_walk1_grf.mot"], "more_labs/mt_feet": ["walk_grf.mot"]}.get(name, [])
     assert [row.name for row in made.left_out] == (["static_unlabelled.c3d"] if name == "uf3" else [])
     assert str(data_dir) not in draft_text(made, data_dir / name), "paths are relative"
 

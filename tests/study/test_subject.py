@@ -13,8 +13,9 @@ from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import validated
 from gaitcal.session.draft import draft_text, study_of
-from gaitcal.study.study import subject_of
+from gaitcal.study.study import Study, subject_of
 from gaitcal.study.study_file import SubjectTable
+from tests.real_studies import write_study
 from tests.session.folders import SAID, draft, recordings, write
 
 TABLE = SubjectTable(name="S07", mass_kg=70, height_m=1.8, sex="male")
@@ -142,3 +143,20 @@ def test_lengths_in_another_unit_are_refused_and_the_unit_named(field: str, valu
 def test_nothing_told_is_nothing_known() -> None:
     subject = subject_of(TABLE, [])
     assert (subject.knee_width, subject.ankle_width, subject.marker_diameter) == ({}, {}, None)
+
+
+def test_a_height_that_nobody_says_is_that_of_people_with_such_legs(data_dir: Path, tmp_path: Path) -> None:
+    def loaded(name: str, *gone: str) -> Study:
+        path = write_study(name, data_dir, tmp_path)
+        lines = path.read_text(encoding="utf-8").splitlines()
+        path.write_text("\n".join(line for line in lines if not line.startswith(gone)), encoding="utf-8")
+        return Study.load(path)
+
+    study = loaded("subject01", "height_m")
+    person = study.subject
+    assert 0.03 < person.height_error < 0.12 and abs(person.height - 1.803) < 2.0 * person.height_error
+    assert any("no height is given" in note for note in study.static.recording.notes)
+    said = loaded("pig_c3d", "height_m").subject
+    assert (said.height, said.height_error) == (1.79, 0.0), "its C3D file says it"
+    with pytest.raises(InputError, match="mass_kg"):
+        loaded("subject01", "mass_kg")

@@ -4,9 +4,7 @@ Gaitcal.Blocks = class {
   // scope: { page of `page.js`, trial: that of the sheet whose curves are shown, or null, cursors: what follows the
   // clock, wide: px of the paper that curves are drawn for };
   // level, subject: of the heading that stands above.
-  constructor(scope, level = 2, subject = "") {
-    Object.assign(this, { scope, level, subject });
-  }
+  constructor(scope, level = 2, subject = "") { Object.assign(this, { scope, level, subject }); }
 
   all(blocks) {
     const known = (blocks ?? []).filter(({ kind }) => Object.hasOwn(Gaitcal.BLOCKS, kind));
@@ -14,9 +12,7 @@ Gaitcal.Blocks = class {
   }
 
   // Of a part of its own, in which headings come below the present one.
-  inside(blocks, subject = this.subject) {
-    return new Gaitcal.Blocks(this.scope, this.level, subject).all(blocks);
-  }
+  inside(blocks, subject = this.subject) { return new Gaitcal.Blocks(this.scope, this.level, subject).all(blocks); }
 
   heading(text, level) {
     this.level = Math.min(level, this.level + 1);
@@ -69,14 +65,6 @@ Gaitcal.BLOCKS = {
     const place = Gaitcal.scroller(Gaitcal.table(block, label), label);
     return block.fold ? Gaitcal.fold(block.fold, place) : place;
   },
-
-  cards: ({ cards }) =>
-    html("ul.cards", cards.map(({ question, value, verdict, tone, text }) =>
-      html("li.card", { class: tone },
-        html("p.question", Gaitcal.visible(question)),
-        html("p.value", Gaitcal.visible(value), " ", verdict && Gaitcal.tag(verdict, tone)),
-        html("p", Gaitcal.visible(text)),
-      ))),
 
   pair: ({ left, right }, blocks) =>
     html("div.pair", [left, right].map((half) => html("div", blocks.inside(half)))),

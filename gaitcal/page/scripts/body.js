@@ -92,22 +92,6 @@ Gaitcal.geometry = (points, index = null) => {
 
 Gaitcal.FLOOR = 48;
 
-// A texture of floor tiles half a metre wide, in two colours.
-Gaitcal.tiles = (tile, seam) => {
-  const canvas = html("canvas", { width: 256, height: 256 });
-  const pen = canvas.getContext("2d");
-  pen.fillStyle = tile;
-  pen.fillRect(0, 0, 256, 256);
-  pen.strokeStyle = seam;
-  pen.lineWidth = 6;
-  pen.strokeRect(0, 0, 256, 256);
-  const texture = new THREE.CanvasTexture(canvas);
-  texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
-  texture.repeat.set(2 * Gaitcal.FLOOR, 2 * Gaitcal.FLOOR);
-  texture.anisotropy = 4;
-  return texture;
-};
-
 // Light from above with a shadow that goes along with the person, and a floor with lines every half metre.
 Gaitcal.Floor = class {
   constructor(root) {
@@ -125,15 +109,16 @@ Gaitcal.Floor = class {
       return mesh;
     };
     this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial());
+    this.lines = new THREE.GridHelper(Gaitcal.FLOOR, 2 * Gaitcal.FLOOR, 0xffffff, 0xffffff);
+    this.lines.material.vertexColors = false;
+    this.floor.add(this.lines);
     this.shade = plane(6, -0.002, new THREE.ShadowMaterial({ opacity: 0.2, depthWrite: false }));
     this.shade.receiveShadow = true;
   }
 
   paint(tile, seam) {
-    const { material } = this.floor;
-    material.map?.dispose();
-    material.map = Gaitcal.tiles(tile, seam);
-    material.needsUpdate = true;
+    this.floor.material.color.set(tile);
+    this.lines.material.color.set(seam);
   }
 
   follow(point) {

@@ -77,15 +77,6 @@ Gaitcal.Bones = class {
   // What is said of the knee that is looked at, beside it; null where there is nothing to say.
   words(near) {
     const knee = this.knees.find((one) => one.joint === near);
-    return knee ? [knee.title, ...knee.brief].join("\n") : null;
-  }
-
-  // What is said of each knee, under the legend.
-  write(host) {
-    host.hidden = this.knees.length === 0;
-    for (const written of host.querySelectorAll(".knee")) written.remove();
-    for (const { title, axes, stands } of this.knees) {
-      host.append(html("h3.knee", title), ...[...axes, stands].map((text) => html("p.knee", text)));
-    }
+    return knee ? [knee.title, ...knee.words].join("\n") : null;
   }
 };

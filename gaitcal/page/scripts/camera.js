@@ -1,15 +1,10 @@
 // The camera starts on the person and goes along; pointing at a marker or joint tells its name.
 Gaitcal.WIDE = 32;
-Gaitcal.FLIGHT = 300; // ms
 Gaitcal.NARROW = 10; // degrees: from near by a wide angle would show the near condyle much larger than the far one
 
 Gaitcal.Camera = class {
   constructor(viewer, pane, height) {
-    this.viewer = viewer;
-    this.pane = pane;
-    this.height = height;
-    this.tall = height; // of what is seen of the person
-    this.last = new THREE.Vector3();
+    Object.assign(this, { viewer, pane, height, tall: height, last: new THREE.Vector3() }); // tall: what is seen of the person
     viewer.set_camera(new THREE.PerspectiveCamera(Gaitcal.WIDE, 1, 0.05, 80));
     viewer.controls.maxDistance = 25;
     viewer.controls.minDistance = 0.15;
@@ -22,61 +17,31 @@ Gaitcal.Camera = class {
     }).observe(pane);
   }
 
-  resize() {
-    this.viewer.set_3d_pane_size(this.pane.clientWidth, Math.max(1, this.pane.clientHeight));
-  }
+  resize() { this.viewer.set_3d_pane_size(this.pane.clientWidth, Math.max(1, this.pane.clientHeight)); }
 
   // From a direction (in the laboratory: x forward, y up, z right) the whole person in the picture.
-  look(person, direction, flying) {
+  look(person, direction) {
     const room = 1.02 * Math.max(0.66 * this.tall, (0.36 * this.height) / this.viewer.camera.aspect);
     this.last.copy(person);
     const target = new THREE.Vector3(person.x, 0.5 * this.tall, person.z);
-    this.from(target, new THREE.Vector3(...direction), room, Gaitcal.WIDE, flying);
+    this.from(target, new THREE.Vector3(...direction), room, Gaitcal.WIDE);
   }
 
   // A joint from near by; the direction is in its segment's axes: x forward, y up, z to the right.
-  lookAt({ place, turn }, direction, flying) {
+  lookAt({ place, turn }, direction) {
     const room = 0.085 * this.height * Math.max(1, 1 / this.viewer.camera.aspect);
     this.last.copy(place);
-    this.from(place.clone(), new THREE.Vector3(...direction).applyQuaternion(turn), room, Gaitcal.NARROW, flying);
+    this.from(place.clone(), new THREE.Vector3(...direction).applyQuaternion(turn), room, Gaitcal.NARROW);
   }
 
   // So far away in a direction that `room` m are seen on each side of the target.
-  from(target, direction, room, angle, flying) {
+  from(target, direction, room, angle) {
     const away = direction.normalize().multiplyScalar(room / Math.tan((Math.PI / 180) * (angle / 2)));
-    this.go({ target, position: target.clone().add(away), angle }, flying);
-  }
-
-  go(goal, flying) {
-    this.flight = null;
-    if (!flying || window.matchMedia("(prefers-reduced-motion: reduce)").matches) {
-      this.put(goal);
-      return;
-    }
-    const { camera, controls } = this.viewer;
-    const here = { target: controls.target.clone(), position: camera.position.clone(), angle: camera.fov };
-    this.flight = { here, goal, begin: performance.now(), moved: new THREE.Vector3() };
-    requestAnimationFrame(() => this.fly(this.flight));
-  }
-
-  fly(flight) {
-    if (!flight || flight !== this.flight) return;
-    const part = Math.min(1, (performance.now() - flight.begin) / Gaitcal.FLIGHT);
-    const { here, goal, moved } = flight;
-    const share = part * part * (3 - 2 * part);
-    const mix = (from, to) => from.clone().lerp(to, share).add(moved);
-    const angle = here.angle + (goal.angle - here.angle) * share;
-    this.put({ target: mix(here.target, goal.target), position: mix(here.position, goal.position), angle });
-    if (part === 1) this.flight = null;
-    else requestAnimationFrame(() => this.fly(flight));
-  }
-
-  put({ target, position, angle }) {
     const { camera, controls } = this.viewer;
     camera.fov = angle;
     camera.updateProjectionMatrix();
     controls.target.copy(target);
-    camera.position.copy(position);
+    camera.position.copy(target).add(away);
     controls.update();
     this.viewer.set_dirty();
   }
@@ -88,7 +53,6 @@ Gaitcal.Camera = class {
       if (!inSpace) step.setY(0);
       this.viewer.camera.position.add(step);
       this.viewer.controls.target.add(step);
-      this.flight?.moved.add(step);
     }
     this.last.copy(person);
   }
@@ -136,9 +100,7 @@ Gaitcal.tip = (element, camera, { targets, chosen }) => {
       down = at(event);
       if (!mouse(event)) show(event, 26);
     },
-    pointerleave: (event) => {
-      if (mouse(event)) element.hidden = true;
-    },
+    pointerleave: (event) => { if (mouse(event)) element.hidden = true; },
   });
   // The controls of MeshCat keep the pointer: its release is told to the window.
   window.addEventListener("pointerup", (event) => {

@@ -11,9 +11,7 @@ Gaitcal.Chosen = class {
   }
 
   // `listener(changed)` is called after any of the fields has changed; `changed`: the Set of all that did.
-  on(fields, listener) {
-    this.listeners.push([fields, listener]);
-  }
+  on(fields, listener) { this.listeners.push([fields, listener]); }
 
   set(values) {
     const next = this.following(values);
@@ -24,9 +22,7 @@ Gaitcal.Chosen = class {
   }
 
   // With what follows from a choice.
-  following(values) {
-    return values;
-  }
+  following(values) { return values; }
 
   // What the address says.
   said() {
@@ -60,9 +56,7 @@ Gaitcal.Chosen = class {
   }
 
   // What the address does not say.
-  normal() {
-    return this.usual;
-  }
+  normal() { return this.usual; }
 };
 
 // How fields of some kinds stand in the address.

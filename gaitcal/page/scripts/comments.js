@@ -36,9 +36,7 @@ Gaitcal.comments = (host, { state }) => {
       Gaitcal.button("Print this page", () => window.print())),
     html("p.soft", "Report on paper, with these comments: gaitcal report RESULT --comments comments.toml"),
   ]);
-  const show = () => {
-    host.hidden = state.preset !== "clinician";
-  };
+  const show = () => { host.hidden = state.preset !== "clinician"; };
   state.on(["preset"], show);
   show();
   return { of: (section) => {

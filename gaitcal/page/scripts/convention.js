@@ -11,9 +11,7 @@ Gaitcal.Convention = class {
     Object.assign(this, { person, acting, told: known.signs[signs][acting], units: known.units[unit] });
   }
 
-  title(base, kind) {
-    return this.told[`${base}/${kind}`].title;
-  }
+  title(base, kind) { return this.told[`${base}/${kind}`].title; }
 
   // By what a value of the files is multiplied, and what a positive one means. `side`: of the stride or the leg; "" of
   // what has none.
@@ -23,29 +21,17 @@ Gaitcal.Convention = class {
     return { factor: (sign * times) / (per ? this.person[per] : 1), positive };
   }
 
-  factor(base, kind, side) {
-    return this.of(base, kind, side).factor;
-  }
+  factor(base, kind, side) { return this.of(base, kind, side).factor; }
 
-  positive(base, kind, side) {
-    return this.of(base, kind, side).positive;
-  }
+  positive(base, kind, side) { return this.of(base, kind, side).positive; }
 
-  unit(kind) {
-    return this.units[kind].words;
-  }
+  unit(kind) { return this.units[kind].words; }
 
-  digits(kind) {
-    return this.units[kind].digits;
-  }
+  digits(kind) { return this.units[kind].digits; }
 
   // "N·m/kg, + extension".
-  brief(base, kind, side) {
-    return `${this.unit(kind)}, + ${this.positive(base, kind, side)}`;
-  }
+  brief(base, kind, side) { return `${this.unit(kind)}, + ${this.positive(base, kind, side)}`; }
 
   // "N·m/kg, + extension, internal".
-  words(base, kind, side) {
-    return this.brief(base, kind, side) + (kind === "moment" ? `, ${this.acting}` : "");
-  }
+  words(base, kind, side) { return this.brief(base, kind, side) + (kind === "moment" ? `, ${this.acting}` : ""); }
 };

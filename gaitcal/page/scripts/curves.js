@@ -1,9 +1,7 @@
 // The grid of small multiples: joints by angle, moment and power; what is drawn when, and where the clock stands.
 
 // What curves are drawn anew for. Time alone moves cursors.
-Gaitcal.DRAWN_FOR = [
-  "trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off",
-];
+Gaitcal.DRAWN_FOR = ["trial", "axis", "unit", "signs", "acting", "nominal", "norm", "errors", "truth", "spread", "off"];
 // ms between the numbers above panels that nobody points at, at rest and while the clock runs: nobody reads them then, and
 // to set them anew costs more than the body.
 Gaitcal.READ_EVERY = { rest: 120, playing: 1000 };

@@ -41,9 +41,7 @@ Gaitcal.Figure = class {
   }
 
   // Where the person is: the pelvis.
-  get place() {
-    return this.body.groups[0].position;
-  }
+  get place() { return this.body.groups[0].position; }
 
   // m: what is seen of the person, whose trunk may carry no marker; the pelvis ends at 0.62 of the body's height.
   get tall() {

@@ -85,9 +85,7 @@ Gaitcal.Joints = class {
     }
   }
 
-  of(joint) {
-    return this.marks.filter((mark) => Gaitcal.jointNamed(mark.joint) === joint);
-  }
+  of(joint) { return this.marks.filter((mark) => Gaitcal.jointNamed(mark.joint) === joint); }
 
   // The segments that meet in a joint; null of none.
   segments(joint) {

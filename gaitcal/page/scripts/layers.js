@@ -27,7 +27,6 @@ Gaitcal.legend = (host, page) => {
     figure = shown;
     const { scene, trial, bones } = figure;
     write();
-    bones.write(get("knees"));
     get("bones").textContent = bones.source ? `Bones: ${bones.source}.` : "";
     const untracked = scene.segments.filter((_, s) => !trial.tracked[s]).join(", ").replaceAll("_", " ");
     const sentences = (...words) => words.filter(Boolean).join(" ");

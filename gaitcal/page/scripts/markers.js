@@ -58,9 +58,7 @@ Gaitcal.Markers = class {
     for (const mesh of [this.measured, this.model, this.bars]) mesh.instanceMatrix.needsUpdate = true;
   }
 
-  error(i) {
-    return this.atMeasured[i].distanceTo(this.atModel[i]);
-  }
+  error(i) { return this.atMeasured[i].distanceTo(this.atModel[i]); }
 
   // What may be pointed at: [place, text] of every marker that is drawn.
   targets() {

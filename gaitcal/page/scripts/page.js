@@ -49,14 +49,10 @@ Gaitcal.Page = class {
     this.print = Gaitcal.print(get("print"), this);
   }
 
-  get trial() {
-    return this.trials[this.state.trial].open();
-  }
+  get trial() { return this.trials[this.state.trial].open(); }
 
   // The curves and tables of the shown trial; null on a page of a bare scene.
-  get sheet() {
-    return this.result.sheet?.trials[this.state.trial] ?? null;
-  }
+  get sheet() { return this.result.sheet?.trials[this.state.trial] ?? null; }
 
   titled() {
     const { scene } = this.result;

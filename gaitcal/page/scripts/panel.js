@@ -25,9 +25,7 @@ Gaitcal.Panel = class {
     );
   }
 
-  get convention() {
-    return this.curves.convention;
-  }
+  get convention() { return this.curves.convention; }
 
   // Its words in the chosen convention.
   name() {
@@ -217,9 +215,7 @@ Gaitcal.Panel = class {
     this.curves.schedule();
   }
 
-  far({ pointerType, clientX }) {
-    return pointerType !== "touch" && Math.abs(clientX - this.held) > Gaitcal.DRAGGED;
-  }
+  far({ pointerType, clientX }) { return pointerType !== "touch" && Math.abs(clientX - this.held) > Gaitcal.DRAGGED; }
 
   // The leg whose curve is nearest to the pointer leads the clock over the cycle.
   nearest({ clientX, clientY }) {
@@ -230,9 +226,7 @@ Gaitcal.Panel = class {
   }
 
   // The frame at an x of the axis.
-  frameAt(x) {
-    return this.traces.percent ? this.strides.timeAt(this.curves.lead, x) : this.strides.trial.frame(x);
-  }
+  frameAt(x) { return this.traces.percent ? this.strides.timeAt(this.curves.lead, x) : this.strides.trial.frame(x); }
 
   enlarge() {
     const { joint } = this.subject;

@@ -6,17 +6,11 @@ Gaitcal.PEAK_WORDS =
   "straight strides of all walks. Highest and lowest are told only where the curve turns within the window. Place: % of the stride.";
 
 Gaitcal.Peaks = class {
-  constructor(root, curves) {
-    Object.assign(this, { root, curves });
-  }
+  constructor(root, curves) { Object.assign(this, { root, curves }); }
 
-  get convention() {
-    return this.curves.convention;
-  }
+  get convention() { return this.curves.convention; }
 
-  title({ title, external }) {
-    return this.curves.state.acting === "external" ? external : title;
-  }
+  title({ title, external }) { return this.curves.state.acting === "external" ? external : title; }
 
   // "0.77 ± 0.13" and "at 50 %; SD 0.05 of 3 strides"; which strides do not have it.
   cell({ base, kind, apart, ...legs }, side) {

@@ -15,21 +15,13 @@ Gaitcal.Axis = class {
     this.digits = Math.max(1, ...this.ticks.map(({ digits }) => digits + 1)); // of values that lie between ticks
   }
 
-  share(value) {
-    return Math.min(1, Math.max(0, (value - this.low) / (this.high - this.low)));
-  }
+  share(value) { return Math.min(1, Math.max(0, (value - this.low) / (this.high - this.low))); }
 
-  at(value) {
-    return `${(100 * this.share(value)).toFixed(3)}%`;
-  }
+  at(value) { return `${(100 * this.share(value)).toFixed(3)}%`; }
 
-  width(from, to) {
-    return `${(100 * (this.share(to) - this.share(from))).toFixed(3)}%`;
-  }
+  width(from, to) { return `${(100 * (this.share(to) - this.share(from))).toFixed(3)}%`; }
 
-  line(kind, from, to, y1, y2) {
-    return svg(`line.${kind}`, { x1: this.at(from), x2: this.at(to), y1, y2 });
-  }
+  line(kind, from, to, y1, y2) { return svg(`line.${kind}`, { x1: this.at(from), x2: this.at(to), y1, y2 }); }
 
   // One lane: grid lines, then what `marks` are.
   lane(height, ...marks) {

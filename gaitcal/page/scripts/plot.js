@@ -57,10 +57,7 @@ Gaitcal.plot = (place, size, drawing) => {
         { ...axis, incrs: Gaitcal.STEPS, size: (3 * font + 6) * density, space: 24 * density },
       ],
       series: [{}, ...series],
-      bands: bands.map((band, k) => ({
-        series: [1 + 2 * k, 2 + 2 * k],
-        fill: band.colour,
-      })),
+      bands: bands.map((band, k) => ({ series: [1 + 2 * k, 2 + 2 * k], fill: band.colour })),
       hooks: { ...hooks, drawAxes: [under] },
     },
     [Array.from(all[0]?.x ?? x), ...all.map(known)],

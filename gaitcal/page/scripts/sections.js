@@ -29,9 +29,7 @@ Gaitcal.sections = (host, page) => {
   const { state } = page;
   const cursors = [];
   const title = (fold) => fold.firstElementChild.textContent;
-  const follow = () => {
-    for (const cursor of cursors) cursor(state.seconds, !state.playing);
-  };
+  const follow = () => { for (const cursor of cursors) cursor(state.seconds, !state.playing); };
   // What a reader has unfolded stays so in another trial.
   const draw = () => {
     const { sheet } = page.result;

@@ -26,14 +26,10 @@ Gaitcal.SheetTrial = class {
   }
 
   // The curve of a coordinate, of a leg ("r", "l") or of none (""); undefined where the trial has none.
-  curve(base, side, kind) {
-    return this.curves.get(`${base}/${side}/${kind}`);
-  }
+  curve(base, side, kind) { return this.curves.get(`${base}/${side}/${kind}`); }
 
   // The curve in a stride of a leg: pelvis and trunk have one for both legs.
-  ofLeg(base, side, kind) {
-    return this.curve(base, side, kind) ?? this.curve(base, "", kind);
-  }
+  ofLeg(base, side, kind) { return this.curve(base, side, kind) ?? this.curve(base, "", kind); }
 
   // The last frame at or before t, and the share of the way to the next one; NaN outside the trial.
   place(t) {
@@ -74,20 +70,16 @@ Gaitcal.Curve = class {
     return this.parts[name];
   }
 
-  get valid() {
-    return this.trial.masks[this.packed.valid];
-  }
+  get valid() { return this.trial.masks[this.packed.valid]; }
 
   // The curve over 0, 1, ..., 100 % of a stride: linear between frames; a gap stays one. Valid percents are those of
-  // `cycles.csv`; where the page was not told them, those between two valid frames.
+  // `cycles.csv`.
   over(stride) {
     if (!this.laid.has(stride)) {
       const places = this.trial.places(stride);
       const mixed = (values, { low, high, share }) =>
         share === 0 ? values[low] : values[low] + share * (values[high] - values[low]);
-      const valid = stride.valid
-        ? new Uint8Array(Gaitcal.bytes(stride.valid[this.packed.valid]))
-        : Uint8Array.from(places, ({ low, high, share }) => share >= 0 && this.valid[low] && this.valid[high]);
+      const valid = new Uint8Array(Gaitcal.bytes(stride.valid[this.packed.valid]));
       // Angles of the pelvis are against the line of each stride, as in `cycles.csv`, and mean nothing in a stride without
       // one; over time, they are against that of the trial.
       const own = (this.packed.kind === "angle" && stride.pelvis?.[this.packed.base]) || null;
@@ -100,9 +92,7 @@ Gaitcal.Curve = class {
   }
 
   // The curve over the time of the trial.
-  whole() {
-    return this.record(this.trial.time, this.valid, (values) => values);
-  }
+  whole() { return this.record(this.trial.time, this.valid, (values) => values); }
 
   record(x, valid, lay) {
     const parts = ["value", "se", "own", "nominal", "truth"].map((name) => [name, lay(this.part(name))]);

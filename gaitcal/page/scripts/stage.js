@@ -27,12 +27,12 @@ Gaitcal.Stage = class {
       targets: () => this.figure.targets((layer) => this.on(layer)),
       chosen: (joint) => this.state.set({ joint }),
     });
-    Object.assign(this, { slow: 0, eased: false, before: null });
+    this.eased = false;
     if (software) this.ease();
     this.painted();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.painted());
     get("views").addEventListener("click", ({ target: { dataset } }) => {
-      if (dataset.from) this.look(...dataset.from.split(" ").map(Number), true);
+      if (dataset.from) this.look(...dataset.from.split(" ").map(Number));
     });
     get("near").addEventListener("click", ({ target: { dataset } }) => {
       if (dataset.joint !== undefined) this.state.set({ joint: dataset.joint || null });
@@ -47,9 +47,7 @@ Gaitcal.Stage = class {
     if (any("trial")) this.open();
     else if (any("layers", "joint", "preset")) this.refresh();
     else this.pose();
-    if (changed.has("joint")) this.look(...this.front(), true);
-    if (this.state.playing) this.timed(performance.now());
-    else this.before = null;
+    if (changed.has("joint")) this.look(...this.front());
   }
 
   // Colours of the page's scheme.
@@ -78,19 +76,15 @@ Gaitcal.Stage = class {
     return joint !== null && this.figure.joints.of(joint).length ? joint : null;
   }
 
-  front() {
-    return this.near ? [1, 0.06, 0] : [0.75, 0.3, 0.85];
-  }
+  front() { return this.near ? [1, 0.06, 0] : [0.75, 0.3, 0.85]; }
 
-  on(layer) {
-    return this.state.layers.has(layer) && this.figure.lack(layer) === null;
-  }
+  on(layer) { return this.state.layers.has(layer) && this.figure.lack(layer) === null; }
 
-  // The whole person, or the joint that is looked at, from a direction; `flying`: not at once.
-  look(x, y, z, flying = false) {
+  // The whole person, or the joint that is looked at, from a direction.
+  look(x, y, z) {
     const joint = this.near && this.figure.joints.pose(this.near);
-    if (joint) this.camera.lookAt(joint, [x, y, this.near.endsWith("_l") ? -z : z], flying);
-    else this.camera.look(this.figure.place, [x, y, z], flying);
+    if (joint) this.camera.lookAt(joint, [x, y, this.near.endsWith("_l") ? -z : z]);
+    else this.camera.look(this.figure.place, [x, y, z]);
   }
 
   refresh() {
@@ -111,14 +105,7 @@ Gaitcal.Stage = class {
     this.viewer.set_dirty();
   }
 
-  timed(now) {
-    const took = now - (this.before ?? now);
-    this.slow = Math.max(0, this.slow + (took > 250 ? 3 : took > 90 ? 1 : -1));
-    this.before = now;
-    if (this.slow > 7 && !this.eased) this.ease();
-  }
-
-  // Where drawing is slow, as without a graphics card, shadows and fine pixels go: of a frame in software rendering the
+  // Without a graphics card shadows and fine pixels go: of a frame in software rendering the
   // shadows are more than half.
   ease() {
     this.eased = true;

@@ -74,9 +74,7 @@ Gaitcal.State = class extends Gaitcal.Chosen {
     return joint ? { joint, ...super.said() } : super.said();
   }
 
-  soon() {
-    if (!this.playing) super.soon();
-  }
+  soon() { if (!this.playing) super.soon(); }
 
   normal() {
     const layers = this.sheet ? Gaitcal.PRESETS[this.preset].layers : this.usual.layers;

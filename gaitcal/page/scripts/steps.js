@@ -1,30 +1,17 @@
-// The table of steps and phases. Which strides count, and how means are formed, is gaitcal/gait/spatiotemporal.py.
+// The table of steps and phases: means over what is switched on. What of a stride counts is said in gaitcal/gait/spatiotemporal.py.
 
-Gaitcal.OF_BOTH_LEGS = ["step_width"];
-Gaitcal.OF_BOTH_FEET = ["step", "first_double", "second_double", "double", "single"];
-
-// Whether a measure of a leg may be used where the verdict refuses the legs `refused`.
-Gaitcal.measureCounts = (name, side, refused) =>
-  !refused.includes(side) && !(refused.length && Gaitcal.OF_BOTH_FEET.some((begin) => name.startsWith(begin)));
-
-// Of all trials together, with what is switched on.
 Gaitcal.stepsOf = ({ result, state }) => {
   const { trials, measures } = result.sheet;
-  const known = trials.flatMap(({ measures: strides, refused }, index) =>
-    strides
-      .filter((stride) => !stride.turns && Gaitcal.isOn(state, index, stride))
-      .map(({ side, values }) => ({ side, values, refused })),
-  );
+  const known = trials.flatMap((trial, t) => trial.measures.filter((stride) => Gaitcal.isOn(state, t, stride)));
   const of = (name, leg) => {
-    const counting = known.filter(({ side, refused }) => side === leg && Gaitcal.measureCounts(name, side, refused));
-    const average = Gaitcal.average(counting.map(({ values }) => values[name]));
+    const average = Gaitcal.average(known.filter(({ side }) => side === leg).map(({ values }) => values[name]));
     return average.n ? average : null;
   };
   return measures
     .map((measure) => {
       const [right, left] = [of(measure.name, "r"), of(measure.name, "l")];
       const sum = (right?.mean ?? 0) + (left?.mean ?? 0);
-      const both = right && left && sum !== 0 && !Gaitcal.OF_BOTH_LEGS.includes(measure.name);
+      const both = right && left && sum !== 0 && measure.compared;
       if (!both) return { ...measure, right, left, symmetry: null };
       const [se, other] = [right, left].map(({ sd, n }) => Math.max(sd || 0, measure.least) / Math.sqrt(n));
       const error = (400 * Math.hypot(left.mean * se, right.mean * other)) / sum ** 2;

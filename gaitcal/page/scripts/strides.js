@@ -4,14 +4,10 @@ Gaitcal.Strides = class {
     Object.assign(this, { state, sheet: new Gaitcal.Sheet(result), held: {} });
   }
 
-  get trial() {
-    return this.sheet.trials[this.state.trial] ?? this.sheet.trials[0];
-  }
+  get trial() { return this.sheet.trials[this.state.trial] ?? this.sheet.trials[0]; }
 
   // Over the cycle where the chosen trial has a stride of any leg: what has none can only be seen over time.
-  get percent() {
-    return this.state.axis === "percent" && this.trial.strides.length > 0;
-  }
+  get percent() { return this.state.axis === "percent" && this.trial.strides.length > 0; }
 
   // The strides of a leg that are on: [{trial, stride}]; those that turn apart.
   on(side) {
@@ -24,9 +20,7 @@ Gaitcal.Strides = class {
   }
 
   // How many straight strides are on: [right, left].
-  get counts() {
-    return ["r", "l"].map((side) => this.on(side).straight.length);
-  }
+  get counts() { return ["r", "l"].map((side) => this.on(side).straight.length); }
 
   // The stride of a leg in the chosen trial at a time; the nearest one where there is none; null without any.
   near(side, seconds) {
@@ -43,9 +37,7 @@ Gaitcal.Strides = class {
   }
 
   // The same, of the other leg where this one has none.
-  nearAny(side, seconds) {
-    return this.near(side, seconds) ?? this.near(side === "r" ? "l" : "r", seconds);
-  }
+  nearAny(side, seconds) { return this.near(side, seconds) ?? this.near(side === "r" ? "l" : "r", seconds); }
 
   // Percent of the stride of a leg at a time; null where the leg makes no stride then.
   percentAt(side, seconds) {

@@ -114,9 +114,7 @@ Gaitcal.timeline = (page) => {
     return Math.min(1, Math.max(0, (clientX - left) / width)) * page.trial.duration;
   };
   const far = ({ clientX }) => Math.abs(clientX - from.x) >= Gaitcal.DRAGGED;
-  const release = () => {
-    from = null;
-  };
+  const release = () => { from = null; };
   Gaitcal.dress(tracks, {
     pointerdown: (event) => {
       if (event.button > 0) return;

@@ -114,9 +114,7 @@ Gaitcal.Traces = class {
   }
 
   // The line that a cursor reads on a side.
-  main(side) {
-    return this.lines.find((line) => line.side === side && line.isMain) ?? null;
-  }
+  main(side) { return this.lines.find((line) => line.side === side && line.isMain) ?? null; }
 
   // Value, error and validity of a leg at a time, as the files have them; of means and of angles that are told against
   // the line of a stride, at the leg's place `x` on the axis, null where it has none.

@@ -8,18 +8,14 @@ Gaitcal.GAP = -32768;
 
 // Packed lengths: at(i) is a number, or NaN in a gap.
 Gaitcal.Lengths = class {
-  constructor({ low, step, data }) {
-    Object.assign(this, { low, step, data: new Int16Array(Gaitcal.bytes(data)) });
-  }
+  constructor({ low, step, data }) { Object.assign(this, { low, step, data: new Int16Array(Gaitcal.bytes(data)) }); }
 
   at(i) {
     const value = this.data[i];
     return value === Gaitcal.GAP ? NaN : this.low + this.step * (value + 32767);
   }
 
-  all() {
-    return Float32Array.from(this.data, (_, i) => this.at(i));
-  }
+  all() { return Float32Array.from(this.data, (_, i) => this.at(i)); }
 };
 
 // Where x lies in ascending values: the last one at or before it, the next one, and the share of the way to that.
@@ -54,9 +50,7 @@ Gaitcal.Trial = class {
     return this;
   }
 
-  get duration() {
-    return this.time[this.time.length - 1];
-  }
+  get duration() { return this.time[this.time.length - 1]; }
 
   // The frame at or before time t (s from the start), and how far (0..1) it is to the next one.
   frame(t) {

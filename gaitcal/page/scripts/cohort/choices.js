@@ -27,9 +27,7 @@ Gaitcal.Choices = class extends Gaitcal.Chosen {
     this.set(this.said());
   }
 
-  said() {
-    return { ...this.usual, ...super.said() };
-  }
+  said() { return { ...this.usual, ...super.said() }; }
 
   following(values) {
     const changed = (field) => field in values && !Object.is(values[field], this[field]);

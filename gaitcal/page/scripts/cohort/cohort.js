@@ -73,6 +73,4 @@ Gaitcal.Cohort = class {
 };
 
 window.gaitcal = new Gaitcal.Cohort();
-requestAnimationFrame(() => {
-  window.gaitcal.ready = performance.now();
-});
+requestAnimationFrame(() => { window.gaitcal.ready = performance.now(); });

@@ -80,8 +80,8 @@ Gaitcal.strip = (people, choices, measure) => {
       const step = Math.min(2 * radius, (Gaitcal.LANE - 2 * radius - 4) / Math.max(1, one.length - 1));
       for (const [n, { i, value }] of one.entries()) {
         const cy = (Gaitcal.LANE / 2 + (n % 2 ? 1 : -1) * Math.ceil(n / 2) * step).toFixed(1);
-        const kind = `circle.person.group${k % Gaitcal.GROUP_COLOURS}`;
-        dots.set(i, svg(kind, { cx: axis.at(value), cy, r: radius, "data-i": i }));
+          const style = `fill: var(--group${k % Gaitcal.GROUP_COLOURS})`;
+        dots.set(i, svg("circle.person", { cx: axis.at(value), cy, r: radius, style, "data-i": i }));
       }
     }
     const box = { x: axis.at(first), width: axis.width(first, third), y: 4, height: Gaitcal.LANE - 8, rx: 3 };

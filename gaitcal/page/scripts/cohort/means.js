@@ -1,16 +1,16 @@
-// Mean curves of groups, their legend, and who lies far from the mean. Legs that are refused take no part.
+// Mean curves of groups, and their legend. Legs that are refused take no part.
 Gaitcal.DASHES = [[], [7, 4], [2, 3], [10, 3, 2, 3], [4, 2], [12, 5]];
 
 Gaitcal.meanCurves = (host, people, choices) => {
   const part = (name) => host.querySelector(`.${name}`);
-  const [legend, grid, far] = [part("mean-legend"), part("mean-grid"), part("far")];
+  const [legend, grid] = [part("mean-legend"), part("mean-grid")];
   const panels = people.curves.map((_, variable) => Gaitcal.meanPanel(people, choices, variable));
   grid.append(...panels.map(({ root }) => root));
 
   const label = () => {
     const inside = new Set(choices.filtered().map((i) => people.groupOf[i]));
     const key = (colour, dash) =>
-      svg(`svg.curve-key.of-${colour}`, { width: 34, height: 14, "aria-hidden": "true" },
+      svg("svg.curve-key", { width: 34, height: 14, "aria-hidden": "true", style: `stroke: var(--${colour}); fill: var(--${colour})` },
         colour !== "ink" && svg("rect", { y: 1, width: 34, height: 12 }),
         svg("line", { x1: 0, x2: 34, y1: 7, y2: 7, "stroke-dasharray": dash.join(" ") || null }),
       );
@@ -20,7 +20,7 @@ Gaitcal.meanCurves = (host, people, choices) => {
     const single = (i, n) => {
       const words = `No longer draw ${Gaitcal.visible(people.name(i))}`;
       const off = Gaitcal.button("✕", () => choices.show(i, false), { class: "off", "aria-label": words });
-      return html("li", key("ink", Gaitcal.DASHES[n]), html("strong", String(n + 1)), people.linked(i), off);
+      return html("li", key("ink", Gaitcal.DASHES[n]), people.linked(i), off);
     };
     legend.replaceChildren();
     Gaitcal.built(legend, "", [
@@ -31,19 +31,9 @@ Gaitcal.meanCurves = (host, people, choices) => {
         html("li", html("span"), `only the first ${drawn.length} of ${groups.length} groups are drawn`),
     ]);
   };
-  const farthest = () => {
-    const button = ({ i, distance }) => {
-      const words = [Gaitcal.named(people.name(i)), html("span.soft", ` ${Gaitcal.numeral(distance, 1)} SD`)];
-      return html("li", Gaitcal.button(words, () => choices.show(i)));
-    };
-    const items = people.farthest(choices).map(button);
-    const words = "Root mean square over all curves, in standard deviations between people. Press to draw over the means.";
-    const parts = [html("h3", "Farthest from the mean of their group"), html("p.hint", words), html("ul.chips", items)];
-    far.replaceChildren(...(items.length ? parts : []));
-  };
 
   // What is drawn in each part of the page, when it is seen; what is no longer as it is chosen; what is seen.
-  const parts = new Map([...panels.map(({ root, draw }) => [root, draw]), [far, farthest]]);
+  const parts = new Map(panels.map(({ root, draw }) => [root, draw]));
   const [dirty, visible] = [new Set(), new Set()];
   let later = 0;
   const refresh = (all = false) => {
@@ -52,15 +42,15 @@ Gaitcal.meanCurves = (host, people, choices) => {
       parts.get(one)();
     }
   };
-  const stale = (others) => {
+  const stale = () => {
     label();
-    for (const one of parts.keys()) if (others || one !== far) dirty.add(one);
+    for (const one of parts.keys()) dirty.add(one);
     cancelAnimationFrame(later);
     later = requestAnimationFrame(() => refresh());
   };
   const paper = (on) => {
     document.documentElement.classList.toggle("on-paper", on);
-    stale(false);
+    stale();
     refresh(on);
   };
   const came = (entries) => {
@@ -72,13 +62,12 @@ Gaitcal.meanCurves = (host, people, choices) => {
   };
   const watch = new IntersectionObserver(came, { rootMargin: "200px" });
   for (const one of parts.keys()) watch.observe(one);
-  choices.on([...Gaitcal.NARROWING, "legs", "doubtful"], () => stale(true));
-  choices.on(["shown"], () => stale(false));
-  new ResizeObserver(() => stale(false)).observe(host);
-  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => stale(false));
+  choices.on([...Gaitcal.NARROWING, "legs", "doubtful", "shown"], stale);
+  new ResizeObserver(stale).observe(host);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", stale);
   window.addEventListener("beforeprint", () => paper(true));
   window.addEventListener("afterprint", () => paper(false));
-  stale(true);
+  stale();
 };
 
 // One variable over the stride: each group's mean with its standard deviation, people who are shown over it, normal
@@ -100,22 +89,6 @@ Gaitcal.meanPanel = (people, choices, variable) => {
     const words = `${k === null ? "" : `${percents[k]} %: `}${parts.join("; ")}`;
     if (reading.textContent !== words) reading.textContent = words;
   };
-  // The numbers by which the legend knows people.
-  const number = ({ ctx: pen, valToPos }, { paper, ink }) => {
-    const scale = uPlot.pxRatio;
-    Object.assign(pen, { font: `700 ${11 * scale}px system-ui, sans-serif`, textAlign: "center", textBaseline: "middle" });
-    for (const { n, curve } of singles) {
-      const k = Math.round((0.15 + 0.2 * n) * (curve.length - 1));
-      if (Number.isNaN(curve[k])) continue;
-      const [x, y] = [valToPos(percents[k], "x", true), valToPos(curve[k], "y", true)];
-      pen.fillStyle = paper;
-      pen.beginPath();
-      pen.arc(x, y, 7 * scale, 0, 2 * Math.PI);
-      pen.fill();
-      pen.fillStyle = ink;
-      pen.fillText(String(n + 1), x, y);
-    }
-  };
   const drawing = () => {
     const colours = Gaitcal.pageColours();
     const known = (values) => values.map((value) => value ?? NaN);
@@ -133,7 +106,7 @@ Gaitcal.meanPanel = (people, choices, variable) => {
     return {
       x: [0, 100], y: [low - room, high + room], lines, bands, colours, font: 11, incrs: [25, 50],
       cursor: { y: false, points: { show: false }, drag: { x: false, y: false } },
-      hooks: { setCursor: [({ cursor }) => read(cursor.idx ?? null)], draw: [(own) => number(own, colours)] },
+      hooks: { setCursor: [({ cursor }) => read(cursor.idx ?? null)] },
     };
   };
   const ends = (mean) => {

@@ -41,14 +41,10 @@ Gaitcal.People = class {
     return out;
   }
 
-  word(column, i) {
-    return this.columns.get(column)?.at(i) ?? "";
-  }
+  word(column, i) { return this.columns.get(column)?.at(i) ?? ""; }
 
   // Name and session.
-  name(i) {
-    return [this.word("person", i), this.word("session", i)].filter(Boolean).join(" ");
-  }
+  name(i) { return [this.word("person", i), this.word("session", i)].filter(Boolean).join(" "); }
 
   // The person's name, which leads to the own page where there is one; a folder's name may hold what an address may not.
   linked(i, name = this.name(i)) {
@@ -91,32 +87,7 @@ Gaitcal.People = class {
     }
     return out;
   }
-
-  // Who lies farthest from the mean of the own group: root mean square over all curves, in standard deviations.
-  farthest(choices, most = 5) {
-    const away = new Map(choices.filtered().map((i) => [i, []]));
-    for (const variable of this.curves.keys()) {
-      const means = this.means(choices, variable);
-      for (const [i, squares] of away) {
-        const group = means.get(this.groupOf[i]);
-        const curve = group?.people >= Gaitcal.LEAST_OF_GROUP && this.curve(i, variable, choices);
-        for (const [k, value] of (curve || []).entries()) {
-          if (group.sd[k] > 0 && group.n[k] >= Gaitcal.LEAST_OF_GROUP) {
-            squares.push(((value - group.mean[k]) / group.sd[k]) ** 2);
-          }
-        }
-      }
-    }
-    return [...away]
-      .map(([i, squares]) => ({ i, distance: Math.sqrt(Gaitcal.average(squares).mean) }))
-      .filter(({ distance }) => Number.isFinite(distance))
-      .sort((a, b) => b.distance - a.distance)
-      .slice(0, most);
-  }
 };
-
-// People of a group from whom a distance to it can be told.
-Gaitcal.LEAST_OF_GROUP = 3;
 
 // A column's title, with its leg.
 Gaitcal.columnWords = ({ title, side }) => (side ? `${title}, ${Gaitcal.LEGS[side]}` : title);

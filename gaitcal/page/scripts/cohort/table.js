@@ -131,9 +131,7 @@ Gaitcal.chooser = (people, choices) => {
     const label = Gaitcal.tick(html("span", words), (on) => chosen(name, on));
     return { name, box: label.control, item: html("li", label), text: `${title} ${name} ${unit} ${meaning}`.toLowerCase() };
   });
-  const mark = () => {
-    for (const { name, box } of entries) box.checked = choices.columns.includes(name);
-  };
+  const mark = () => { for (const { name, box } of entries) box.checked = choices.columns.includes(name); };
   dialog.querySelector("ul").append(...entries.map(({ item }) => item));
   dialog.querySelector("input").addEventListener("input", ({ target }) => {
     const words = target.value.toLowerCase().split(/\s+/).filter(Boolean);

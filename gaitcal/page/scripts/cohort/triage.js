@@ -62,7 +62,7 @@ Gaitcal.triage = (host, people, choices) => {
   };
   const [first, rest] = [people.ranked.slice(0, Gaitcal.CAUSES_AT_ONCE), people.ranked.slice(Gaitcal.CAUSES_AT_ONCE)];
   Gaitcal.built(host, "", [
-    html("ul.cards.triage", Object.keys(Gaitcal.VERDICT_WORDS).map(card)),
+    html("ul.triage", Object.keys(Gaitcal.VERDICT_WORDS).map(card)),
     first.length ? list(first, "Causes, the commonest first") : html("p", "No cause for doubt was found in anybody."),
     rest.length > 0 && Gaitcal.fold(`${rest.length} more causes`, list(rest, "Further causes")),
   ]);

@@ -33,7 +33,7 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array, cross
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.model.segment_frames import sign
 
 Landmarks = Mapping[str, Array]
@@ -110,7 +110,6 @@ BEYOND = {
 """Joint -> landmarks that move with what lies beyond it."""
 CENTRE = {"hip": ("asis",), "knee": ("knee_lat", "knee_med"), "ankle": ("ankle_lat", "ankle_med")}
 """Joint -> landmarks whose mean stands for its centre."""
-SIDE_WORDS = {"r": "right", "l": "left"}
 
 
 @dataclass(frozen=True)
