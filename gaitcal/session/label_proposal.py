@@ -128,9 +128,13 @@ def place_strangers(
     near_two = {m for m, ahead in zip(labels, placed.ahead, strict=True) if ahead < BEYOND_DOUBT}
     why |= dict.fromkeys(near_two, "moves with two segments about as well") | dict(found.unused)
     why |= {m: "never seen with the others" for m in every if m not in labels and m not in why}
+    evidence, place = on_one_segment(scatter), segments[placed.places]
+    same = np.isfinite(scatter) & (place[:, None] == place)
+    loose = {m for m, row, mates in zip(labels, evidence, same, strict=True) if mates.any() and row[mates].mean() < 0}
+    why |= dict.fromkeys(loose - near_two, "does not keep its distance from the segment on which it stands")
     alone = {m for s, group in found.tracking.items() if s not in own for m in group}
-    why |= dict.fromkeys(alone - near_two, "on a segment of which the set knows no marker")
-    out = {*segment_of, *near_two, *alone}
+    why |= dict.fromkeys(alone - near_two - loose, "on a segment of which the set knows no marker")
+    out = {*segment_of, *near_two, *loose, *alone}
     apart = {s: tuple(m for m in group if m not in out) for s, group in found.tracking.items()}
     tracking = {segment: group for segment, group in apart.items() if group}
     kept = [label for group in tracking.values() for label in group]
@@ -147,8 +151,9 @@ def place_strangers(
 def _seen(standing: Recording, moving: Sequence[Recording]) -> tuple[list[str], Array, Array, list[int]]:
     """All labels, (n, n) m scatter of their distances, (n, 3) m where they stand, and the numbers of those seen."""
     every = list(dict.fromkeys(label for r in (standing, *moving) for label in r.labels))
-    scatter = distance_scatter(moving, every)
-    points = with_missing(standing_points(standing, every), every, moving, scatter)
+    standing_at = standing_points(standing, every)
+    scatter = distance_scatter(moving, every, standing_at)
+    points = with_missing(standing_at, every, moving, scatter)
     seen = [i for i in range(len(every)) if np.isfinite(points[i]).all()]
     if len(seen) < FEWEST_MARKERS:
         raise InputError(f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are needed")
@@ -251,6 +256,8 @@ def _read_off(labels: Sequence[str], placed: Placed, scatter: Array) -> LabelPro
         evidence[label] = ", ".join(words)
         if body.labels[on[i]]:
             rename[label] = body.labels[on[i]]
+        elif np.isfinite(scatter).any() and not np.isfinite(scatter[i]).any():
+            unused[label] = f"on {segment}, but in no trial that moves"
         else:
             tracking.setdefault(segment, []).append(label)
             if joint == "head":
