@@ -91,7 +91,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def _one_blas_thread() -> Iterator[None]:
     """What lies below the functions of `import gaitcal` is called here by itself, and runs as they run it.
 
-    That they and programs ask for it themselves is shown in `test_runtime_blas.py`, where the user allows more.
+    That they and programs ask for it themselves is shown in `test_runtime.py`, where the user allows more.
     """
     import scipy.linalg  # noqa: F401  # brings a BLAS of its own
 

@@ -101,37 +101,13 @@ def fake_calibration(
         inputs={names.file: "ab" * 32},
     )
     inertial = gait and plates and valid
-    phases = (
-        Phase(
-            name="joint:knee_r",
-            trials=("knee",),
-            parameters=9,
-            iterations=7,
-            seconds=0.4,
-            converged=True,
-            message="small step",
-        ),
-        Phase(
-            name="gait",
-            trials=(names.trial,),
-            parameters=34,
-            iterations=9,
-            seconds=1.2,
-            converged=True,
-            message="`ftol` reached",
-        ),
+    told = ("joint:knee_r", "knee", 9, 7, 0.4, "small step"), ("gait", names.trial, 34, 9, 1.2, "`ftol` reached")
+    phases = tuple(
+        Phase(name=n, trials=(t,), parameters=p, iterations=i, seconds=s, converged=True, message=m)
+        for n, t, p, i, s, m in told
     )
-    doubts = (
-        Finding(
-            code=Code.TRIALS_DISAGREE,
-            severity=Severity.WARNING,
-            topic="joints",
-            where=STUDY,
-            cause=names.warning,
-            found="by 3 mm",
-            cure="look at it",
-        ),
-    )
+    doubt = {"severity": Severity.WARNING, "topic": "joints", "where": STUDY, "found": "by 3 mm", "cure": "look at it"}
+    doubts = (Finding(code=Code.TRIALS_DISAGREE, cause=names.warning, **doubt),)
     return Calibration(
         study=study,
         nominal=model,
@@ -154,31 +130,18 @@ def with_phase(calibration: Calibration, converged: bool) -> Calibration:
 
 def _joint(parameters: Any) -> JointCalibration:
     return JointCalibration(
-        parameters=parameters,
-        phases=(),
-        free=FREE,
-        errors=cast(Any, ()),
-        unidentifiable=UNSEEN,
-        findings=(),
+        parameters=parameters, phases=(), free=FREE, errors=cast(Any, ()), unidentifiable=UNSEEN, findings=(),
         at_bound=("knee_r.thigh.front",),
-    )
+    )  # fmt: skip
 
 
 def _inertial(values: np.ndarray) -> InertialFit:
     free = symmetric_set()
     return InertialFit(
-        names=free.names,
-        inertial=values * 1.02,
-        jacobian=free.selection,
-        residual_jacobian=np.zeros((1, len(free.names))),
-        rms_force=20.0,
-        rms_moment=9.0,
-        seeds=1,
-        iterations=5,
-        seconds=0.1,
-        converged=True,
-        message="done",
-    )
+        names=free.names, inertial=values * 1.02, jacobian=free.selection,
+        residual_jacobian=np.zeros((1, len(free.names))), rms_force=20.0, rms_moment=9.0,
+        seeds=1, iterations=5, seconds=0.1, converged=True, message="done",
+    )  # fmt: skip
 
 
 def _uncertainty(known: bool) -> Uncertainty:
@@ -190,21 +153,10 @@ def _uncertainty(known: bool) -> Uncertainty:
 def _recording(names: Names) -> Recording:
     time = np.arange(FRAMES) / RATE
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
-    plate = ForcePlate(
-        name="1",
-        time=time,
-        force=np.zeros((FRAMES, 3)),
-        point=np.zeros((FRAMES, 3)),
-        moment=np.zeros((FRAMES, 3)),
-        corners=corners,
-    )
-    return Recording(
-        source=f"/home/somebody/{names.file}",
-        time=time,
-        labels=(names.marker,),
-        markers=np.zeros((FRAMES, 1, 3)),
-        plates=(plate,),
-    )
+    zero = np.zeros((FRAMES, 3))
+    plate = ForcePlate(name="1", time=time, force=zero, point=zero, moment=zero, corners=corners)
+    source, markers = f"/home/somebody/{names.file}", np.zeros((FRAMES, 1, 3))
+    return Recording(source=source, time=time, labels=(names.marker,), markers=markers, plates=(plate,))
 
 
 def _study_trial(name: str, role: Role, joint: str | None, names: Names) -> Trial:
@@ -230,14 +182,8 @@ def _motion(names: Names, coordinates: tuple[str, ...], level: float, segments: 
     nodes = 0.3 * np.sin(2.0 * phase) + level
     if "pelvis_ty" in coordinates:
         nodes[:, coordinates.index("pelvis_ty")] = 1.0
-    return Motion(
-        name="m",
-        coordinates=coordinates,
-        basis=basis,
-        nodes=nodes,
-        errors=_errors(names, level, segments),
-        converged=True,
-    )
+    errors = _errors(names, level, segments)
+    return Motion(name="m", coordinates=coordinates, basis=basis, nodes=nodes, errors=errors, converged=True)
 
 
 def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
@@ -246,18 +192,10 @@ def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
     before, after = (_motion(names, own, level, segments * 4) for level in (0.006, 0.004))
     floor, body = _errors(names, 0.003, segments * 4), _motion(names, COORDINATES, 0.004, segments * 4)
     return TrialResult(
-        name="knee",
-        role=Role.JOINT,
-        joint="knee_r",
-        recording=_recording(names),
-        nominal=before,
-        calibrated=after,
-        final=_motion(names, own, 0.005, segments * 4),
-        floor=floor,
-        joint_floor=_joint_floor(floor, {"knee_r": 0.0032}),
-        body=body,
-        loads=None,
-    )
+        name="knee", role=Role.JOINT, joint="knee_r", recording=_recording(names), nominal=before, calibrated=after,
+        final=_motion(names, own, 0.005, segments * 4), floor=floor,
+        joint_floor=_joint_floor(floor, {"knee_r": 0.0032}), body=body, loads=None,
+    )  # fmt: skip
 
 
 def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, errors: bool, cycles: bool) -> TrialResult:
@@ -269,22 +207,14 @@ def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, err
         cast(Any, SimpleNamespace(landmarks={})), after, loads.reactions if loads else None, _recording(names)
     )
     return TrialResult(
-        name=names.trial,
-        role=Role.GAIT,
-        joint=None,
-        recording=_recording(names),
-        nominal=before,
-        calibrated=after,
-        final=after,
-        floor=floor,
+        name=names.trial, role=Role.GAIT, joint=None, recording=_recording(names),
+        nominal=before, calibrated=after, final=after, body=after, floor=floor,
         joint_floor=_joint_floor(floor, {"hip_r": 0.0053, "knee_r": 0.0054, "ankle_r": 0.0055}),
-        body=after,
         loads=loads,
         coordinate_errors=np.full((FRAMES, len(COORDINATES)), ANGLE_ERROR) if errors else None,
         own_coordinate_errors=np.full((FRAMES, len(COORDINATES)), OWN_ANGLE_ERROR) if errors else None,
-        events=events,
-        strides=strides_measured(events, after.time, None),
-    )
+        events=events, strides=strides_measured(events, after.time, None),
+    )  # fmt: skip
 
 
 def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) -> Loads:
@@ -296,27 +226,18 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
     wrench[:, :, 1] = 700.0 * loaded
     usable = np.full(FRAMES, valid)
     usable[150:170] = False
+    legs, notes = np.stack([usable] * 2, axis=1), ("plate 1: right foot",)
     reactions = GroundReactions(
-        wrench=wrench,
-        valid=usable,
-        valid_legs=np.stack([usable] * 2, axis=1),
-        loaded=loaded,
-        resting=loaded,
-        notes=("plate 1: right foot",),
+        wrench=wrench, valid=usable, valid_legs=legs, loaded=loaded, resting=loaded, notes=notes
     )
 
     def moments(scale: float) -> Moments:
         tau = scale * 40.0 * np.sin(6.0 * time)[:, None] * np.ones((1, len(COORDINATES)))
         residual = scale * np.stack([10.0 * np.cos(9.0 * time)] * 3, axis=1)
         return Moments(
-            coordinates=COORDINATES,
-            time=time,
-            tau=tau,
-            knee_adduction=0.5 * tau[:, :2],
-            residual_force=residual,
-            residual_moment=0.2 * residual,
-            bwh=70.0 * 9.81 * 1.75,
-        )
+            coordinates=COORDINATES, time=time, tau=tau, knee_adduction=0.5 * tau[:, :2], residual_force=residual,
+            residual_moment=0.2 * residual, bwh=70.0 * 9.81 * 1.75,
+        )  # fmt: skip
 
     stages = {Stage.NOMINAL: moments(1.0), Stage.JP: moments(0.9), Stage.JP_IP: moments(0.7)}
     sizes = np.append(np.full(len(COORDINATES), 2.0), [1.0, 1.0]) * np.ones((FRAMES, 1))

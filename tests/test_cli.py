@@ -2,6 +2,7 @@
 
 import importlib
 import json
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.study.settings import CalibrationSettings
 from tests.commands import gaitcal
+from tests.kept import copied_person
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
@@ -150,7 +152,10 @@ def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_demo_recovers_its_subject(tmp_path: Path) -> None:
+def test_demo_recovers_its_subject(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The person is one of those that other tests ask for, too."""
+    person = partial(copied_person, kept, seed=3, noise=True, perturb=True)
+    monkeypatch.setattr("gaitcal.cli.calibrate.synthesize", lambda out, **_: person(out))
     done = gaitcal("demo", "--out", str(tmp_path / "demo"))
     assert done.returncode == 0, done.stderr
     assert "result.html" in done.stdout and "…" not in done.stdout, "no word of a table is cut"

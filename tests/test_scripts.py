@@ -1,16 +1,19 @@
-"""The scripts are thin programs over the public API: they are imported and run."""
+"""The scripts are thin programs over the public API: examples, benchmark and the comparison of results run."""
 
 import importlib.util
 import json
 import re
+import shutil
 from functools import partial
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pandas as pd
 import pytest
 
 import gaitcal as gc
+from scripts.tools import compare_results
 from scripts.tools.benchmark import __main__ as benchmark
 from scripts.tools.benchmark import figure, references
 from tests.kept import copied_person, kept_calibration
@@ -96,7 +99,8 @@ def test_marker_set_script_compares_two_sets(
 
 
 @pytest.mark.slow
-def test_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
+def test_notebook_runs_from_top_to_bottom(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As it stands, but for the person and the calibration, which are those of other tests."""
     nbformat = pytest.importorskip("nbformat", reason="extra `docs`")
     nbclient = pytest.importorskip("nbclient", reason="extra `docs`")
     pytest.importorskip("ipykernel", reason="extra `docs`")
@@ -104,6 +108,13 @@ def test_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
     nbformat.validate(notebook)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert not any(cell.outputs or cell.execution_count for cell in code), "outputs are not committed"
+    place = f"Path({str(kept)!r})"
+    lines = ["from pathlib import Path", "import gaitcal", "from tests.kept import copied_person, kept_calibration"]
+    lines.append(f"person = copied_person({place}, 'person', seed=3, noise=True, perturb=True)")
+    lines.append(f"found = kept_calibration({place})")
+    lines.append("gaitcal.synthesize, gaitcal.calibrate = lambda out, **_: person, lambda *_: found")
+    notebook.cells.insert(0, nbformat.v4.new_code_cell("\n".join(lines)))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert (tmp_path / "first-study" / "result" / "result.html").exists()
     assert any("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
@@ -134,3 +145,52 @@ def test_benchmark_counts_the_passes_that_its_lower_bound_is_for() -> None:
     matrices, gradients = references.passes(figure.problem("gait"))
     assert matrices >= 2
     assert gradients >= 1
+
+
+ROWS = "time,knee_angle_r\n0.0,10.0\n0.1,{}\n"
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    before = tmp_path / "before"
+    before.mkdir()
+    (before / "walk.csv").write_text(ROWS.format(20.0))
+    (before / "summary.json").write_text(json.dumps({"seconds": 1.5, "status": "converged", "rms": 5.5}, indent=1))
+    np.savez(before / "splines.npz", nodes=np.arange(4.0), trials=np.array(["walk"]))
+    (before / "report.html").write_text("<p>before</p>")
+    shutil.copytree(before, tmp_path / "after")
+    return before, tmp_path / "after"
+
+
+def test_the_same_is_the_same_whatever_time_it_took(folders: tuple[Path, Path], capsys: pytest.CaptureFixture) -> None:
+    before, after = folders
+    (after / "summary.json").write_text(json.dumps({"seconds": 9.0, "status": "converged", "rms": 5.5}, indent=1))
+    (after / "walk.csv").write_text(ROWS.format(20.0 * (1 + 1e-10)))
+    (after / "report.html").write_text("<p>after</p>")
+    assert compare_results.main([str(before), str(after)]) == 0
+    assert "1 pages" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("walk.csv", ROWS.format(20.0 * (1 + 1e-8))),
+        ("walk.csv", ROWS.format("")),
+        ("walk.csv", ROWS.format(20.0).replace("_r", "_l")),
+        ("summary.json", json.dumps({"seconds": 1.5, "status": "not converged", "rms": 5.5}, indent=1)),
+        ("summary.json", json.dumps({"seconds": 1.5, "status": "converged", "rms": 5.5001}, indent=1)),
+    ],
+)
+def test_other_numbers_gaps_and_words_are_told(folders: tuple[Path, Path], name: str, content: str) -> None:
+    before, after = folders
+    (after / name).write_text(content)
+    (line,) = compare_results.differences(before, after)
+    assert line.startswith(f"{name}: ")
+
+
+def test_arrays_and_missing_files_are_told(folders: tuple[Path, Path]) -> None:
+    before, after = folders
+    np.savez(after / "splines.npz", nodes=np.arange(4.0) + 1e-6, trials=np.array(["walk"]))
+    (after / "walk.csv").unlink()
+    lines = list(compare_results.differences(before, after))
+    assert [line.split(":")[0] for line in lines] == ["walk.csv", "splines.npz"]

@@ -1,9 +1,9 @@
-"""What the package computes, as a program whose BLAS may use some threads: prints a hash of every result's bits.
+"""What the package computes, as a program whose BLAS may use some threads: prints hashes of every result's bits.
 
-    python -m tests.threads_work THREADS FOLDER
+    python -m tests.threads_work THREADS[,THREADS...] FOLDER
 
-The number of threads is set as a user's own program would have it, after the libraries are loaded: OPENBLAS_NUM_THREADS
-would be cut to the cores of the machine. FOLDER holds a study.
+All is computed once for each number of threads, which is set as a user's own program would have it, after the
+libraries are loaded: OPENBLAS_NUM_THREADS would be cut to the cores of the machine. FOLDER holds a study.
 """
 
 import hashlib
@@ -55,6 +55,8 @@ def results(study: Path) -> Iterator[tuple[str, bytes]]:
 
 
 if __name__ == "__main__":
-    with threadpool_limits(int(sys.argv[1]), user_api="blas"):
-        told = {name: hashlib.sha256(bits).hexdigest() for name, bits in results(Path(sys.argv[2]))}
+    told = {}
+    for count in map(int, sys.argv[1].split(",")):
+        with threadpool_limits(count, user_api="blas"):
+            told[count] = {name: hashlib.sha256(bits).hexdigest() for name, bits in results(Path(sys.argv[2]))}
     sys.stdout.write(json.dumps(told))

@@ -16,7 +16,7 @@ from gaitcal.cli.other_programs import convention_of
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError, nearest
 from gaitcal.figures.chart import Chart
-from gaitcal.figures.paper import Strides, paper_charts
+from gaitcal.figures.paper import Strides, moment_arm_charts, paper_charts
 from gaitcal.figures.report import FORMATS, HealthyBands, Told, report_charts, write_charts
 from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import Kind
@@ -89,6 +89,7 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
         else:
             (strides, sheet), read = read_whole(result, names, lambda: _strides(result, options.normal))
             charts = paper_charts(strides, convention, width) if convention else []
+            charts += [chart for table in _moment_arms(result, options) for chart in moment_arm_charts(table, width)]
         charts = chosen(charts, options.only)
         folder = out or result / FOLDER
         with amended(folder) as stage:
@@ -102,6 +103,29 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
         console.line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
     for file in files:
         console.line(f"wrote {folder / file.name}")
+
+
+MOMENT_ARMS = "moment_arms"
+
+
+def _moment_arms(result: Path, options: Options) -> list[pd.DataFrame]:
+    """Tables of muscles that `export --into --muscles` wrote into this folder.
+
+    Raises
+    ------
+    InputError
+        They are asked for, and there is none; or more than one, whose figures would have the same names.
+    """
+    found = sorted(path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv"))
+    asked = any(word.strip().startswith(MOMENT_ARMS) for words in options.only for word in words.split(","))
+    if (asked and not found) or len(found) > 1:
+        names = ", ".join(path.name for path in found) or "none"
+        out = result / "export" / "NAME.osim"
+        message = (
+            f"found {names}; allowed: one; gaitcal export {result} --into MODEL.osim --out {out} --muscles writes it"
+        )
+        raise InputError(message, source=result, field="*.muscles.csv", code=Code.NOTHING_TO_SHOW)
+    return [pd.read_csv(path) for path in found]
 
 
 def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:

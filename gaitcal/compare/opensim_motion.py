@@ -117,6 +117,8 @@ def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurTrial]) 
         raise InputError(message, field="--motion", code=Code.ARGUMENT) from None
     opensim.Logger.removeFileSink()  # it writes opensim.log where the user stands
     opensim.Logger.setLevelString("Off")
+    if not trials:
+        raise InputError("the result has no motion to be compared", field="--motion", code=Code.NOTHING_TO_SHOW)
     peer = read_osim(osim)
     legs = leg_joints(peer)
     found: dict[tuple[str, str], list[tuple[Array, Array]]] = {}
@@ -148,13 +150,10 @@ def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurTrial]) 
             theirs=np.concatenate([b for _, b in pairs]),
         )
         for (name, unit), pairs in found.items()
+        if any(len(a) for a, _ in pairs)
     )
     ours, theirs_missed = (float(np.sqrt(np.mean(np.square(e)))) for e in zip(*missed, strict=True))
-    return MotionComparison(
-        curves=tuple(c for c in curves if len(c.ours)),
-        missed=(ours, theirs_missed),
-        notes=tuple(_explained(peer, legs, curves)),
-    )
+    return MotionComparison(curves=curves, missed=(ours, theirs_missed), notes=tuple(_explained(peer, legs, curves)))
 
 
 def _sign(peer: PeerModel, name: str) -> float:

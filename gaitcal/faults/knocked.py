@@ -56,24 +56,20 @@ class Placement:
     trials: tuple[str, ...]
 
     @property
+    def words(self) -> str:
+        """How far off it was, by which trials it was placed, and how well."""
+        turn, shift = angle_of(alignment(self.before, self.place)[0]), (self.place - self.before).mean(axis=0)
+        found = f"{listed([repr(m) for m in self.labels])} of {self.segment} sit {1e3 * np.linalg.norm(shift):.0f} mm "
+        found += f"and {np.rad2deg(turn):.0f} deg from where the static trial has them; they are placed by the rest of "
+        found += f"the leg in {listed(list(self.trials))}, to {1e3 * self.shift_spread:.0f} mm and "
+        return f"{found}{np.rad2deg(self.turn_spread):.0f} deg, which the error bars count"
+
+    @property
     def finding(self) -> Finding:
-        """That it was placed, and how far off it was."""
-        turn, _ = alignment(self.before, self.place)
-        way = 1e3 * float(np.linalg.norm((self.place - self.before).mean(axis=0)))
-        found = f"{listed([repr(m) for m in self.labels])} of {self.segment} sit {way:.0f} mm and "
-        found += (
-            f"{np.rad2deg(angle_of(turn)):.0f} deg from where the static trial has them; they are placed by the rest "
-        )
-        found += f"of the leg in {listed(list(self.trials))}, to {1e3 * self.shift_spread:.0f} mm and "
-        found += f"{np.rad2deg(self.turn_spread):.0f} deg, which the error bars count"
-        return Finding(
-            code=Code.CLUSTER_SLID,
-            severity=Severity.INFO,
-            topic="one body",
-            where=STUDY,
-            found=found,
-            cure="another static trial, recorded with the markers as they sit in the others, is better",
-        )
+        """The same as a note."""
+        cure, topic = "another static trial, recorded with the markers as they sit in the others, is better", "one body"
+        code, note = Code.CLUSTER_SLID, Severity.INFO
+        return Finding(code=code, severity=note, topic=topic, where=STUDY, found=self.words, cure=cure)
 
 
 def placement(trials: Sequence[MarkerEvidence]) -> Placement | None:
@@ -101,16 +97,14 @@ def _placement(segment: str, labels: tuple[str, ...], trials: Sequence[MarkerEvi
     turn, _ = rigid_motions(place, wander)
     away = wander.mean(axis=1) - middle
     links = [link for t in trials for link in t.links.values() if segment in (link.above, link.below)]
-    gap, turned = (
-        max(limits) / SPREAD for limits in ([k.gap_base for k in links], [*(k.turn_base.max() for k in links)])
-    )
+    limits = np.max([(k.gap_base, k.turn_base.max()) for k in links], axis=0) / SPREAD
     return Placement(
         segment=segment,
         labels=labels,
         before=before,
         place=place,
-        shift_spread=float(np.hypot(gap, np.sqrt(np.mean((away**2).sum(axis=1)) / 3.0))),
-        turn_spread=float(np.hypot(turned, np.sqrt(np.mean(angle_of(turn) ** 2) / 3.0))),
+        shift_spread=float(np.hypot(limits[0], np.sqrt(np.mean((away**2).sum(axis=1)) / 3.0))),
+        turn_spread=float(np.hypot(limits[1], np.sqrt(np.mean(angle_of(turn) ** 2) / 3.0))),
         trials=tuple(t.name for t in trials),
     )
 
@@ -147,16 +141,15 @@ def _local(trial: MarkerEvidence, segment: str, labels: Sequence[str]) -> Array 
 
 def with_placement(study: Study, static: MarkerEvidence, one: Placement) -> Study:
     """The study with a cluster of its static trial where the moving trials have it, and its joints less known."""
-    recording, place = study.static.recording, static.place
-    standing = np.array([static.still_positions[m] for m in one.labels])
-    axes, _ = alignment(one.before, standing)
+    recording = study.static.recording
+    axes, _ = alignment(one.before, np.array([static.still_positions[m] for m in one.labels]))
     markers = recording.markers.copy()
-    markers[:, [place[m] for m in one.labels]] += (one.place - one.before) @ axes.T
+    markers[:, [recording.labels.index(m) for m in one.labels]] += (one.place - one.before) @ axes.T
     less = {
         p.name: one.shift_spread if p.kind is Kind.POSITION else one.turn_spread
         for p in JOINT_PARAMETERS
         if p.segment == one.segment
     }
-    placed = replace(study.static, recording=replace(recording, markers=markers))
+    placed = replace(study.static, recording=replace(recording, markers=markers).with_notes(one.words))
     trials = tuple(placed if t is study.static else t for t in study.trials)
     return replace(study, trials=trials, loosened={**study.loosened, **less})

@@ -6,7 +6,7 @@ its standard error, and the legend says so.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,6 +26,7 @@ from gaitcal.figures.chart import (
     dress,
     limits,
     line_style,
+    plain,
 )
 from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR, normal_band
 from gaitcal.figures.report import HealthyBands
@@ -70,6 +71,65 @@ def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) 
     """
     tables = strides.table.groupby("variable", sort=False)
     return [_chart(str(name), table, strides, convention, width) for name, table in tables]
+
+
+MUSCLES_SHOWN: Final = 9
+"""Of a coordinate, those whose moment arm changes most."""
+BEFORE, AFTER = SIDE_COLOURS["l"], SIDE_COLOURS["r"]
+
+
+def moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[Chart]:
+    """One chart a coordinate of the model of `gaitcal export --into --muscles`: moment arms before and after, over its
+    range, of the muscles that change most; with draws, after ± 1.96 standard deviations.
+
+    Parameters
+    ----------
+    table : as the file ending in `.muscles.csv` has it.
+    width : mm.
+    """
+    return [_moment_arms(str(name), rows, width) for name, rows in table.groupby("coordinate", sort=False)]
+
+
+def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> Chart:
+    change = (table["arm_after_mm"] - table["arm_before_mm"]).abs().groupby(table["muscle"]).max()
+    shown = change.sort_values(ascending=False, kind="stable").index[:MUSCLES_SHOWN]
+    known = bool(table["arm_sd_mm"].notna().any())
+
+    def draw_of(rows: pd.DataFrame) -> Callable[[Axes], None]:
+        def draw(axes: Axes) -> None:
+            muscle = plain(str(rows["muscle"].iloc[0]))
+            dress(axes, xlabel=f"{plain(coordinate)} (deg)", ylabel="mm", title=muscle, sizes=LETTERS)
+            deg, before, after = (rows[name].to_numpy(float) for name in ("deg", "arm_before_mm", "arm_after_mm"))
+            width_of_band = 1.96 * np.nan_to_num(rows["arm_sd_mm"].to_numpy(float))
+            axes.axhline(0.0, color=FAINT, linewidth=THIN)
+            axes.fill_between(deg, after - width_of_band, after + width_of_band, color=AFTER, alpha=BAND, linewidth=0)
+            axes.plot(deg, before, color=BEFORE, linewidth=LINE, linestyle=line_style(SIDE_DASHES["l"]))
+            axes.plot(deg, after, color=AFTER, linewidth=LINE)
+            axes.set_ylim(*limits([before, after - width_of_band, after + width_of_band], 5.0))
+
+        return draw
+
+    columns = max(1, round(width / 60.0))
+    inches = width / columns / INCH
+    size = Size(width=inches, height=ASPECT * inches, left=0.5, right=0.1, bottom=0.42, top=0.26, label=0.2)
+    panels = [
+        Panel(f"moment arm of {name} about {coordinate}", draw_of(table[table["muscle"] == name]), size)
+        for name in shown
+    ]
+    rest = table["muscle"].nunique() - len(shown)
+    keys = [Key(label="before", colour=BEFORE, dashes=SIDE_DASHES["l"], width=LINE)]
+    keys.append(Key(label="after" + (", ± 1.96 SD of the draws" if known else ""), colour=AFTER, width=LINE))
+    if rest:
+        keys.append(Key(label=f"{rest} muscles more, which change less", colour=FAINT, width=0.0))
+    return Chart(
+        name=f"moment_arms_{''.join(c if c.isascii() and c.isalnum() else '_' for c in coordinate)}",
+        title=f"Moment arms about {plain(coordinate)}",
+        panels=tuple(panels),
+        keys=tuple(keys),
+        columns=columns,
+        sizes=LETTERS,
+        legend_row=LEGEND_ROW,
+    )
 
 
 def paper_name(variable: str) -> str:

@@ -402,4 +402,6 @@ def without_spikes(recording: Recording, noise: PointNoise | None = None) -> tup
         return recording, {}
     farthest = np.where(out[2:-2], away, 0.0).max(axis=0)
     found = {recording.labels[k]: (int(out[:, k].sum()), float(farthest[k])) for k in np.flatnonzero(out.any(axis=0))}
-    return replace(recording, markers=np.where(out[:, :, None], np.nan, x)), found
+    words = (f"{label} {n} frames, up to {1e3 * far:.0f} mm" for label, (n, far) in found.items())
+    note = f"Single positions out of line with their neighbours are left out: {'; '.join(words)}."
+    return replace(recording, markers=np.where(out[:, :, None], np.nan, x)).with_notes(note), found

@@ -102,7 +102,8 @@ def cleaned_trial(trial: Trial, segment_of: Mapping[str, str], noise: PointNoise
     frames = np.arange(len(time))
     words = f"fewer than three pelvis markers in {100 * np.mean(lost):.0f} % of the frames ({spans(time, lasting)}): "
     words += f"the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, the longest part that shows the pelvis"
-    return replace(trial, recording=recording.frames((frames >= start) & (frames < stop)), cut=words)
+    kept = recording.frames((frames >= start) & (frames < stop)).with_notes(words)
+    return replace(trial, recording=kept, cut=words)
 
 
 def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerSet) -> Trial:

@@ -31,7 +31,7 @@ from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Stage
 from gaitcal.study.study import Study
 from gaitcal.synthetic.motion import gait_motion, marker_noise, residual_free_wrench, synthetic_markers
-from tests.calibration.test_bandwidth_source import PARAMETERS, smoothed_trial
+from tests.calibration.test_torque_errors import PARAMETERS, smoothed_trial
 from tests.derivatives import Array
 from tests.real_studies import write_study
 

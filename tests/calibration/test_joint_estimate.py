@@ -1,4 +1,4 @@
-"""One estimate of joint parameters, soft tissue and motions: dense, true, repeated."""
+"""One estimate of joint parameters, soft tissue and motions: dense, true, repeated, with intervals that cover."""
 
 from dataclasses import replace
 
@@ -33,6 +33,8 @@ from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_pa
 from gaitcal.motion.soft_tissue import together
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.joint_prior import JointPrior
+from scripts.validation import coverage as check
+from scripts.validation.error_bars import shares
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
 
 HIP = isolated_parameters("hip_r")
@@ -309,3 +311,27 @@ def test_a_pelvis_that_slides_with_adduction_misleads_who_takes_it_for_bone() ->
     assert lateral[False].min() > 0.03 and (lateral[False] > 5 * np.array(bars[False])[:, HIP.index(LATERAL)]).all()
     assert lateral[True].max() < 0.02
     assert np.mean(np.abs(missed[True]) < 1.96 * np.array(bars[True])) > 0.9
+
+
+DRAWS = 24
+RANGES = {"68 %": (55.0, 82.0), "95 %": (87.0, 99.5)}
+"""What 24 draws leave of 60 to 76 % and 91 to 98 %: errors of one draw are correlated, so that the coverage scatters by
+some 4 %."""
+
+
+@pytest.mark.slow
+def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
+    found = check.draws(DRAWS, 0.010, 1, 1)
+    assert [values.shape[0] for values in found.values()] == [DRAWS] * 6
+    for name, values in found.items():
+        of_bars = np.sqrt(np.mean(values**2))
+        assert 0.7 < of_bars < 1.3, name
+        for level, share in zip(RANGES, shares(values), strict=True):
+            low, high = RANGES[level]
+            assert low <= share <= high or (name == check.HEARS_FEW_WAVES and level == "68 %"), (name, level)
+
+
+def test_coverage_counts() -> None:
+    errors = np.random.default_rng(0).normal(size=100_000)
+    assert shares(errors)[0] == pytest.approx(68.3, abs=0.5)
+    assert shares(1.5 * errors)[1] == pytest.approx(80.9, abs=0.5)

@@ -1,6 +1,6 @@
 """What sources of error make of a motion, its torques, powers and moments: sums of squares of finite differences.
 
-Their size is in `test_coverage`.
+Their size is in `test_joint_estimate.py`.
 """
 
 from collections.abc import Iterator
@@ -19,6 +19,7 @@ from gaitcal.calibration.error_sources import (
     marker_moves,
     nominal_errors,
     source_of,
+    whole_body_scores,
 )
 from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource
@@ -29,6 +30,7 @@ from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parame
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.motion import track_nodes
+from gaitcal.motion.spline import smoothing
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
@@ -277,3 +279,45 @@ def test_unknowns_that_nothing_moves_have_no_part() -> None:
     right[:10, :10] = rng.normal(size=(10, 10))
     np.testing.assert_allclose(_product_squares(left, right), ((left @ right) ** 2).sum(axis=1))
     np.testing.assert_array_equal(_product_squares(left, np.zeros((80, 80))), 0.0)
+
+
+PARAMETERS = perturbed_parameters(np.random.default_rng(81))
+HZ, LOG_STEP = 22.0, 1e-3
+FIRST_ORDER = 0.05
+"""Gauss-Newton's matrix against Newton's, where residuals are small."""
+
+
+def solved(problem: MotionProblem, start: Array, parameters: Parameters = PARAMETERS) -> Array:
+    return track_nodes(problem, problem.constants(parameters), start, DescentSettings(gain=1e-15)).nodes
+
+
+def smoothed_trial() -> tuple[MotionProblem, Array]:
+    """Markers without noise, smoothed a little."""
+    problem, true = random_trial(np.random.default_rng(82), PARAMETERS, frames=50, nodes=12)
+    problem = replace(problem, smoothing=smoothing(problem.basis, 4.0 * np.eye(true.shape[1]), HZ))
+    return problem, solved(problem, true)
+
+
+def test_the_source_is_what_more_of_the_penalty_would_do() -> None:
+    problem, nodes = smoothed_trial()
+    scores = whole_body_scores(problem, nodes, PARAMETERS, None)
+    plain = whole_body_scores(replace(problem, smoothing=None), nodes, PARAMETERS, None)
+    assert scores.clusters == (*plain.clusters, "bandwidth/random")
+    stiffer = replace(problem.smoothing, coupling=(1 + LOG_STEP) * problem.smoothing.coupling)
+    change = (solved(replace(problem, smoothing=stiffer), nodes) - nodes) / LOG_STEP
+    source = scores.nodes[:, -1].reshape(nodes.shape)
+    np.testing.assert_allclose(source, change, rtol=0, atol=FIRST_ORDER * np.abs(change).max())
+    assert np.abs(change).max() > 1e-5
+
+
+def test_the_source_widens_error_bars() -> None:
+    problem, nodes = smoothed_trial()
+    noisy = problem.with_measured(
+        problem.data.measured + np.random.default_rng(83).normal(0, 1e-4, problem.data.measured.shape)
+    )
+    moves = marker_moves(noisy, solved(noisy, nodes), PARAMETERS, None)
+    without = replace(moves, nodes=moves.nodes[:, :-1], own=moves.own[:-1])
+    wide, narrow = (coordinate_standard_errors(noisy, m) for m in (moves, without))
+    bias = noisy.basis.evaluate(moves.nodes[:, -1].reshape(nodes.shape))
+    np.testing.assert_allclose(wide**2, narrow**2 + bias**2, rtol=1e-9)
+    assert (wide > 1.05 * narrow).mean() > 0.2

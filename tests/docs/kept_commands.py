@@ -23,6 +23,7 @@ def without_out(words: list[str]) -> tuple[list[str], str]:
 def synthesize(kept: Path, words: list[str]) -> None:
     options, out = without_out(words)
     seed = int(options[options.index("--seed") + 1]) if "--seed" in options else 0
+    seed *= seed > 1  # the second person of one page is the first of the others
     copied_person(kept, out, seed=seed, noise="--noise" in options, perturb="--perturb" in options)
 
 

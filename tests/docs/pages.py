@@ -15,7 +15,7 @@ PROGRAM = """#!/bin/sh
 [ "$1" = example ] && exec "{python}" -m tests.docs.local_example "$@"
 case "$1 $2" in
     synthesize*|calibrate*.toml) exec "{python}" -m tests.docs.kept_commands "$@" ;;
-    montecarlo*) set -- $(echo "$@" | sed "s/--draws 20/--draws 4/") ;;
+    montecarlo*) set -- $(echo "$@" | sed "s/--draws 20/--draws 2/") ;;
 esac
 exec "{python}" -m gaitcal.cli "$@"
 """

@@ -11,8 +11,8 @@ import gaitcal
 from scripts.tools import make_pictures
 from scripts.tools.documentation import __main__ as check
 from tests.docs.pages import DOCS, ROOT, blocks_of
+from tests.kept import kept_result
 from tests.page.browser import browser, chromium
-from tests.synthetic_studies import write_synthetic_study
 
 PAGES = sorted(DOCS.rglob("*.md"))
 SEARCH = """new Promise(done => setTimeout(done, 3000)).then(() => {
@@ -147,26 +147,11 @@ def test_versions_lie_beside_each_other(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.browser
-def test_pictures_are_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from gaitcal.results.calibration import write_results
-    from gaitcal.session.calibrate import calibrate
-
+def test_pictures_are_taken(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if chromium() is None:
         pytest.skip("no Chromium on the path")
-    write_synthetic_study(tmp_path / "study")
-    result = write_results(calibrate(gaitcal.Study.load(tmp_path / "study" / "study.toml")), tmp_path / "result")
-    make_pictures.main(
-        [
-            "--result",
-            str(result),
-            "--out",
-            str(tmp_path / "pictures"),
-            "--only",
-            "page-trust",
-            "--only",
-            "error-sources",
-        ]
-    )
+    words = ["--result", str(kept_result(kept) / "result"), "--out", str(tmp_path / "pictures")]
+    make_pictures.main([*words, "--only", "page-trust", "--only", "error-sources"])
     sizes = {path.stem: len(path.read_bytes()) for path in (tmp_path / "pictures").iterdir()}
     assert set(sizes) == {"page-trust", "error-sources"} and min(sizes.values()) > 10_000
     assert "page-trust.png: " in capsys.readouterr().out

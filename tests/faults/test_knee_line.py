@@ -1,7 +1,5 @@
 """Epicondyles off their line on both legs, or one, against pelvis, malleoli and the bending of the knees in walks."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,6 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.model.body_plan import body_axes
 from gaitcal.study.study import Study, nominal_of
 from tests.faults.spoilt import Array, moved, with_trial
-from tests.real_studies import REAL, write_study
 
 
 def told(study: Study) -> list[Finding]:
@@ -30,13 +27,6 @@ def off(study: Study, lateral: float, medial: float, sides: str = "RL") -> Study
         for end, by in (("Lat", lateral), ("Med", medial)):
             study = with_trial(study, "static", moved(f"{side}.Knee.{end}", lambda x, by=by: x + [by, 0.0, 0.0]))  # type: ignore[misc]
     return study
-
-
-@pytest.mark.parametrize("name", REAL)
-def test_knees_of_real_people_are_not_doubted(name: str, data_dir: Path, tmp_path: Path) -> None:
-    p, turns = seen(Study.load(write_study(name, data_dir, tmp_path)))
-    assert list(odd_lines(p, turns)) == []
-    assert list(odd_lines(p, {})) == []
 
 
 def test_both_knees_off_are_one_finding_with_degrees_and_markers(sound: Study) -> None:

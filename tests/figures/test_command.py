@@ -1,6 +1,7 @@
 """`gaitcal figures`: what is drawn is what the folder's files hold, and the same folder gives the same files."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,9 +16,10 @@ from gaitcal.cli.console import Console
 from gaitcal.cli.figures import Options, chosen
 from gaitcal.cli.figures import draw_figures as run
 from gaitcal.errors import InputError, UsageError
+from gaitcal.export.muscle_paths import MusclePath, muscle_changes, muscles_csv
 from gaitcal.figures import report
 from gaitcal.figures.chart import SIDE_COLOURS, Chart
-from gaitcal.figures.paper import LINE, Strides, paper_charts
+from gaitcal.figures.paper import LINE, Strides, moment_arm_charts, paper_charts
 from gaitcal.figures.report import SheetRecording, Told, report_charts, unpacked
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
@@ -272,3 +274,36 @@ def test_drawing_alone_loads_matplotlib() -> None:
 
 def test_stems_are_plain() -> None:
     assert [report.stem(3, name) for name in ("Walk 1", "", "../../x")] == ["03_walk-1", "03", "03_x"]
+
+
+def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) -> None:
+    """The muscles that change most, before and after; bands only where there were draws."""
+    result = Path(shutil.copytree(folder, tmp_path / "result"))
+    chosen_arms = options(only=("moment_arms",), formats="svg")
+    with pytest.raises(InputError, match=r"found none; allowed: one; gaitcal export .*NAME.osim --muscles writes it"):
+        run(result, None, chosen_arms, Console(quiet=True, verbose=False))
+    deg = np.array([0.0, 45.0, 90.0])
+    paths = {}
+    for k in range(12):
+        key = f"m{k}", "knee_angle_r"
+        pair = [MusclePath(muscle=key[0], coordinate=key[1], values=np.radians(deg), length=deg, arm=a * (1 + deg))
+                for a in (1e-3, 1e-3 * (1 + 0.1 * k))]  # fmt: skip
+        paths[key] = pair
+    before, after = ({key: pair[i] for key, pair in paths.items()} for i in (0, 1))
+    (result / "export").mkdir()
+    for draws in ((), (before, after)):
+        (result / "export" / "mine.muscles.csv").write_text(muscles_csv(muscle_changes(before, after), draws))
+        run(result, tmp_path / "out", chosen_arms, Console(quiet=True, verbose=False))
+        assert [p.name for p in (tmp_path / "out").glob("*.svg")] == ["moment_arms_knee_angle_r.svg"]
+    (chart,) = moment_arm_charts(pd.read_csv(result / "export" / "mine.muscles.csv"))
+    assert len(chart.panels) == 9 and chart.panels[0].label == "moment arm of m11 about knee_angle_r"
+    axes = panel_figure(chart.panels[0]).axes[0]
+    drawn = {str(line.get_color()): line.get_ydata() for line in axes.lines if line.get_linewidth() == LINE}
+    np.testing.assert_allclose(drawn[SIDE_COLOURS["r"]], 2.1 * (1 + deg), rtol=1e-4)
+    np.testing.assert_allclose(drawn[SIDE_COLOURS["l"]], 1 + deg, rtol=1e-4)
+    band = axes.collections[0].get_paths()[0].vertices[:, 1]
+    assert band.max() == pytest.approx((2.1 + 1.96 * 1.1 / np.sqrt(2)) * 91, rel=1e-4)
+    assert [key.label for key in chart.keys][1:] == [
+        "after, ± 1.96 SD of the draws",
+        "3 muscles more, which change less",
+    ]

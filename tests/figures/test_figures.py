@@ -157,12 +157,6 @@ def test_legends_lie_inside_their_figures(whole: Calibration) -> None:
         assert legend.y0 >= 0 and legend.y1 <= min(box.y0 for box in drawn if box is not None), chart.name
 
 
-def test_right_and_left_keep_their_colours(whole: Calibration) -> None:
-    for kind in ("angles", "moments", "ground_reactions", "moment_change"):
-        colours = {key.label: key.colour for key in charts(whole)[kind].keys}
-        assert (colours["right"], colours["left"]) == ("#0072B2", "#C62828")
-
-
 def test_global_settings_of_matplotlib_stay(whole: Calibration) -> None:
     before = dict(matplotlib.rcParams)
     chart_figure(charts(whole)["marker_errors"])

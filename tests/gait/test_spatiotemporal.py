@@ -22,7 +22,7 @@ from gaitcal.gait.spatiotemporal import (
 )
 from gaitcal.gait.strides import strides_of
 from gaitcal.io.labels import FootMoment
-from tests.gait.recorded_walks import hand_count, recorded_strides, vendor_figures
+from tests.gait.walks import hand_count, recorded_strides, vendor_figures
 
 RATE = 100.0
 STEP_S, STANCE_S = 0.55, 0.66

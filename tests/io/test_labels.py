@@ -1,13 +1,25 @@
-"""Which labels are markers, and how they are spelt."""
+"""Which labels are markers and how they are spelt; what a C3D file says of the person and of foot events."""
 
 from pathlib import Path
+from typing import Any
 
+import ezc3d
 import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
-from gaitcal.io.labels import clean, common_prefix, computed_points, unique
+from gaitcal.io.labels import (
+    Facts,
+    FootEvent,
+    FootMoment,
+    clean,
+    common_prefix,
+    computed_points,
+    events_of,
+    facts_of,
+    unique,
+)
 from tests.io.recordings import standing_points_mm, write_raw_c3d
 
 
@@ -87,3 +99,149 @@ def test_clean_makes_names_safe_for_any_text() -> None:
     assert clean("  LASI\t") == "LASI"
     assert clean("a\nb\x00c\u2028d\udcff") == "a?b?c?d?"
     np.testing.assert_equal(clean("Knie, außen"), "Knie, außen")
+
+
+LABELS = [f"M{i}" for i in range(8)]
+SINGLE = 1e-6
+"""Relative: the file keeps numbers in single precision."""
+
+
+def file_with(path: Path, **groups: dict[str, Any]) -> Path:
+    """A standing person's file with further groups of parameters."""
+    write_raw_c3d(path, standing_points_mm(5), LABELS)
+    file = ezc3d.c3d(str(path))
+    for group, parameters in groups.items():
+        for name, value in parameters.items():
+            file.add_parameter(group, name, value)
+    file.write(str(path))
+    return path
+
+
+def events(labels: list[Any], contexts: list[Any], times: Any) -> tuple[FootEvent, ...]:
+    parameters = {"LABELS": {"value": labels}, "CONTEXTS": {"value": contexts}, "TIMES": {"value": times}}
+    return events_of({"EVENT": {name: entry["value"] for name, entry in parameters.items()}})
+
+
+def test_events_come_with_side_in_order_of_time(tmp_path: Path) -> None:
+    path = file_with(
+        tmp_path / "e.c3d",
+        EVENT={
+            "LABELS": ["Foot Off", "Foot Strike", "Foot Strike"],
+            "CONTEXTS": ["Left", "Right", "Left"],
+            "TIMES": np.array([[0.0, 1.0, 0.0], [2.5, 3.25, 1.75]]),
+        },
+    )
+    assert read_recording(path).events == (
+        FootEvent(FootMoment.STRIKE, "l", 1.75),
+        FootEvent(FootMoment.OFF, "l", 2.5),
+        FootEvent(FootMoment.STRIKE, "r", 63.25),
+    ), "minutes count"
+
+
+def test_a_file_without_groups_says_nothing(tmp_path: Path) -> None:
+    recording = read_recording(file_with(tmp_path / "n.c3d"))
+    assert recording.events == () and recording.facts == Facts()
+    assert facts_of({}) == Facts() and events_of({}) == ()
+
+
+@pytest.mark.parametrize("word", ["Heel Strike", "FOOT STRIKE", " foot strike ", "Initial Contact"])
+def test_strikes_by_other_names(word: str) -> None:
+    assert events([word], ["RIGHT"], [[0.0], [1.0]]) == (FootEvent(FootMoment.STRIKE, "r", 1.0),)
+
+
+@pytest.mark.parametrize(
+    "labels, contexts, times",
+    [
+        (["Event"], ["General"], [[0.0], [1.0]]),
+        (["Foot Strike"], ["General"], [[0.0], [1.0]]),
+        (["Foot Strike"], ["Left"], [[0.0], [np.nan]]),
+        (["Foot Strike"], ["Left"], [[np.nan], [1.0]]),
+        (["Foot Strike"], ["Left"], [1.0]),
+        (["Foot Strike"], ["Left"], [[1.0], [1.0], [1.0]]),
+        (["Foot Strike"], ["Left"], []),
+        (["Foot Strike"], [], [[0.0], [1.0]]),
+        ([], ["Left"], [[0.0], [1.0]]),
+        ([7], ["Left"], [[0.0], [1.0]]),
+    ],
+)
+def test_what_is_no_foot_event_is_none(labels: list[Any], contexts: list[Any], times: Any) -> None:
+    assert events(labels, contexts, times) == ()
+
+
+def test_facts_are_metres_kilograms_and_radians(tmp_path: Path) -> None:
+    numbers = {
+        "Bodymass": 61.5, "Height": 1655.0, "RKneeWidth": 104.0, "LKneeWidth": 102.0, "RAnkleWidth": 71.0,
+        "LLegLength": 870.0, "InterAsisDistance": 241.0, "MarkerDiameter": 14.0, "RStaticPlantFlex": 0.05,
+    }  # fmt: skip
+    path = file_with(
+        tmp_path / "p.c3d",
+        PROCESSING={name: [value] for name, value in numbers.items()},
+        SUBJECTS={"NAMES": ["Anna  "], "MARKER_SETS": ["PlugInGait"], "IS_STATIC": [1]},
+    )
+    facts = read_recording(path).facts
+    assert (facts.name, facts.marker_set, facts.is_static) == ("Anna", "PlugInGait", True)
+    assert (facts.mass, facts.height) == pytest.approx((61.5, 1.655), rel=SINGLE)
+    assert facts.knee_width == pytest.approx({"r": 0.104, "l": 0.102}, rel=SINGLE)
+    assert facts.ankle_width == pytest.approx({"r": 0.071}, rel=SINGLE)
+    assert facts.leg_length == pytest.approx({"l": 0.87}, rel=SINGLE)
+    assert facts.static_plantarflexion == pytest.approx({"r": 0.05}, rel=SINGLE)
+    assert (facts.asis_distance, facts.marker_diameter) == pytest.approx((0.241, 0.014), rel=SINGLE)
+
+
+@pytest.mark.parametrize("value", [[0.0], [-3.0], [np.nan], [np.inf], ["n/a"], [], None, [4e7]])
+def test_forms_that_nobody_filled_in_say_nothing(value: Any) -> None:
+    names = ("Bodymass", "Height", "RKneeWidth", "LAnkleWidth", "RLegLength", "MarkerDiameter", "InterAsisDistance")
+    assert facts_of({"PROCESSING": dict.fromkeys(names, value)}) == Facts()
+
+
+@pytest.mark.parametrize("given, height", [(1780.0, 1.78), (1.78, 1.78), (0.9, 0.9), (178.0, None)])
+def test_heights_in_millimetres_or_metres(given: float, height: float | None) -> None:
+    assert facts_of({"PROCESSING": {"HEIGHT": [given]}}).height == (None if height is None else pytest.approx(height))
+
+
+def test_real_files_say_who_and_when(data_dir: Path) -> None:
+    gait = read_recording(data_dir / "pig_c3d/gait.c3d")
+    assert (gait.facts.mass, gait.facts.height) == pytest.approx((66.5, 1.79))
+    assert len(gait.events) == 8 and gait.events[0] == FootEvent(FootMoment.STRIKE, "l", pytest.approx(3.43))  # type: ignore[arg-type]
+    child = read_recording(data_dir / "children/HC002D/straight.c3d")
+    assert (child.facts.mass, child.facts.height) == pytest.approx((32.1, 1.45))
+    assert len(child.events) == 12 and {e.side for e in child.events} == {"r", "l"}
+    static = read_recording(data_dir / "labs_c3d/kad/static.c3d")
+    assert static.facts.mass == pytest.approx(79.25) and set(static.facts.knee_width) == {"r", "l"}
+
+
+@pytest.mark.parametrize(
+    "file", ["pig_c3d/gait.c3d", "labs_c3d/multi/walk04.c3d", "labs_c3d/kad/walk.c3d", "children/HC030A/straight.c3d"]
+)
+def test_strikes_of_real_files_lie_on_the_clock_of_the_plates(data_dir: Path, file: str) -> None:
+    """At least one plate becomes loaded within 10 ms of a strike of the file: no clock is wrong by a frame."""
+    recording = read_recording(data_dir / file)
+    begins = [p.time[1:][(p.force[1:, 1] > 20.0) & ~(p.force[:-1, 1] > 20.0)] for p in recording.plates]
+    strikes = [e.time for e in recording.events if e.moment is FootMoment.STRIKE]
+    assert min(abs(t - s) for plate in begins for t in plate for s in strikes) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "fact", "words", "meant"),
+    [
+        ("Height", 179.0, "height", "no height in mm or m; 1.79 m if cm", 1.79),
+        ("Height", 70.0, "height", "0.7 m if cm or 1.778 m if inches", None),
+        ("Bodymass", 652.4, "mass", "no mass in kg; 66.53 kg if N", 66.53),
+        ("RKneeWidth", 12.0, "knee_width_r", "no width in mm; 0.12 m if cm", 0.12),
+    ],
+)
+def test_figures_in_other_units_are_kept_and_told(
+    name: str, value: float, fact: str, words: str, meant: float | None
+) -> None:
+    facts = facts_of({"PROCESSING": {name: [value]}})
+    assert facts.height is facts.mass is None and facts.knee_width == {}
+    told, guess = facts.doubtful[fact]
+    assert told.startswith(f"{name} = {value:g}: ") and words in told
+    assert guess == (None if meant is None else pytest.approx(meant, rel=1e-3))
+    assert facts_of({"PROCESSING": {name: [0.0]}}).doubtful == {}, "0 stands where nobody filled in the form"
+
+
+@pytest.mark.parametrize(("text", "day"), [("2016-03-09", "2016-03-09"), ("20160309", "2016-03-09"), ("6/14/35", None)])
+def test_a_date_is_read_where_it_can_be_read_in_one_way_only(text: str, day: str | None) -> None:
+    facts = facts_of({"TRIAL": {"DATE": [text]}, "SUBJECT": {"DATE_OF_BIRTH": [text]}})
+    assert (facts.session_date, facts.birth_date) == (day, day)

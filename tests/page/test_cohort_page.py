@@ -10,7 +10,7 @@ import pytest
 
 from gaitcal.cohort.one_person import STEPS
 from gaitcal.gait.cycles import Kind
-from tests.cohort.kept import FORCES, KNEE, Kept, some_people, write_cohort
+from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.page.browser import Page
 from tests.page.test_accessible import FAULTS, SETTLED, SIZES, SMALL, TARGET, UNNAMED
 
@@ -62,7 +62,7 @@ def test_it_opens_with_those_who_need_a_look_first(page: Page) -> None:
     assert (causes[0][0], causes[0][-2].strip()) == ("The knee axis passes far from the epicondyles", "2")
     assert len(causes) == 3
     sentence = page.run("document.getElementById('sentence').textContent")
-    assert sentence.startswith("6 people, 7 sessions in 2 groups: 6 results, 1 without, written ")
+    assert sentence.startswith("6 people, 7 sessions in 2 groups: 6 results, 1 without, by gaitcal ")
     assert (
         page.run("document.querySelector('#failures tbody').textContent")
         == "Zedbthe static trial is restlessrecord it again"

@@ -21,8 +21,8 @@ def clean(kept: Path) -> SeedResult:
 
 @pytest.fixture(scope="session")
 def draws(kept: Path) -> list[SeedResult]:
-    """Two draws of the noise, two random inertial seeds each."""
-    return kept_object(kept / "reproduction" / "draws", lambda: noisy_draws(0, 2, jobs=1, random_seeds=FEW_SEEDS))
+    """Two draws of the noise, each from a process of its own, two random inertial seeds each."""
+    return kept_object(kept / "reproduction" / "draws", lambda: noisy_draws(0, 2, jobs=2, random_seeds=FEW_SEEDS))
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -8,8 +8,8 @@ from gaitcal.published.protocol import Plan
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.workers import LocalProcesses
 
-PLAN = Plan(levels=(100,), draws=20)
-CHUNK = 4
+PLAN = Plan(levels=(100,), draws=12)
+CHUNK = 2
 
 
 def main() -> None:

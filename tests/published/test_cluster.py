@@ -84,7 +84,7 @@ def fails(task: int) -> int:
 
 @pytest.mark.slow
 def test_faults_of_the_cluster_are_told(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gaitcal.published.workers.WAIT_S", 3)
+    monkeypatch.setattr("gaitcal.published.workers.WAIT_S", 1)
     with pytest.raises(InputError, match=r"--cluster: found 'tcp://127\.0\.0\.1:9'"):
         list(Cluster("tcp://127.0.0.1:9").run(str, [1]))
     with pytest.raises(InputError, match="--cluster: found 'nonsense://x'"):

@@ -1,12 +1,10 @@
 """Distributions, convergence, conclusions, linearised contributions of the parameters, and their figures."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.figures.monte_carlo import boxplot_figure, contribution_figure, write_monte_carlo_figures
+from gaitcal.figures.monte_carlo import boxplot_figure, contribution_figure
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.parameters import leg_parameters
 from gaitcal.published.case import MonteCarloCase
@@ -273,13 +271,3 @@ def test_contributions_are_written_into_the_cells(context: MonteCarloContext) ->
     image = figure.axes[0].images[0].get_array()
     assert image is not None
     np.testing.assert_allclose((np.asarray(image) ** 2).sum(axis=0), 100.0)
-
-
-@pytest.mark.slow
-def test_files(context: MonteCarloContext, tmp_path: Path) -> None:
-    table = statistics(made_up(draws=30))
-    written = write_monte_carlo_figures(table, variance_contributions(context), tmp_path)
-    assert set(written) == {"figure_3_lab", "figure_3_foot", "figure_4_lab", "figure_4_foot", "contributions"}
-    for path in written.values():
-        assert path.read_bytes().startswith(b"\x89PNG")
-        assert "<svg" in path.with_suffix(".svg").read_text(encoding="utf-8")

@@ -1,5 +1,7 @@
-"""The study: the same table however it is computed, resumed or raised; stores of others and damaged ones."""
+"""The study: the same table however computed, resumed or raised; stores of others, damaged ones, dying workers."""
 
+import os
+import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -17,7 +19,9 @@ from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
 from gaitcal.published.study import PURPOSE, Chunk, MonteCarloStudy, Store, monte_carlo
 from gaitcal.published.workers import LocalProcesses, Workers, alone
+from tests.published.worker_tasks import killed_always, killed_once, process, square
 
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -61,11 +65,6 @@ def test_one_row_a_draw_in_order(reference: MonteCarloStudy) -> None:
     assert list(zip(draws["set"], draws["level"], draws["draw"], strict=True)) == cells
     assert reference.computed == PLAN.total == len(draws)
     assert reference.failed == 0
-
-
-@pytest.mark.slow
-def test_two_processes_and_other_chunks_give_the_same_bits(case: MonteCarloCase, reference: MonteCarloStudy) -> None:
-    same(monte_carlo(case, plan=PLAN, workers=LocalProcesses(2), chunk_draws=3).draws, reference.draws)
 
 
 def test_any_order_gives_the_same_bits(case: MonteCarloCase, reference: MonteCarloStudy, tmp_path: Path) -> None:
@@ -267,3 +266,49 @@ def test_draws_that_vanish_meanwhile_are_computed_again(case: MonteCarloCase, tm
 
     found = monte_carlo(case, tmp_path / "store", plan=FEW, workers=Losing(), chunk_draws=2)
     assert (len(found.draws), found.computed) == (4, 6)
+
+
+def no_loss(task: object, words: str) -> object:
+    raise AssertionError(words)
+
+
+def test_every_task_once() -> None:
+    assert sorted(LocalProcesses(2).run(square, range(7), no_loss)) == [k * k for k in range(7)]
+    assert list(LocalProcesses(2).run(square, [], no_loss)) == []
+
+
+def test_a_process_that_dies_once_costs_nobody(tmp_path: Path) -> None:
+    places = [tmp_path / name for name in "abc"]
+    assert sorted(LocalProcesses(2).run(killed_once, places, no_loss)) == ["a", "b", "c"]
+
+
+def test_a_process_that_dies_between_two_tasks_costs_nobody() -> None:
+    results = LocalProcesses(1).run(process, range(3), no_loss)
+    first = next(results)
+    os.kill(first, signal.SIGKILL)
+    assert first not in list(results)
+
+
+def test_who_kills_every_process_is_given_up_and_the_others_go_on() -> None:
+    def lost(task: int, words: str) -> str:
+        return f"{task}: {words}"
+
+    found = list(LocalProcesses(2).run(killed_always, range(5), lost))
+    assert sorted(map(str, found)) == ["0", "1", "2: ended by SIGKILL, 3 times", "3", "4"]
+
+
+def test_processes_are_replaced() -> None:
+    found = list(LocalProcesses(1, each=2).run(process, range(6), no_loss))
+    assert len(set(found)) == 3
+
+
+def test_what_costs_no_work_makes_no_process_old() -> None:
+    found = list(LocalProcesses(1, each=2, ages=lambda result: 0).run(process, range(6), no_loss))
+    assert len(set(found)) == 1
+
+
+def test_closing_ends_the_processes() -> None:
+    outcomes = LocalProcesses(2).run(square, range(100), no_loss)
+    next(outcomes)
+    outcomes.close()  # type: ignore[attr-defined]
+    assert list(outcomes) == []

@@ -1,6 +1,7 @@
-"""`cycles.csv`: every stride of every walk over 0 to 100 %, with the validity of its leg."""
+"""`cycles.csv`: every stride over 0 to 100 % with the validity of its leg; read from elsewhere; relative angles."""
 
 import base64
+import io
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,14 +13,28 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.errors import InputError
-from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS
-from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, typed, unit_of
+from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
 from gaitcal.gait.strides import AXES, strides_of
-from gaitcal.model.linkage import PELVIS_ANGLES
+from gaitcal.io.opensim_files import read_table
+from gaitcal.io.result_folder import sha256_of
+from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES
 from gaitcal.page.plain_data import LARGEST
 from gaitcal.page.trial_data import trial_page_data
-from gaitcal.results.cycles import CYCLE_HEADER, cycle_table, cycles, cycles_to_xarray, read_cycles, write_cycles
-from gaitcal.results.table_file import read_csv
+from gaitcal.results.calibration import write_trial
+from gaitcal.results.cycles import (
+    CYCLE_HEADER,
+    CYCLES,
+    cycle_table,
+    cycles,
+    cycles_to_xarray,
+    read_cycles,
+    write_cycles,
+)
+from gaitcal.results.saved import _static_angles
+from gaitcal.results.stride_files import SPATIOTEMPORAL, STRIDE_FILES, earlier_strides, write_stride_files
+from gaitcal.results.summary import STATIC_ANGLES, summary
+from gaitcal.results.table_file import read_csv, write_csv
 from gaitcal.session.result import Calibration
 from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
 
@@ -218,3 +233,127 @@ def test_pelvis_angles_of_the_page_are_against_the_line_of_each_stride(whole: Ca
             assert packed["low"] + packed["step"] * steps == pytest.approx(value, abs=packed["step"])
             compared += 1
     assert compared >= 3
+
+
+@pytest.fixture
+def folder(whole: Calibration, tmp_path: Path) -> Path:
+    write_stride_files(tmp_path, whole.model, whole.trials)
+    return tmp_path
+
+
+def test_what_pandas_reads_by_itself_gives_the_same_ensemble(whole: Calibration, folder: Path) -> None:
+    """A session without a name is an empty cell, which pandas takes for NaN."""
+    plain = pd.read_csv(folder / CYCLES, comment="#")
+    assert plain["session"].isna().all()
+    pd.testing.assert_frame_equal(ensemble(plain), ensemble(cycles(whole)), check_dtype=False, atol=1e-5)
+
+
+@pytest.mark.parametrize("person", ["Subject #3", "# x", '5" #2, left', "#", "007", "NA"])
+def test_no_name_of_a_person_costs_numbers(whole: Calibration, tmp_path: Path, person: str) -> None:
+    model = replace(whole.model, subject=replace(whole.model.subject, name=person, session="day #2"))
+    write_cycles(tmp_path / CYCLES, model, whole.trials)
+    expected = cycles(replace(whole, model=model))
+    pd.testing.assert_frame_equal(
+        read_cycles(tmp_path).astype({"person": object}), expected.astype({"person": object}), check_dtype=False
+    )
+    plain = pd.read_csv(tmp_path / CYCLES, comment="#", dtype={"person": str}, keep_default_na=False, na_values=[""])
+    assert set(plain["person"]) == {person} and set(plain["session"]) == {"day #2"}
+    np.testing.assert_array_equal(plain["value"], expected["value"])
+
+
+def test_cells_are_those_of_pandas_but_for_the_quotation_marks(tmp_path: Path) -> None:
+    numbers = np.random.default_rng(1).normal(size=40) * 10.0 ** np.arange(-20, 20)
+    table = pd.DataFrame(
+        {
+            "number": np.where(np.arange(40) % 5, numbers, np.nan),
+            "whole": np.arange(40),
+            "maybe": pd.array([1, None] * 20, dtype="Int64"),
+            "text": ["x", "a,b", 'q"r', "ü\n"] * 10,
+            "mixed": [None, 1.5, "7", np.nan] * 10,
+        }
+    )
+    table.loc[3, "number"] = np.inf
+    by_pandas = io.StringIO()
+    table.to_csv(by_pandas, index=False, lineterminator="\n")
+    write_csv(table, tmp_path / "t.csv", ["said"])
+    assert (tmp_path / "t.csv").read_text(encoding="utf-8") == f"# said\n{by_pandas.getvalue()}"
+
+
+def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(whole: Calibration, tmp_path: Path) -> None:
+    model, walk = whole.model, replace(whole.trial("walk"), name="se")
+    write_stride_files(tmp_path, model, [walk.refused(("r",))])
+    hashes = {name: str(sha256_of(tmp_path / name)) for name in STRIDE_FILES}
+    found = earlier_strides(tmp_path, hashes, ["se", "valid", "variable"])
+    assert [len(found.cycle_lines), len(found.spatiotemporal_lines)] == [1, 1]
+    assert found.cycle_lines[0].startswith("se: verdict: the right leg")
+
+
+def in_other_units(table: pd.DataFrame) -> pd.DataFrame:
+    told = table["variable"].map(unit_of).replace("N m", "N m/kg")
+    return table.assign(unit=told, positive="flexion")
+
+
+def test_units_are_those_of_the_table_and_two_conventions_are_refused(whole: Calibration, folder: Path) -> None:
+    table = cycles(whole)
+    other = in_other_units(table)
+    other.to_csv(folder / CYCLES, index=False)
+    read = read_cycles(folder)
+    mean = ensemble(read)
+    assert set(mean.loc[mean["variable"] == "knee_angle_moment", "unit"]) == {"N m/kg"}
+    assert tuple(mean.columns) == (*ENSEMBLE_COLUMNS, "unit", "positive")
+    mixed = pd.concat([table, other.assign(trial="second")])
+    with pytest.raises(InputError, match=r"found pelvis_tilt as \[deg\] and as \[deg\] flexion; allowed: one conv"):
+        ensemble(mixed)
+    pytest.importorskip("xarray", reason="no xarray here; it comes with the extra `test`")
+    dataset = cycles_to_xarray(read)
+    assert dataset["knee_angle_moment"].attrs == {"units": "N m/kg", "positive": "flexion"}
+    assert dataset["knee_angle_moment_se"].attrs == {"units": "N m/kg"}
+    assert dataset["knee_angle_moment_valid"].attrs == {"units": "1"}
+    with pytest.raises(InputError, match="allowed: one convention"):
+        cycles_to_xarray(mixed)
+
+
+def test_what_is_no_table_of_strides_is_one_clear_line(folder: Path) -> None:
+    text = (folder / CYCLES).read_text(encoding="utf-8")
+    (folder / "semicolons.csv").write_text(text.replace(",", ";"), encoding="utf-8")
+    (folder / "letters.csv").write_text(text.replace("hip_flexion,", "hip_flexion,x", 1), encoding="utf-8")
+    for file, said in (
+        ("semicolons.csv", "found the columns person;session;trial.*, without trial, .*with commas between them"),
+        (SPATIOTEMPORAL, "is no table of strides: .*without percent"),
+        ("letters.csv", "value: found 'x.*' in row [0-9]+; allowed: a number"),
+    ):
+        with pytest.raises(InputError, match=said) as caught:
+            read_cycles(folder / file)
+        assert "\n" not in str(caught.value) and file in str(caught.value)
+
+
+def test_rows_that_were_cut_at_a_sign_in_a_name_are_refused(whole: Calibration) -> None:
+    cut = cycles(whole).assign(percent=np.nan, value=np.nan, valid=np.nan)
+    with pytest.raises(InputError, match="percent: found nothing in row 1|found nothing in row 1.*read_cycles"):
+        typed(cut)
+
+
+WRITTEN_DEG = 1e-4
+"""What rounding to four places leaves."""
+
+
+def test_tables_are_relative_and_the_mot_is_not(tmp_path: Path) -> None:
+    calibration = fake_calibration(plates=False)
+    trial = next(t for t in calibration.trials if t.joint is None)
+    write_trial(trial, calibration.model, tmp_path, {"hip_flexion_r": np.deg2rad(11.0)})
+    text = (tmp_path / "motion" / f"{trial.name}.csv").read_text(encoding="utf-8")
+    assert "# static trial, deg: hip_flexion_r 11.00\n" in text
+    table = pd.read_csv(tmp_path / "motion" / f"{trial.name}.csv", comment="#")
+    anatomical = np.rad2deg(trial.body.q[:, COORDINATES.index("hip_flexion_r")])
+    np.testing.assert_allclose(table["hip_flexion_r"], anatomical - 11.0, atol=WRITTEN_DEG)
+    mot = read_table(tmp_path / "motion" / f"{trial.name}.mot")
+    np.testing.assert_allclose(mot.column("hip_flexion_r"), anatomical, atol=WRITTEN_DEG)
+
+
+def test_static_angles_come_back_from_the_summary(tmp_path: Path) -> None:
+    angles = {"pelvis_tx": 0.1, "hip_flexion_r": 0.2, "ankle_angle_l": -0.05}
+    entries = summary(replace(fake_calibration(), static_angles=angles))
+    back = _static_angles(entries, tmp_path)
+    assert back == pytest.approx({n: v for n, v in angles.items() if n != "pelvis_tx"}, abs=np.deg2rad(WRITTEN_DEG))
+    with pytest.raises(InputError, match="calibrate again"):
+        _static_angles({k: v for k, v in entries.items() if k != STATIC_ANGLES}, tmp_path)

@@ -1,6 +1,7 @@
 """What the documentation says of result files and columns, against folders that were written."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -14,12 +15,9 @@ from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.peaks import PEAK_COLUMNS
 from gaitcal.io.result_folder import MANIFEST, ResultKind, files_of, read_object
 from gaitcal.published.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
-from gaitcal.results.calibration import write_results
 from gaitcal.results.stride_files import SPATIOTEMPORAL_COLUMNS
-from gaitcal.session.calibrate import calibrate
-from gaitcal.study.study import Study
 from scripts.tools.documentation.results import FILES, SUMMARY, TABLES, column_of, file_of
-from tests.synthetic_studies import write_synthetic_study
+from tests.kept import kept_result
 
 KINDS = {
     ResultKind.CALIBRATION.value: "calibration",
@@ -71,9 +69,8 @@ def undescribed_below(top: Path) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_written_result_has_no_file_or_column_without_a_word(tmp_path: Path) -> None:
-    write_synthetic_study(tmp_path / "study")
-    write_results(calibrate(Study.load(tmp_path / "study" / "study.toml")), tmp_path / "result")
+def test_a_written_result_has_no_file_or_column_without_a_word(kept: Path, tmp_path: Path) -> None:
+    shutil.copytree(kept_result(kept), tmp_path, dirs_exist_ok=True)
     assert undescribed_below(tmp_path) == []
     (tmp_path / "result" / "nobody_told.csv").write_text("x\n", encoding="utf-8")
     assert undescribed_below(tmp_path) == ["calibration: nobody_told.csv"]

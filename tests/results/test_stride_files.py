@@ -1,14 +1,20 @@
-"""The files of strides: what a calibration writes, and how further trials join those that are there."""
+"""Files of strides, how further trials join them, and figures of `summary.json` that stand beside each other."""
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from gaitcal.cli.console import _residuals
+from gaitcal.findings import Severity
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
+from gaitcal.gait.events import joined_events
+from gaitcal.io.labels import FootEvent
 from gaitcal.io.result_folder import sha256_of
+from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.cycles import CYCLES
 from gaitcal.results.stride_files import (
@@ -20,9 +26,11 @@ from gaitcal.results.stride_files import (
     spatiotemporal,
     write_stride_files,
 )
-from gaitcal.results.summary import summary
+from gaitcal.results.summary import summary, trial_summary
 from gaitcal.session.result import Calibration
-from tests.fake_result import fake_calibration
+from tests.fake_result import ERROR_SHARES, fake_calibration
+from tests.page.page_words import page_words
+from tests.page.walked_blocks import rows_of, walked
 
 
 @pytest.fixture(scope="module")
@@ -119,3 +127,100 @@ def test_a_result_without_walks_has_tables_without_rows(tmp_path: Path) -> None:
     write_stride_files(tmp_path, still.model, still.trials)
     for file in (*STRIDE_FILES, ENSEMBLE):
         assert pd.read_csv(tmp_path / file, comment="#").empty
+
+
+def test_a_trial_and_its_segments_have_both_floors_and_ratios() -> None:
+    whole = fake_calibration()
+    trial = whole.trials[0]
+    out = cast(Any, trial_summary(trial, whole.verdict))
+    for rms in (out["rms_mm"], out["pelvis_and_legs_mm"], out["segments"]["thigh_r"]["rms_mm"]):
+        assert rms["joint_floor"] == pytest.approx(1.1 * rms["rigid_floor"])
+        assert rms["calibrated_to_joint_floor"] == pytest.approx(rms["calibrated"] / rms["joint_floor"])
+        assert rms["calibrated_to_floor"] == pytest.approx(rms["calibrated"] / rms["rigid_floor"])
+    assert out["joint_floor_mm"] == {"hip_r": 5.3, "knee_r": 5.4, "ankle_r": 5.5}
+    assert "joint_floor" not in out["segments"]["thigh_l"]["rms_mm"], "in no joint: absent, never 0"
+
+
+def test_without_a_joint_there_is_no_joint_floor() -> None:
+    whole = fake_calibration()
+    trial = replace(whole.trials[0], joint_floor=None)
+    out = cast(Any, trial_summary(trial, whole.verdict))
+    assert "joint_floor_mm" not in out
+    assert not [key for key in out["rms_mm"] if "joint_floor" in key]
+    assert "Joint floor" in page_words(replace(whole, trials=(trial,)))
+
+
+def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
+    whole = fake_calibration()
+    trial = whole.trials[0]
+    sources = cast(Any, trial_summary(trial, whole.verdict))["torque_error_sources"]
+    assert {"hip_flexion_r", "knee_adduction_l", "lumbar_bending"} <= set(sources)
+    assert not [name for name in sources if name.startswith("pelvis")]
+    for parts in sources.values():
+        assert sum(parts.values()) == pytest.approx(1.0, abs=1e-3)
+        assert parts == pytest.approx({source.key: share for source, share in ERROR_SHARES.items()})
+    assert trial.loads is not None
+    without = replace(trial, loads=replace(trial.loads, errors=None))
+    assert "torque_error_sources" not in cast(Any, trial_summary(without, whole.verdict))
+
+
+def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none() -> None:
+    whole = fake_calibration()
+    first, *others = whole.phases
+    own = replace(first, noise={"knee": 0.00123456, "walk, hip_r alone": 0.01})
+    told = cast(Any, summary(replace(whole, phases=(own, *others))))["phases"]
+    assert told[0]["noise_mm"] == {"knee": 1.2346, "walk, hip_r alone": 10.0}
+    assert "noise_mm" not in told[1]
+
+
+def test_the_page_tells_what_makes_each_error_bar() -> None:
+    words = "Expected error of the peak knee adduction moment"
+    blocks = calibration_page_data(fake_calibration())["trials"][0]["sections"]["trust"]
+    found = [b for b in walked(blocks) if b["kind"] == "table" and "error alone, N·m/kg" in b["head"]]
+    assert len(found) == 2 * len(LEG_COORDINATES), "all torques of both legs"
+    told = {source.words: f"{100 * share:.0f}" for source, share in ERROR_SHARES.items()}
+    for table in found:
+        rows = rows_of(table)
+        assert rows.pop("all together")[1] == "100"
+        rest = rows.pop("all others", ["", "0"])
+        parts = {name: percent for name, (_, percent) in rows.items()}
+        assert parts == {name: told[name] for name in parts} and len(parts) >= 4
+        assert sum(int(percent) for percent in parts.values()) + int(rest[1]) == pytest.approx(100, abs=2)
+    assert words in page_words(fake_calibration()) and words not in page_words(fake_calibration(errors=False))
+
+
+def test_the_rms_of_a_residual_has_one_definition_in_every_place() -> None:
+    whole = fake_calibration()
+    trial = whole.trial("walk")
+    told = cast(Any, trial_summary(trial, whole.verdict))["pelvis_residual"]
+    valid = trial.loads.reactions.valid
+    for (stage, moments), size in zip(trial.loads.moments.items(), trial.loads.residuals, strict=True):
+        by_hand = float(np.sqrt((moments.residual_force[valid] ** 2).mean()))
+        assert told[stage.key]["force_N"] == size.rms_force == moments.residual_rms(valid)[0]
+        assert size.rms_force == pytest.approx(by_hand)
+        assert told[stage.key]["torque_Nm"] == size.rms_moment
+    line = _residuals("walk", trial.loads)
+    last = trial.loads.residuals[-1]
+    assert f"{last.rms_force:.1f} N, {last.rms_moment:.1f} N·m" in line
+
+
+def test_events_are_told_with_side_time_and_source() -> None:
+    """The fake's plates are loaded from 0.2 (right) and 0.7 s (left), for 0.6 of every second."""
+    whole = fake_calibration()
+    told = {trial.name: cast(Any, trial_summary(trial, whole.verdict)) for trial in whole.trials}
+    events = told["walk"]["events"]
+    assert events[:3] == [
+        {"side": "r", "event": "foot strike", "time": 0.2, "source": "plates"},
+        {"side": "l", "event": "foot off", "time": 0.29, "source": "plates"},
+        {"side": "l", "event": "foot strike", "time": 0.7, "source": "plates"},
+    ]
+    assert "events" not in told["knee"], "an isolated trial has none"
+
+
+def test_what_is_wrong_with_a_files_events_is_said_of_its_trial() -> None:
+    walk = next(t for t in fake_calibration().trials if t.joint is None)
+    late = [FootEvent(e.moment, e.side, e.time + 0.3) for e in walk.events.events]
+    wrong = replace(walk, events=joined_events(walk.body.time, late, walk.events.events, ()))
+    said = [f for f in wrong.findings if f.topic == "events"]
+    assert [(f.where, f.severity) for f in said] == [("walk", Severity.WARNING)] and "0.30 s too late" in said[0].cause
+    assert not [f for f in walk.findings if f.topic == "events"]

@@ -32,17 +32,6 @@ def met(outcome: str, milliseconds: float) -> check.Case:
     )
 
 
-def test_only_what_is_spoken_of_counts_for_the_right_cause() -> None:
-    found = [met("first", 50), met("in set", 40), met("none", 5), met("wrong", 30), met("first", 60)]
-    assert check.first_share(found) == pytest.approx(2 / 4)
-
-
-def test_the_smallest_size_is_that_from_which_enough_are_found() -> None:
-    found = [met("none", 10), met("first", 15), met("none", 20), met("first", 30), met("in set", 40), met("first", 50)]
-    assert check.smallest(found) == "15 ms (4 of 5)"
-    assert check.smallest([met("none", 10)]) == "-"
-
-
 def test_every_fault_changes_a_recording_and_says_how_large_it_is() -> None:
     from tests.faults.walks import exact_walk
 
@@ -61,6 +50,6 @@ def test_every_fault_changes_a_recording_and_says_how_large_it_is() -> None:
 @pytest.mark.slow
 def test_the_script_runs_on_a_synthetic_person(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     monkeypatch.delenv("GAITCAL_DATA", raising=False)
-    assert main(["force_faults", "--cases", "3", "--only", "synthetic3", "--seed", "1"]) in (0, 1)
+    assert main(["force_faults", "--cases", "2", "--only", "synthetic3", "--seed", "1"]) in (0, 1)
     said = capsys.readouterr().out
     assert "told: 0 causes, 0 unexplained" in said and "right cause first in" in said

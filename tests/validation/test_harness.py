@@ -10,9 +10,16 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
+from gaitcal.io.labels import FootEvent, FootMoment
+from gaitcal.study.study_file import load_study_file
+from scripts.validation import events as check
 from scripts.validation import harness
+from scripts.validation.harness import results
+from scripts.validation.recordings import CHILDREN, CLINICS, EVERYBODY, JOINTS, PEOPLE
+from tests.real_studies import write_study
 
 ROOT = Path(__file__).parents[2]
 
@@ -104,3 +111,51 @@ def test_it_runs_from_a_checkout_in_one_blas_thread() -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "uf3: subject: mass in pounds" in done.stdout or "0 attacks" in done.stdout  # without recordings
+
+
+def test_every_listed_file_is_there(data_dir: Path) -> None:
+    missing = [file for person in EVERYBODY.values() for file in person.files if not (data_dir / file).is_file()]
+    assert missing == []
+    assert set(CHILDREN) < set(PEOPLE) < set(EVERYBODY) and "p01" not in CLINICS
+
+
+def test_a_study_names_static_trial_walk_forces_and_the_joints_asked_for(data_dir: Path, tmp_path: Path) -> None:
+    trials = load_study_file(EVERYBODY["subject01"].recorded()(tmp_path)).trials
+    assert [(t.name, t.file.stem, t.forces and t.forces.stem) for t in trials] == [
+        ("static", "subject01_static", None),
+        ("walk", "subject01_walk1", "subject01_walk1_grf"),
+    ]
+    trials = load_study_file(EVERYBODY["uf3"].recorded(joints=JOINTS)(tmp_path)).trials
+    assert [t.joint for t in trials] == [None, *JOINTS, None] and trials[-1].file.stem == "gait"
+    turn = load_study_file(EVERYBODY["HC002D"].recorded("turn")(tmp_path))
+    assert (turn.trials[-1].file.stem, turn.subject.mass_kg) == ("turn", 32.1)
+
+
+def test_what_no_file_holds_is_told_to_the_command() -> None:
+    assert EVERYBODY["pig"].options == ("--sex", "male")
+    assert EVERYBODY["pig"].facts == ("--mass", "66.5", "--height", "1.79")
+    assert EVERYBODY["uf3"].options[::2] == ("--mass", "--height", "--sex") and EVERYBODY["uf3"].facts == ()
+
+
+NEAR_MS = 35.0
+"""ms: `subject01` walks on a treadmill, recorded at 60 Hz; its feet slide a little after each contact."""
+
+
+def test_motion_is_measured_against_plates(data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    labs = results("events", str(write_study("subject01", data_dir, tmp_path)))
+    for moment in FootMoment:
+        found = 1e3 * check.all_differences(labs["subject01"], check.RULES["ours"], moment)
+        assert len(found) == 3 and np.isfinite(found).all()
+        assert np.abs(found).max() < NEAR_MS and found.std() < 0.2 * NEAR_MS
+    said = capsys.readouterr().out.splitlines()
+    assert said[1].startswith("subject01   foot strike") and "ours plates" in said[1] and "(3)" in said[1]
+
+
+def test_differences_are_found_less_true_and_missing_ones_are_counted() -> None:
+    strike, time = FootMoment.STRIKE, np.arange(0.0, 5.0, 0.01)
+    truth = [FootEvent(strike, side, t) for side, t in (("r", 1.0), ("l", 2.0), ("r", 3.0), ("r", 4.9))]
+    found = [FootEvent(strike, "r", 1.02), FootEvent(FootMoment.OFF, "l", 2.0), FootEvent(strike, "r", 2.99)]
+    differences = np.array(check.differences(found, truth, strike, time))
+    np.testing.assert_allclose(differences, [0.02, np.nan, -0.01])
+    assert check.told(differences) == "   5 ± 15 (2, 1 missed)"
+    assert check.told(np.array([])) == "-"

@@ -14,9 +14,9 @@ from scripts.validation import recordings
 from scripts.validation.harness import results
 from scripts.validation.people import check, hips, pairs
 from scripts.validation.people.fits import Fit
-from scripts.validation.truth import opensim_trials, skin
+from scripts.validation.truth import skin
 from tests.synthetic_studies import write_synthetic_study
-from tests.validation.test_truth import SLOW_CAMERA, TRACKING, _bending
+from tests.validation.test_truth import TRACKING, _bending, simulated_trials
 
 EXACT_MM = 1.0
 """Markers without noise, of which each half tells the hips."""
@@ -148,14 +148,9 @@ def test_fewer_markers_move_hips_of_a_real_person(data_dir: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.peers
-def test_hips_of_a_simulated_person(data_dir: Path, tmp_path: Path) -> None:
-    pytest.importorskip("opensim", reason="extra `peers`")
-    folder = data_dir.resolve() / "opensim_truth"
-    source = folder / "p01"
-    opensim_trials.make_trials(
-        source / "subject01.osim", source / "coordinates.sto", tmp_path / "p01", rate=SLOW_CAMERA
-    )
-    exact, moved = (check.hips_of("p01", kind, 0, {}, folder, tmp_path) for kind in (skin.Kind.NONE, skin.Kind.PEOPLE))
+def test_hips_of_a_simulated_person(data_dir: Path, kept: Path) -> None:
+    folder, cache = data_dir.resolve() / "opensim_truth", simulated_trials(kept, data_dir)
+    exact, moved = (check.hips_of("p01", kind, 0, {}, folder, cache) for kind in (skin.Kind.NONE, skin.Kind.PEOPLE))
     out: dict[str, float] = {}
     assert len(list(check.skin_lines([*exact, *moved], out))) == 7
     # without noise the artefact is a fiftieth of people's, and not nothing: the prior on its size sees to that

@@ -20,8 +20,8 @@ REAL = ("real TYPE-1.C3D", "real TYPE-4.C3D", "real Eb015vi.c3d")
 
 @pytest.fixture(autouse=True)
 def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Some damage makes the C3D parser loop; two seconds show that as well as six."""
-    monkeypatch.setattr(parser, "BASE_SECONDS", 2.0)
+    """Some damage makes the C3D parser loop; one second shows that as well as six."""
+    monkeypatch.setattr(parser, "BASE_SECONDS", 1.0)
 
 
 @pytest.fixture

@@ -1,24 +1,31 @@
-"""`python -m scripts.validation truth`: its geometry and its counting on exact data, and small runs of each part."""
+"""`python -m scripts.validation truth`: its geometry and counting on exact data, small runs, error bars that hold."""
 
 import json
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gaitcal import Study, calibrate, parameter_table
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, leg_parameters
+from gaitcal.model.segment_frames import HipCentre
+from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import _joint_lines, segment_frames
 from scripts.validation import error_bars
-from scripts.validation.harness import changed_settings, results, write_json
-from scripts.validation.truth import opensim_trials, people, report, rigid, skin
+from scripts.validation.harness import results, write_json
+from scripts.validation.truth import made_up, opensim_trials, people, report, rigid, skin
+from scripts.validation.truth.people import EXACT_PLATES
+from tests.kept import copied_person, kept_folder, kept_person
 
 ROUNDING = 1e-10
 """m, or of a unit vector: coordinates of metres, in doubles, through a singular value decomposition."""
@@ -36,13 +43,6 @@ def test_screw_axis_is_the_line_that_was_turned_about() -> None:
         found = rigid.screw_axis(before, after)
         np.testing.assert_allclose(found.direction, n, atol=ROUNDING)
         assert found.distance(point) < ROUNDING
-
-
-def test_line_measures_distances_and_angles() -> None:
-    line = rigid.Line(np.array([1.0, 0.0, 5.0]), np.array([0.0, 0.0, 1.0]))
-    assert line.distance(np.array([1.0, 2.0, -3.0])) == pytest.approx(2.0)
-    slanted = np.array([0.0, np.sin(0.1), -np.cos(0.1)])
-    assert line.angle(slanted) == pytest.approx(np.rad2deg(0.1))
 
 
 def _moving(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -89,13 +89,6 @@ def test_true_parameters_of_a_known_linkage() -> None:
             assert value == pytest.approx(parameters.joint[JP_INDEX[name]], abs=ROUNDING), name
 
 
-def test_axes_of_parameters_are_told_back() -> None:
-    back = people.z_parameters("a", people.z_axis(0.3, -0.2))
-    assert back == pytest.approx({"a.front": 0.3, "a.trans": -0.2})
-    back = people.x_parameters("a", people.x_axis(0.3, -0.2))
-    assert back == pytest.approx({"a.trans": 0.3, "a.sag": -0.2})
-
-
 def test_static_frames_are_where_the_model_put_its_markers() -> None:
     model = published_model()
     turn, shift = Rotation.random(random_state=11).as_matrix(), np.array([1.0, 2.0, 3.0])
@@ -113,20 +106,6 @@ def test_bars_count_what_holds() -> None:
     assert held.rms == pytest.approx(np.sqrt(3 / 4))
     both = held + held
     assert (both.count, both.within, both.shares) == (8, (2, 4), (25.0, 50.0))
-
-
-def test_bars_of_normal_errors_cover_as_they_say() -> None:
-    errors = np.random.default_rng(12).normal(size=200_000) * 3.0
-    first, second = error_bars.bars(errors, np.full(errors.shape, 3.0)).shares
-    assert first == pytest.approx(68.27, abs=0.5)
-    assert second == pytest.approx(95.0, abs=0.3)
-
-
-def test_settings_of_the_command_line() -> None:
-    found = changed_settings(["mode=simultaneous", "nodes=20", "jp = true", 'prior="none"'])
-    assert found == {"mode": "simultaneous", "nodes": 20, "jp": True, "prior": "none"}
-    with pytest.raises(Exception, match="allowed: key=value"):
-        changed_settings(["mode"])
 
 
 TRACKING = {
@@ -177,20 +156,6 @@ def test_laws_last_and_random_movement_does_not() -> None:
         assert np.array_equal(first, again)
         assert np.allclose(first, other) is same
     assert not np.allclose(_moved(skin.Kind.LINEAR, angles), _moved(skin.Kind.LINEAR, angles, (2, 1)))
-
-
-def test_mixture_is_half_of_each() -> None:
-    angles = 30.0 * np.sin(np.arange(50) * 0.05)
-    parts = sum(_moved(kind, angles) for kind in skin.FIVE)
-    np.testing.assert_allclose(_moved(skin.Kind.MIXTURE, angles), 0.5 * parts, atol=ROUNDING)
-
-
-def test_smooth_noise_has_its_variance_and_frequency() -> None:
-    time = np.arange(0, 10, 0.01)
-    noise = skin.smooth_noise(time, 50, np.random.default_rng(14))
-    assert noise.std() == pytest.approx(1.0, abs=0.1)
-    rate = np.gradient(noise, time, axis=0)
-    assert rate.std() / (2 * np.pi) == pytest.approx(skin.RANDOM_HZ, rel=0.1)
 
 
 def test_table_and_limits_of_a_few_fits(tmp_path: Path) -> None:
@@ -257,15 +222,23 @@ def test_without_opensim_it_says_what_is_missing(
         results("truth", "--parts", "isolated", "--only", "p01", "--cache", str(tmp_path))
 
 
+SLOW_CAMERA = 25.0
+"""Frames/s: OpenSim takes 15 ms a frame."""
+
+
+def simulated_trials(kept: Path, data: Path) -> Path:
+    """A cache with the trials of p01, that nobody changes."""
+    pytest.importorskip("opensim", reason="extra `peers`")
+    source = data.resolve() / "opensim_truth" / "p01"
+    files = source / "subject01.osim", source / "coordinates.sto"
+    trials = partial(opensim_trials.make_trials, *files, rate=SLOW_CAMERA)
+    return kept_folder(kept / "simulated" / "p01", trials).parent
+
+
 @pytest.mark.slow
 @pytest.mark.peers
-def test_isolated_trials_of_a_simulated_person(data_dir: Path, tmp_path: Path) -> None:
-    pytest.importorskip("opensim", reason="extra `peers`")
-    source = data_dir.resolve() / "opensim_truth" / "p01"
-    opensim_trials.make_trials(
-        source / "subject01.osim", source / "coordinates.sto", tmp_path / "p01", rate=SLOW_CAMERA
-    )
-    common = ["--parts", "isolated", "--only", "p01", "--seeds", "1", "--cache", str(tmp_path)]
+def test_isolated_trials_of_a_simulated_person(data_dir: Path, kept: Path) -> None:
+    common = ["--parts", "isolated", "--only", "p01", "--seeds", "1", "--cache", str(simulated_trials(kept, data_dir))]
     exact, noisy = results("truth", *common, "--kinds", "none,linear", "--set", "prior=none")
     for name in ("hip in pelvis, mm", "hip in thigh, mm"):
         assert exact.figures[name].error < 0.1 < noisy.figures[name].error < 30.0 < exact.figures[name].before
@@ -274,14 +247,65 @@ def test_isolated_trials_of_a_simulated_person(data_dir: Path, tmp_path: Path) -
         assert exact.figures[name].error < 0.5
 
 
-SLOW_CAMERA = 25.0
-"""Frames/s: OpenSim takes 15 ms a frame."""
+@pytest.mark.slow
+def test_synthetic_people_and_the_part_of_that_name(
+    kept: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("scripts.validation.truth.made_up.synthesize", partial(copied_person, kept))
+    (fit,) = results("truth", "--parts", "synthetic", "--synthetic-people", "1", "--seed", "3")
+    torques = fit.figures["torques of all, N·m"]
+    assert 0.5 < torques.error < 6.0 and torques.bars.count > 1000
+    for name, error in fit.figures.items():
+        if name.startswith(("knee", "hip position")):
+            assert error.error < error.before, name
+    assert 55.0 < torques.bars.shares[0] < 92.0 and torques.bars.shares[1] > 86.0
+    assert "synthetic, waves: fits 1, people 1" in capsys.readouterr().out
+
+
+SEEDS = (3, 4, 5)
+"""Three people: errors of one person go together, so that their coverage scatters by some 10 %."""
+EXACT = {"segment_axes": "exact", "plate_error": EXACT_PLATES}
 
 
 @pytest.mark.slow
-def test_synthetic_people_and_the_part_of_that_name(capsys: pytest.CaptureFixture[str]) -> None:
-    (fit,) = results("truth", "--parts", "synthetic", "--synthetic-people", "1")
-    torques = fit.figures["torques of all, N·m"]
-    assert 0.5 < torques.error < 6.0 and torques.bars.count > 1000
-    assert fit.figures["knee position, mm"].error < fit.figures["knee position, mm"].before
-    assert "synthetic, waves: fits 1, people 1" in capsys.readouterr().out
+def test_intervals_of_whole_calibrations_cover_the_truth(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Told that plates and palpated axes are exact: bars for what may be wrong with them are for others than these.
+
+    Isolated trials beside the walk: `test_truth.py::test_synthetic_people_and_the_part_of_that_name`.
+    """
+    monkeypatch.setattr("scripts.validation.truth.made_up.synthesize", partial(copied_person, kept))
+    people = [made_up.synthetic_person(seed, made_up.Settings.GAIT_ONLY, EXACT) for seed in SEEDS]
+    parameters = pd.concat([p.parameters for p in people])
+    joint = parameters[parameters["kind"].str.startswith("joint")]["z"].dropna()
+    torques = np.concatenate([p.torques.ravel() for p in people])
+    powers, vectors = (
+        np.concatenate([(gaps / errors).ravel() for gaps, errors in pairs])
+        for pairs in ([p.powers for p in people], [p.vectors for p in people])
+    )
+    for z in (joint, torques, powers, vectors):
+        # wide for these people, who vary less (within 10 mm, 10 deg, 10 %) than people of whom priors are
+        assert 55.0 < 100.0 * np.mean(np.abs(z) < 1.0) < 92.0
+        assert 100.0 * np.mean(np.abs(z) < 1.96) > 86.0
+    report = list(made_up.lines(people))
+    assert any(line.startswith("knee       position") and "in 95 %" in line for line in report)
+    assert any(line.startswith("subtalar_angle_l") for line in report)
+
+
+@pytest.mark.slow
+def test_the_truth_is_told_in_the_frames_of_the_calibration(kept: Path) -> None:
+    """A thigh begins at the hip of the rule that a calibration uses, here another than the default."""
+    rule = HipCentre.BELL
+    study = Study.load(kept_person(kept, seed=3, perturb=True))
+    study = replace(
+        study,
+        settings=study.settings.model_validate({"hip_centre": rule.value, "jp": False}),
+        trials=tuple(trial for trial in study.trials if trial.role is not Role.JOINT),
+    )
+    nominal = parameter_table(calibrate(study)).set_index("name")["nominal"]
+    truth = made_up.true_parameters(3, rule)
+    # one hip joins two frames: its true place in the thigh, which begins at the nominal hip, is where it misses that
+    for side in "rl":
+        names = [f"hip_{side}.{{}}.{direction}" for direction in ("ant", "sup", "lat")]
+        in_pelvis = [truth[n.format("pelvis")] - nominal[n.format("pelvis")] for n in names]
+        in_thigh = [truth[n.format("thigh")] - nominal[n.format("thigh")] for n in names]
+        np.testing.assert_allclose(np.linalg.norm(in_thigh), np.linalg.norm(in_pelvis), rtol=1e-3)

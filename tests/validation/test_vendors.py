@@ -2,13 +2,10 @@
 
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from gaitcal.arrays import BoolArray
-from gaitcal.dynamics.ground_reactions import GroundReactions
 from scripts.validation import vendors
 from scripts.validation.harness import results
 
@@ -26,27 +23,6 @@ def test_unit_and_sign_are_found(unit: str, sign: float) -> None:
     theirs[20:30] = np.nan
     assert vendors.unit_of([ours], [theirs], MASS) == unit
     assert vendors.sign_of(ours, theirs) == sign
-
-
-def test_strides_are_counted_by_either_rule() -> None:
-    """The right stride is valid for its leg, not for the whole body; the left one has a hole, the third no plate."""
-
-    def frames(begin: float, end: float) -> BoolArray:
-        return np.asarray((begin <= TIME) & (end >= TIME))
-
-    legs, loaded = np.ones((100, 2), dtype=bool), np.stack([frames(0.1, 0.4), frames(0.5, 0.7)], axis=1)
-    legs[60, 1] = False
-    reactions = GroundReactions(
-        wrench=np.zeros((100, 2, 6)), valid=legs.all(axis=1), valid_legs=legs, loaded=loaded, resting=loaded, notes=()
-    )
-    walk = SimpleNamespace(
-        reactions=reactions,
-        strides=lambda: [("r", frames(0.1, 0.8)), ("l", frames(0.5, 0.9)), ("l", frames(0.75, 0.95))],
-        stances=lambda: [("r", frames(0.1, 0.4)), ("l", frames(0.5, 0.7)), ("l", frames(0.75, 0.8))],
-    )
-    found = vendors.counted([walk])
-    assert [found[name] for name in ("strides", "stepped", "whole", "leg")] == [3, 2, 1, 2]
-    assert (found["stance"], found["stance leg"]) == (31 + 21, 31 + 20)
 
 
 def test_the_leg_of_a_real_walk_keeps_its_stride_and_agrees_with_the_vendor(

@@ -92,6 +92,19 @@ Gaitcal.geometry = (points, index = null) => {
 
 Gaitcal.FLOOR = 48;
 
+// A texture of floor tiles half a metre wide, in two colours: lines that pass behind the camera are lost in software.
+Gaitcal.tiles = (tile, seam) => {
+  const canvas = html("canvas", { width: 256, height: 256 });
+  const pen = canvas.getContext("2d");
+  Object.assign(pen, { fillStyle: tile, strokeStyle: seam, lineWidth: 6 });
+  pen.fillRect(0, 0, 256, 256);
+  pen.strokeRect(0, 0, 256, 256);
+  const texture = new THREE.CanvasTexture(canvas);
+  texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
+  texture.repeat.set(2 * Gaitcal.FLOOR, 2 * Gaitcal.FLOOR);
+  return Object.assign(texture, { anisotropy: 4 });
+};
+
 // Light from above with a shadow that goes along with the person, and a floor with lines every half metre.
 Gaitcal.Floor = class {
   constructor(root) {
@@ -109,16 +122,13 @@ Gaitcal.Floor = class {
       return mesh;
     };
     this.floor = plane(Gaitcal.FLOOR, -0.004, new THREE.MeshBasicMaterial());
-    this.lines = new THREE.GridHelper(Gaitcal.FLOOR, 2 * Gaitcal.FLOOR, 0xffffff, 0xffffff);
-    this.lines.material.vertexColors = false;
-    this.floor.add(this.lines);
     this.shade = plane(6, -0.002, new THREE.ShadowMaterial({ opacity: 0.2, depthWrite: false }));
     this.shade.receiveShadow = true;
   }
 
   paint(tile, seam) {
-    this.floor.material.color.set(tile);
-    this.lines.material.color.set(seam);
+    this.floor.material.map?.dispose();
+    Object.assign(this.floor.material, { map: Gaitcal.tiles(tile, seam), needsUpdate: true });
   }
 
   follow(point) {

@@ -285,14 +285,12 @@ Gaitcal.Curves = class {
       return [`Against the time of ${strides.trial.name}${why}.`, ...relative];
     }
     const on = (side) => strides.on(side);
-    const trials = (side) => Gaitcal.count(new Set(on(side).straight.map(({ trial }) => trial)).size, "trial");
     const turning = on("r").turning.length + on("l").turning.length;
     const [turns, takes] = turning === 1 ? ["turns", "takes"] : ["turn", "take"];
     const without = ["r", "l"].filter((side) => !strides.near(side, state.seconds));
     const sources = new Set(state.norm ? strides.sheet.bands.map(({ source }) => source) : []);
     return [
-      `0 to 100 % of each leg’s own stride, from strike to next strike: right ${Gaitcal.count(right, "stride")} of ` +
-        `${trials("r")}, left ${Gaitcal.count(left, "stride")} of ${trials("l")}.`,
+      `0 to 100 % of each leg’s own stride, from strike to next strike: right ${right}, left ${left}.`,
       ...(turning ? [`${Gaitcal.count(turning, "stride")} ${turns} and ${takes} no part in means.`] : []),
       ...without.map((side) => `The ${Gaitcal.LEGS[side]} leg makes no complete stride in ${strides.trial.name}.`),
       ...[...sources].map((source) => `Healthy people: ${source}.`),

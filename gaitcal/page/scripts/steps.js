@@ -36,7 +36,7 @@ Gaitcal.stepsTable = (rows) => {
       leg(right, digits, n),
       leg(left, digits, m),
       ...ofNorm({ norm, digits }),
-      symmetry === null ? "–" : Gaitcal.plusMinus(symmetry, error, 1),
+      symmetry === null ? "–" : Gaitcal.plusMinus(symmetry, error, 0),
     ]),
   };
   return Gaitcal.scroller(Gaitcal.table(table, "Steps and phases"), "Steps and phases");

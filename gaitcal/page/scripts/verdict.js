@@ -102,13 +102,11 @@ Gaitcal.reasons = ({ verdict, trials }) => {
     head: ["Trial", ...["Verdict", "Right leg", "Left leg"].map((t) => ({ t, align: "text" }))],
     rows: judged.map(({ name, verdict: { judgement, r, l } }) => [name, cell(judgement), cell(r), cell(l)]),
   };
-  const words = new Set(judged.flatMap(({ verdict: { judgement, r, l } }) => [judgement, r, l]));
   const place = judged.length > 0 && Gaitcal.scroller(Gaitcal.table(table, title), title);
-  const alike = words.size === 1 && judged.length > 1;
   const known = Object.hasOwn(Gaitcal.JUDGEMENTS, verdict.judgement);
   return html("div.reasons", { class: known && verdict.judgement },
     html("p.whole", Gaitcal.judgement(verdict.judgement), " ", Gaitcal.visible(verdict.sentence)),
     verdict.reasons.length > 0 && html("ol", verdict.reasons.map(reason)),
-    alike ? Gaitcal.fold(`All trials, both legs: ${[...words][0]}`, place) : place,
+    place,
   );
 };

@@ -14,15 +14,10 @@ Gaitcal.wordTable = (head, rows, label) => {
 
 Gaitcal.sentence = ({ about, failures, groups, grouped }) => {
   const { count } = Gaitcal;
-  const made = new Date(document.lastModified);
-  const day = { day: "numeric", month: "long", year: "numeric" };
-  const when = Number.isNaN(made.getTime()) ? "" : `, written ${made.toLocaleDateString("en-GB", day)}`;
   const inGroups = grouped ? ` in ${count(groups.length, "group")}` : "";
   const settings = Object.keys(about.settings).length ? "the settings that stand below" : "default settings";
-  return (
-    `${count(about.people, "person", "people")}, ${count(about.sessions, "session")}${inGroups}: ` +
-    `${count(about.results, "result")}, ${failures.length} without${when} by gaitcal ${about.version} with ${settings}.`
-  );
+  return `${count(about.people, "person", "people")}, ${count(about.sessions, "session")}${inGroups}: ` +
+    `${count(about.results, "result")}, ${failures.length} without, by gaitcal ${about.version} with ${settings}.`;
 };
 
 // Who has no result, why in one line, and what to do.

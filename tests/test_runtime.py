@@ -1,4 +1,4 @@
-"""BLAS has one thread while something is computed, and as many as before afterwards: the same bits for everybody."""
+"""One BLAS thread and the same bits for everybody; the memory that is given back; signals of programs in tests."""
 
 import inspect
 import json
@@ -23,8 +23,8 @@ NOT_NUMERICAL = {
     "load_model", "save_model", "load_marker_set",
 }  # fmt: skip
 """Functions that find, read or write numbers, and compute none."""
-NEEDS = {"Haswell": "avx2", "SkylakeX": "avx512f"}
-"""OpenBLAS's kernels, and what a processor must have for each."""
+NEEDS = {"Haswell": ("avx2", "1,2"), "SkylakeX": ("avx512f", "1,4")}
+"""OpenBLAS's kernels, what a processor must have for each, and how many threads are allowed."""
 
 
 def threads() -> set[int]:
@@ -93,20 +93,65 @@ def test_a_command_called_by_a_program_asks_for_it(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("core", NEEDS)
 def test_the_number_of_threads_changes_no_bit(core: str, tmp_path: Path) -> None:
     """Nor does the process: workers and this process draw the same, a part of a study and a draw alone, too."""
-    flags = Path("/proc/cpuinfo")
-    if not flags.exists() or NEEDS[core] not in flags.read_text().split():
-        pytest.skip(f"no processor with {NEEDS[core]}")
-    study = write_synthetic_study(tmp_path)
-    told = {}
-    for count in (1, 2, 4):
-        command = [sys.executable, "-m", "tests.threads_work", str(count), str(study)]
-        environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")} | {
-            "OPENBLAS_CORETYPE": core
-        }
-        done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
-        told[count] = json.loads(done.stdout)
-    different = [name for name in told[1] if len({told[count][name] for count in told}) > 1]
-    assert different == []
+    flags, (needed, counts) = Path("/proc/cpuinfo"), NEEDS[core]
+    if not flags.exists() or needed not in flags.read_text().split():
+        pytest.skip(f"no processor with {needed}")
+    command = [sys.executable, "-m", "tests.threads_work", counts, str(write_synthetic_study(tmp_path))]
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")} | {"OPENBLAS_CORETYPE": core}
+    done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    one, more = json.loads(done.stdout).values()
+    assert [name for name in one if one[name] != more[name]] == []
     for what in ("monte_carlo", "a draw"):
-        one, other = (bits for name, bits in told[2].items() if name.startswith(f"{what}: "))
-        assert one == other
+        here, elsewhere = (bits for name, bits in more.items() if name.startswith(f"{what}: "))
+        assert here == elsewhere
+
+
+PROGRAM = """
+import resource, sys
+import numpy as np
+from gaitcal.runtime import keep_freed_memory
+if sys.argv[1] == "keep":
+    assert keep_freed_memory()
+np.ones(100_000)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(200):
+    np.ones(100_000)  # 800 kB, some 195 pages
+print((resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) // 200)
+"""
+
+
+def faults_per_array(how: str) -> int:
+    """Pages of memory that the system hands out for each array in a process as dask starts it."""
+    environment = {**os.environ, "MALLOC_TRIM_THRESHOLD_": "65536"}
+    command = [sys.executable, "-c", PROGRAM, how]
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return int(found.stdout)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's allocator")
+def test_arrays_are_made_from_kept_memory() -> None:
+    if faults_per_array("leave") < 50:
+        pytest.skip("this system's allocator keeps its memory anyway")
+    assert faults_per_array("keep") < 5
+
+
+IGNORED = "import os, signal, sys; [signal.signal(int(n), signal.SIG_IGN) for n in sys.argv[1].split(',')]; "
+CHILD = "import signal; print([signal.getsignal(n) is signal.SIG_IGN for n in (1, 2, 15)])"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_children_hear_what_the_tests_ignore() -> None:
+    code = f"""{IGNORED}
+from tests.conftest import _let_children_hear
+import subprocess
+ask = [sys.executable, "-c", "{CHILD}"]
+subprocess.run(ask)
+_let_children_hear()
+os.kill(os.getpid(), signal.SIGHUP)
+sys.stdout.flush()
+subprocess.run(ask)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, "1,2,15"], cwd=ROOT, env=dict(os.environ), capture_output=True, text=True
+    )
+    assert done.stdout.splitlines() == [str([True] * 3), str([False] * 3)]
