@@ -130,6 +130,7 @@ class Code(Enum):
     MARKER_AWAY = "GC-130"
     RESULT_EDITED = "GC-131"
     JOINT_PLACE = "GC-132"
+    SEATED = "GC-133"
 
     INPUT = "GC-200"
     NO_FILE = "GC-201"

@@ -76,7 +76,9 @@ class JointProblem:
     """The segments that a phase fits: of an isolated trial its joint alone, or pelvis and legs; of gait the whole body,
     or pelvis and legs."""
     joint: str | None
-    """The joint of an isolated trial; None for gait."""
+    """The joint of an isolated trial; None for the whole body."""
+    activity: str = ""
+    """What a trial of the whole body does that is no walk: its skin moves as in no other trial."""
 
     @property
     def name(self) -> str:
@@ -86,7 +88,7 @@ class JointProblem:
     @property
     def kind(self) -> str:
         """Of task."""
-        return self.joint or GAIT
+        return self.joint or self.activity or GAIT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,8 +172,8 @@ class JointPhase:
 
     @property
     def joints(self) -> list[str | None]:
-        """Of each problem; None for gait."""
-        return [None if kind == GAIT else kind for kind, problems in self.tasks.items() for _ in problems]
+        """Of each problem; None for the whole body."""
+        return [kind if kind in ISOLATED_JOINTS else None for kind, problems in self.tasks.items() for _ in problems]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,7 +230,7 @@ def fit_phase(
     frozen: tuple[str, ...] = ()
     if how.prior is None:
         (alone,) = plan.tasks if len(plan.tasks) == 1 else (GAIT,)
-        unmoved = () if alone == GAIT else unmoved_parameters(plan.free, alone, turned[alone])
+        unmoved = () if alone not in ISOLATED_JOINTS else unmoved_parameters(plan.free, alone, turned[alone])
         frozen = unseen_parameters(plan.free, estimate.covariance, estimate.information, unmoved)
     iterations, seconds = estimate.iterations, estimate.seconds
     if frozen:
@@ -355,7 +357,7 @@ def _with_found_tissue(phase: FittedPhase) -> ErrorSources:
 
 def _tissue_notes(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate) -> tuple[str, ...]:
     """What soft tissue was found, and how far repeated trials repeat their errors."""
-    named = {GAIT if kind == GAIT else "isolated trials": scale for kind, scale in scales.items()}
+    named = {"isolated trials" if kind in ISOLATED_JOINTS else kind: scale for kind, scale in scales.items()}
     sizes = ", ".join(
         f"{kind} {np.sqrt(scale.linear):.2g}"
         + (f" (and {np.sqrt(scale.squares):.2g} with the squares of angles)" if scale.squares >= LEAST_SQUARES else "")

@@ -45,7 +45,7 @@ from scipy.special import logsumexp
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, least_noise
-from gaitcal.model.linkage import BENDS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
+from gaitcal.model.linkage import BENDS, ISOLATED_JOINTS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
@@ -103,7 +103,7 @@ SCALES = np.geomspace(0.005, 4.0, 41)
 SQUARES = "^2"
 """Ends the name of a regressor psi^2."""
 GAIT = "gait"
-"""Kind of task of a trial that is no isolated one; that of isolated trials has their joint's name."""
+"""Kind of task of a walk; that of isolated trials has their joint's name, that of any other activity its own."""
 LEAST_SQUARES = 0.01
 """E[s^2] below which columns of squares would move next to nothing: markers by a tenth of what people show."""
 TRUSTED = 0.5
@@ -371,7 +371,8 @@ def task_tissue(kinds: Mapping[str, str], parts: Mapping[str, MotionProblem], no
         regressors |= dict(zip(names, task_regressors([angles[n] for n in names], squares=True), strict=True))
     gait = [name for name in kinds if kinds[name] == GAIT]
     secondary = dict(zip(gait, secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
-    for alike in (gait, [name for name in kinds if kinds[name] != GAIT]):
+    isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
+    for alike in (gait, isolated, *([name] for name in kinds if name not in (*gait, *isolated))):
         soft = [replace(parts[n], tissue=tissue_of(parts[n], kinds[n], regressors[n])) for n in alike]
         scale = soft_tissue_scale(soft)
         scales |= {kinds[name]: scale for name in alike}

@@ -19,7 +19,7 @@ from gaitcal.figures.chart import Chart
 from gaitcal.figures.paper import Strides, moment_arm_charts, paper_charts
 from gaitcal.figures.report import FORMATS, HealthyBands, Told, report_charts, write_charts
 from gaitcal.gait.conventions import Signs
-from gaitcal.gait.cycles import Kind
+from gaitcal.gait.cycles import WALKING, Kind
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import counted
 from gaitcal.gait.normal_bands import read_normal_bands
@@ -248,11 +248,25 @@ def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]
     strides = [stride for trial in sheet["trials"] for stride in trial["strides"] if not stride["turns"]]
     offs = {side: [_off(s) for s in strides if s["side"] == side and s["off"] is not None] for side in "rl"}
     return Strides(
-        table=ensemble(read_cycles(folder)),
+        table=ensemble(_of_one_activity(read_cycles(folder), folder)),
         subject=_subject(sheet),
         offs={side: float(np.mean(found)) for side, found in offs.items() if found},
         healthy=_healthy(sheet, normal),
     ), sheet
+
+
+def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """Strides of walks; where there are none, what one other activity repeats."""
+    found = list(strides["activity"].unique())
+    if WALKING in found or not found:
+        return strides[strides["activity"] == WALKING]
+    if len(found) > 1:
+        raise InputError(
+            f"holds no walk, and several other activities: {', '.join(found)}; one alone can be drawn",
+            source=folder / CYCLES,
+            code=Code.NOTHING_TO_SHOW,
+        )
+    return strides
 
 
 def _off(stride: Mapping[str, Any]) -> float:

@@ -34,6 +34,7 @@ from gaitcal.session.drafting import draft_of, draft_study, faulty_notes, reject
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.study.study import nominal_of
+from gaitcal.study.study_trial import Role
 
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)
 SEXES = ("female", "male")
@@ -185,14 +186,14 @@ def tell_draft(console: Console, draft: Draft) -> None:
     """In some lines, what was made of a folder."""
     if line := marker_set_line(draft):
         console.line(line)
-    for role in ("static", "joint", "gait"):
+    for role in Role:
         names = [
             f"{trial.name} ({trial.joint})" if trial.joint else trial.name
             for trial in draft.trials
             if trial.role == role
         ]
         if names:
-            console.line(f"{role}: {', '.join(names)}")
+            console.line(f"{role.value}: {', '.join(names)}")
     for line in doubtful_lines(draft):
         console.line(line)
 

@@ -33,7 +33,7 @@ from gaitcal.errors import InputError
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement, stopping
 from gaitcal.findings import STUDY
-from gaitcal.gait.cycles import Kind, kind_of
+from gaitcal.gait.cycles import WALKING, Kind, kind_of
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.profile_score import BOTH, GPS
 from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
@@ -300,6 +300,7 @@ def _ensemble(path: Path, mass: float) -> Iterator[tuple[str, str, Array, Array,
     except (OSError, pd.errors.EmptyDataError):
         return
     table = table[table["variable"].isin({*UNITS, *VARIABLES}) & table["side"].isin(SIDES)]
+    table = table[table["activity"] == WALKING] if "activity" in table else table
     numbers = [pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in ("percent", "mean", "se")]
     for (variable, side), rows in table.groupby(["variable", "side"], sort=False).indices.items():
         scale = 1.0 if kind_of(variable) is Kind.ANGLE else 1.0 / mass

@@ -239,7 +239,7 @@ def fingerprint(person: CohortPerson, common: CommonSettings) -> str:
 
 
 STRIDE_TYPES = {
-    **dict.fromkeys(("person", "session", "trial", "side", "variable"), pa.string()),
+    **dict.fromkeys(("person", "session", "trial", "side", "variable", "activity"), pa.string()),
     **dict.fromkeys(("stride", "percent"), pa.int32()),
     "valid": pa.int8(),
     **dict.fromkeys(("value", "se", "se_stride", "turn"), pa.float64()),

@@ -20,7 +20,7 @@ from gaitcal.codes import Code
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.errors import InputError
 from gaitcal.export.peer_model import our_leg
-from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import POINTS, WALKING, Kind, coordinate_of, kind_of
 from gaitcal.gait.strides import TURNING
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.subject_model import SubjectModel
@@ -151,7 +151,7 @@ class StrideSet:
 def stride_sets(session: Session) -> dict[Key, StrideSet]:
     """Every variable of both legs; strides that turn are left out."""
     table = session.strides
-    table = table[~(table["turn"].abs() > TURNING)]
+    table = table[~(table["turn"].abs() > TURNING) & (table["activity"] == WALKING)]
     if table.empty:
         return {}
     where = ["side", "variable", "trial", "stride"]

@@ -240,6 +240,8 @@ def sole_of(feet: FootPoints, foot: int, frames: slice) -> SoleCells:
 
 UNDER_FOOT = 0.15
 """m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
+SEAT_ABOVE_M = 0.25
+"""A plate that lies higher above the lower heel is no step: stairs rise by 0.2 m at most."""
 SHORTEST = 0.05
 """s: a shorter loading is a knock, not a step."""
 
@@ -292,7 +294,9 @@ def steps_on(
             continue
         foot = SIDES.index(side) if side else foot_under(wrench, stretch, feet)
         if foot is None:
-            findings.append(_under_neither(plate, f"plate {plate.name}, {spans(time, [stretch])}"))
+            lowest = float(np.nanmin(feet.heel[stretch][..., 1]))
+            seat = height > lowest + SEAT_ABOVE_M
+            findings.append(_under_neither(plate, f"plate {plate.name}, {spans(time, [stretch])}", seat))
             continue
         for frames, of in [(stretch, foot)] if side else _divided(wrench, stretch, foot, time, feet):
             steps.append(
@@ -352,7 +356,17 @@ def distance_to_line(point: Array, a: Array, b: Array) -> Array:
     return np.linalg.norm(a + t[:, None] * along - point, axis=1)
 
 
-def _under_neither(plate: ForcePlate, span: str) -> Finding:
+def _under_neither(plate: ForcePlate, span: str, seat: bool) -> Finding:
+    if seat:
+        found = f"{span}: it lies {100 * SEAT_ABOVE_M:.0f} cm and more above both feet: a seat, or a rest of the hands"
+        return Finding(
+            severity=Severity.INFO,
+            topic="plate to foot",
+            where="",
+            found=f"{found}; left out of torques",
+            cure="",
+            code=Code.UNDER_NO_FOOT,
+        )
     return Finding(
         severity=Severity.WARNING,
         topic="plate to foot",

@@ -18,7 +18,16 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import FOOT_BREADTH, FootPoints, Step, ground_velocity, on_the_floor, steps_on
+from gaitcal.dynamics.foot_contact import (
+    FOOT_BREADTH,
+    RESTING,
+    FootPoints,
+    Step,
+    ground_velocity,
+    near,
+    on_the_floor,
+    steps_on,
+)
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
 from gaitcal.dynamics.off_sole import beside_plates, off_sole_frames, shared_plates
 from gaitcal.dynamics.plate_errors import foot_tip
@@ -51,6 +60,12 @@ SMOOTHED_ENDS = 0.5
 """Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only; not valid."""
 CONTRADICTION = 0.25
 """Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
+FALLING = 0.5
+"""Of gravity, by which heel and toe of a foot accelerate downwards together that is in the air."""
+SITTING_DEG = 60.0
+"""Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40."""
+SEAT = 0.05
+"""Of body weight: what is left of it on the seat that somebody rises from; residuals are as large."""
 CONTRADICTED = "the plates' vertical force is not what the motion asks for"
 CONTRADICTION_S = 0.05
 """s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""
@@ -262,7 +277,10 @@ def reactions_of_motion(
         valid &= ~lost
         legs[:, SIDES.index(segment[-1])] &= ~lost
     ends_left_out = f"the first and last {ends:.2f} s are not valid: ends of the splines"
-    contradictions = _contradictions(measured.wrench, valid, parameters, motion)
+    missing = _missing(measured.wrench, parameters, motion)
+    seated = near(_seated(missing, thighs_lie(motion, parameters)), motion.time)
+    valid, legs = valid & ~seated, legs & ~seated[:, None]
+    contradictions = [*_seat(seated, motion.time), *_contradictions(missing, valid, motion.time)]
     return replace(
         measured,
         valid=valid,
@@ -280,14 +298,55 @@ def _filter_words(recording: Recording, hz: float | None) -> str:
     return f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order){but}"
 
 
-def _contradictions(wrench: Array, valid: BoolArray, parameters: Parameters, motion: Motion) -> list[Finding]:
+def _missing(wrench: Array, parameters: Parameters, motion: Motion) -> Array:
+    """(nf,) body weights that the plates carry less than the motion asks for."""
+    residual = Dynamics(parameters).residual_force(motion.q, motion.velocity, motion.acceleration, wrench)[:, 1]
+    out: Array = residual / (parameters.mass * GRAVITY)
+    return out
+
+
+def thighs_lie(motion: Motion, parameters: Parameters) -> BoolArray:
+    """(nf,) frames in which both thighs lean further than those of anybody who stands or walks."""
+    chain = chain_of()
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    axes, _ = segment_poses(chain, constants, forward(chain, constants, motion.q))
+    upright = [axes[chain.segments.index(f"thigh_{side}"), 1, 1] for side in SIDES]
+    return np.asarray(np.max(upright, axis=0) < np.cos(np.deg2rad(SITTING_DEG)))
+
+
+def _seated(missing: Array, lying: BoolArray) -> BoolArray:
+    """(nf,) frames with lying thighs in which a seat bears what the plates lack; it bears much at some time."""
+    out = np.zeros_like(lying)
+    for run in runs(lying):
+        out[run] = (missing[run] > SEAT) & (missing[run].max() > CONTRADICTION)
+    return out
+
+
+def _seat(seated: BoolArray, time: Array) -> list[Finding]:
+    """That a seat bears part of the body, and when."""
+    if not seated.any():
+        return []
+    return [
+        Finding(
+            severity=Severity.INFO,
+            topic="forces",
+            where="",
+            cause="a seat bears part of the body",
+            found=f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less than the "
+            "body weighs; where the seat pushes is not known, so that torques are not valid then",
+            cure="",
+            code=Code.SEATED,
+        )
+    ]
+
+
+def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Finding]:
     """Valid frames whose vertical force is far from what the body's acceleration asks for; they stay valid.
 
     To leave them out would make every residual look small by construction.
     """
-    residual = Dynamics(parameters).residual_force(motion.q, motion.velocity, motion.acceleration, wrench)[:, 1]
-    gap = np.abs(residual) / (parameters.mass * GRAVITY)
-    apart, time = np.zeros_like(valid), motion.time
+    gap = np.abs(missing)
+    apart = np.zeros_like(valid)
     for run in runs(valid & (gap > CONTRADICTION), 2):
         apart[run] = duration(time, run) >= CONTRADICTION_S
     if not apart.any():
@@ -328,6 +387,9 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
     velocity = {end: np.gradient(p, motion.time, axis=0) for end, p in points.items()}
     ground = ground_velocity(*(np.concatenate([of["heel"], of["toe"]], axis=1) for of in (points, velocity)))
     speed = {end: np.linalg.norm(v - ground, axis=2) for end, v in velocity.items()}
+    # the feet of who jumps stand still at the top, and rest on nothing
+    falls = [np.gradient(v[:, :, 1], motion.time, axis=0) < -FALLING * GRAVITY for v in velocity.values()]
+    speed = {end: np.where(np.all(falls, axis=0), np.maximum(s, RESTING), s) for end, s in speed.items()}
     return FootPoints(
         heel=points["heel"],
         toe=points["toe"],

@@ -124,6 +124,11 @@ class MarkerEvidence:
         return self.trial.role is Role.GAIT
 
     @property
+    def is_whole_body(self) -> bool:
+        """Whether the whole body is fitted: a walk, or any other activity."""
+        return self.trial.role in (Role.GAIT, Role.MOTION)
+
+    @property
     def is_isolated(self) -> bool:
         """Whether one joint moves in isolation."""
         return self.trial.role is Role.JOINT

@@ -202,8 +202,8 @@ def doubled(trial: MarkerEvidence) -> Iterator[Finding]:
 
 
 def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Segments of the legs, and others that the model tracks, that show no marker with weight in a gait trial."""
-    if not trial.is_gait or trial.model is None:
+    """Segments of the legs, and others that the model tracks, that show no marker with weight in a trial."""
+    if not trial.is_whole_body or trial.model is None:
         return
     seen = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
     markers = trial.model.markers
@@ -350,7 +350,7 @@ def followed(trial: MarkerEvidence) -> Iterator[Finding]:
         if segment not in single and lasting:
             found = f"{segment} shows fewer than two markers with weight in {spans(trial.recording.time, lasting)}"
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
-    unsure = _undetermined(trial, trial.model) if trial.is_gait and single else {}
+    unsure = _undetermined(trial, trial.model) if trial.is_whole_body and single else {}
     for segment in single:
         side, seen = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
         share = 100 * np.mean(counts[segment] >= TWO)

@@ -96,7 +96,8 @@ def told_on_reading(trial: MarkerEvidence) -> Iterator[Finding]:
         if not re.match(r"Plate |\d+ force plate", note) or "holds the columns" in note:
             continue
         found = note.rstrip(".")
-        if not (_ALARMING.search(note) and trial.is_gait):
+        standing = "never empty" in note and not trial.is_gait  # who squats steps off no plate
+        if standing or not (_ALARMING.search(note) and trial.is_whole_body):
             yield trial.info("plates", found, code=Code.PLATE_DESCRIPTION)
             continue
         cure = "check FORCE_PLATFORM in the file; forces of this plate are not to be trusted without"
@@ -181,7 +182,7 @@ def corners(trial: MarkerEvidence) -> Iterator[Finding]:
 def covered(trial: MarkerEvidence) -> Iterator[Finding]:
     """How the clocks of markers and forces overlap."""
     time = trial.recording.time
-    for plate in trial.recording.plates if trial.is_gait else ():
+    for plate in trial.recording.plates if trial.is_whole_body else ():
         if min(time[-1], plate.time[-1]) <= max(time[0], plate.time[0]):
             found = f"plate {plate.name}: forces from {plate.time[0]:g} to {plate.time[-1]:g} s, "
             found += f"markers from {time[0]:g} to {time[-1]:g} s"

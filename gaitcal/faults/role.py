@@ -22,6 +22,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
+from gaitcal.dynamics.ground_reactions import SITTING_DEG
 from gaitcal.errors import InputError
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.findings import Finding, Severity, listed
@@ -64,8 +65,6 @@ BENT_DEG = 30.0
 UNEVEN_DEG, UNEVEN_M = 18.0, 0.045
 """Difference between the knees, and between the heights of the heels, from which somebody stands on one leg; up to 7
 degrees and 5 mm in clean trials."""
-SITTING_DEG = 60.0
-"""Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40."""
 DISAGREE_M = 0.008
 """Largest disagreement of a marker between two times that one person stands: within a session markers of a segment keep
 their shape to 5 mm (p99 over pelvis, thigh, shank and foot, standing against moving)."""

@@ -269,14 +269,14 @@ def seam(trial: MarkerEvidence) -> Iterator[Finding]:
         return
     where = listed([f"{trial.recording.time[one.frame]:.2f} s ({one.words})" for one in found])
     cure = "no harm done in a joint moved by itself: joint axes do not depend on the times"
-    if trial.is_gait:
+    if trial.is_whole_body:
         cure = "velocities, accelerations and torques are wrong there, and the plates' clock after it: choose a part "
         cure += "with time = [start, end]"
     cause = "frames were cut out, or two parts joined"
     if all(-1.5 < one.lost < -0.5 for one in found):
         cause = "a frame stands in it twice"
     yield trial.finding(
-        Severity.WARNING if trial.is_gait else Severity.INFO,
+        Severity.WARNING if trial.is_whole_body else Severity.INFO,
         "jumps",
         f"most markers jump at once at {where}",
         cure,

@@ -243,11 +243,13 @@ def known_variables() -> tuple[str, ...]:
 
 CYCLE_COLUMNS: Final = (
     *("person", "session", "trial", "side", "stride", "percent", "variable", "value", "se", "valid", "se_stride"),
-    "turn",
+    *("turn", "activity"),
 )
+WALKING: Final = "gait"
+"""`activity` of strides of walks; repetitions, or strides, of any other activity have the name of their trial."""
 TOLD: Final = ("unit", "positive")
 """Further columns of a table in another convention (`gaitcal export --format cycles`): they say which."""
-_NAMES: Final = ("person", "session")
+_NAMES: Final = {"person": "", "session": "", "activity": WALKING}  # with what a table that lacks them means
 _LACKING: Final = ("se", "se_stride", "turn")  # numbers that a table or a stride may lack
 _WHOLE: Final = ("stride", "percent", "valid")
 _NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *_LACKING))
@@ -260,8 +262,8 @@ def _fault(text: str, source: object, field: str | None = None) -> InputError:
 def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
     """A table of strides, which may hold text or be read by pandas alone, made whole.
 
-    Numbers stand where numbers belong; a person or session that is not named is empty text, an error or a turn that the
-    table lacks is NaN. Columns: `CYCLE_COLUMNS`, then what else there is.
+    Numbers stand where numbers belong; a person or session that is not named is empty text, strides of no activity are
+    of walks, an error or a turn that the table lacks is NaN. Columns: `CYCLE_COLUMNS`, then what else there is.
 
     Raises
     ------
@@ -283,7 +285,7 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
             allowed += "gaitcal.read_cycles reads it whole)"
             raise _fault(f"found nothing in row {at}; allowed: {allowed}", source, name)
         numbers[name] = values.astype(int)
-    names = {name: table[name].where(table[name].notna(), "") if name in table else "" for name in _NAMES}
+    names = {n: table[n].where(table[n].notna(), lacked) if n in table else lacked for n, lacked in _NAMES.items()}
     whole = table.assign(**names, **numbers, **{name: np.nan for name in _LACKING if name not in table})
     return whole[[*CYCLE_COLUMNS, *(name for name in table.columns if name not in CYCLE_COLUMNS)]]
 

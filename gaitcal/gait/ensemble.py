@@ -113,7 +113,7 @@ def _mean_over(values: Array, there: Array) -> Array:
     return np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
 
 
-GROUP: Final = ("person", "session", "side", "variable")  # columns of `cycles.csv` whose strides belong together
+GROUP: Final = ("person", "session", "activity", "side", "variable")  # of `cycles.csv`: whose strides belong together
 WHERE: Final = [*GROUP, "trial", "stride", "percent"]  # columns that tell one sample from all others
 STATISTICS: Final = ("n", "trials", "mean", "sd", "sd_within", "sd_between", "sd_error", "se")
 ENSEMBLE_COLUMNS: Final = (*GROUP, "percent", *STATISTICS)

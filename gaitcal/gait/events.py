@@ -31,8 +31,9 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, has_feet
 from gaitcal.findings import Finding
-from gaitcal.gait.cycles import EventSource, FootEvents, GaitEvent, steady
+from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findings, order_findings
+from gaitcal.gait.repetitions import alternate, repetitions
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording
@@ -58,6 +59,7 @@ class GaitEvents:
 
     events: tuple[GaitEvent, ...] = ()  # in order of time
     findings: tuple[Finding, ...] = ()  # without the name of the trial
+    repeats: tuple[GaitCycle, ...] = ()  # of an activity that is no gait, instead of strides
 
     def of(self, side: str) -> FootEvents:
         """Strikes and offs of one foot."""
@@ -86,6 +88,13 @@ def trial_events(
         own = _of_their_foot(by_plates, by_motion, motion.time)
         return corrected(motion.time, recording.events, [*own, *by_motion])
     return joined_events(motion.time, recording.events, by_plates, by_motion)
+
+
+def activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
+    """Of any activity, from the events `found` of its feet: those of strides, or else what the pelvis repeats."""
+    if alternate(*(found.of(side).strikes for side in SIDES)):
+        return found
+    return GaitEvents(repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")]))
 
 
 def corrected(time: Array, events: Sequence[FootEvent], shown: Sequence[FootEvent]) -> GaitEvents:

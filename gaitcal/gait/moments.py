@@ -200,7 +200,7 @@ def role_words(role: Role, joint: str | None) -> str:
     """What a trial is for: `right hip alone`, `walking`."""
     if role is Role.STATIC:
         return "standing still"
-    return f"{joint_words(joint)} alone" if joint else "walking"
+    return f"{joint_words(joint)} alone" if joint else "any movement" if role is Role.MOTION else "walking"
 
 
 def counted(number: int, noun: str) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
-from gaitcal.gait.cycles import POINTS
+from gaitcal.gait.cycles import POINTS, WALKING
 from gaitcal.gait.normal_bands import Bands
 from gaitcal.gait.strides import TURNING
 from gaitcal.model.coordinates import FOOT_PROGRESSION, coordinate_words
@@ -66,7 +66,7 @@ def profile_scores(
     if not set(ANGLES) <= set(bands):
         return ()
     column = {name: np.asarray(strides[name]) for name in ("side", "variable")}
-    wanted = np.isin(column["variable"], ANGLES)
+    wanted = np.isin(column["variable"], ANGLES) & (np.asarray(strides["activity"]) == WALKING)
     column = {n: v[wanted] for n, v in column.items()}
     numbers = {n: np.asarray(strides[n])[wanted].astype(float) for n in ("value", "se", "se_stride", "valid", "turn")}
     counts = (numbers["valid"] == 1) & ~(np.abs(numbers["turn"]) > TURNING)

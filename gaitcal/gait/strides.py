@@ -135,7 +135,9 @@ def layout(motion: Motion, reactions: GroundReactions | None, events: GaitEvents
 
 
 def strides_of(events: GaitEvents) -> dict[str, tuple[GaitCycle, ...]]:
-    """Side -> all complete cycles of that foot, whether the other foot has any or not."""
+    """Side -> all complete cycles of that foot, whether the other foot has any or not; of no gait, what repeats."""
+    if events.repeats:
+        return dict.fromkeys(SIDES, events.repeats)
     right, left = (events.of(side) for side in SIDES)
     return {"r": gait_cycles(right, left), "l": gait_cycles(left, right)}
 

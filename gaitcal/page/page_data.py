@@ -26,7 +26,7 @@ from gaitcal.errors import InputError
 from gaitcal.explanations.explanation import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
-from gaitcal.gait.cycles import Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import WALKING, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import explained
 from gaitcal.gait.norms import FREE_WORDS, Norm
 from gaitcal.gait.peaks import Figure, PeakMean, peak_means
@@ -352,6 +352,7 @@ def _peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
     return peak_means(
         (trial["name"], s["side"], {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()})
         for trial in trials
+        if trial.get("activity", WALKING) == WALKING
         for s in trial["strides"]
         if not s["turns"]
     )

@@ -43,6 +43,8 @@ class StrideUse:
     """It turns, and takes no part in means."""
     reason: str
     """Why it is not whole; empty where it is."""
+    repeats: bool = False
+    """It is no stride, but a repetition of another activity."""
 
 
 def stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
@@ -55,7 +57,17 @@ def stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
         for number, cycle in enumerate(strides_of(trial.events)[side], start=1):
             plate, reason = _use(trial, foot, side, cycle)
             turning = (side, number) in bent
-            out.append(StrideUse(side=side, number=number, plate=plate, whole=not reason, turns=turning, reason=reason))
+            out.append(
+                StrideUse(
+                    side=side,
+                    number=number,
+                    plate=plate,
+                    whole=not reason,
+                    turns=turning,
+                    reason=reason,
+                    repeats=bool(trial.events.repeats),
+                )
+            )
     return tuple(out)
 
 
@@ -66,7 +78,8 @@ def usable_words(uses: Iterable[StrideUse]) -> str:
     of_sides = {side: [use for use in uses if use.side == side] for side in SIDES}
     counts = (f"{sum(u.whole for u in of)} of {len(of)} {SIDE_WORDS[side]}" for side, of in of_sides.items())
     reasons = reason_words(uses)
-    return f"Usable for moments: {', '.join(counts)} strides{f'; others: {reasons}' if reasons else ''}."
+    what = "repetitions" if all(use.repeats for use in uses) else "strides"
+    return f"Usable for moments: {', '.join(counts)} {what}{f'; others: {reasons}' if reasons else ''}."
 
 
 def reason_words(uses: Iterable[StrideUse]) -> str:
@@ -90,6 +103,8 @@ def _use(trial: TrialResult, foot: int, side: str, cycle: GaitCycle) -> tuple[st
         return words, ""
     loaded, resting = found.loaded[:, foot], found.resting[:, foot]
     near_end = (time < time[0] + NEAR_END) | (time > time[-1] - NEAR_END)
+    if trial.events.repeats and not (lost & ~near_end).any():
+        return words, ENDS
     beside = PART if (loaded & stance).any() else BESIDE
     kinds = {beside: lost & resting & ~loaded, NOT_WHOLLY: lost & loaded}
     rest = lost & ~loaded & ~resting

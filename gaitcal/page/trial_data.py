@@ -266,6 +266,8 @@ def trial_page_data(
         "file": PureWindowsPath(trial.recording.source).name,
         "role": role_words(trial.role, trial.joint),
         "joint": trial.joint,
+        "activity": trial.activity,
+        "repeats": bool(trial.events.repeats),
         "verdict": None
         if verdict is None
         else {"judgement": verdict.judgement.value, **{side: of.value for side, of in verdict.legs.items()}},

@@ -60,6 +60,8 @@ CYCLE_HEADER = (
     "where markers show the segments that they are between; nothing of a refused leg, nor of the trunk with it,",
     f"nor pelvis angles and foot progression of a stride that turns by more than {TURNING:g} deg",
     "turn: deg to the left by which the pelvis turns over the stride",
+    "activity: gait of strides of walks; of a trial of any other activity its name: its strides, or what the pelvis",
+    "repeats from rest to rest; means never mix activities",
 )
 """Comment lines above the header."""
 CYCLES = "cycles.csv"
@@ -108,7 +110,8 @@ def cycles(calibration: Calibration) -> pd.DataFrame:
 
     Columns as in `cycles.csv`: person, session, trial, side (`r`, `l`), stride (from 1), percent, variable (units:
     `gaitcal/gait/cycles.py`), value, se, valid (1: may be used), se_stride (the part of se that differs from stride
-    to stride), turn (deg to the left over the stride). Pelvis angles are against each stride's line of progression.
+    to stride), turn (deg to the left over the stride), activity (`gait`, or the name of a trial of another activity,
+    whose repetitions these are). Pelvis angles are against each stride's line of progression.
     """
     return cycle_table(calibration.model, calibration.trials, calibration.relative_to)
 
@@ -260,6 +263,7 @@ def _rows(
         "valid": np.isfinite(usable).astype(int),
         "se_stride": _short(laid([unknown if s.own_error is None else s.own_error for s in signals])),
         "turn": np.full(rows, turn, dtype=np.float64),
+        "activity": [trial.activity] * rows,
     }
 
 

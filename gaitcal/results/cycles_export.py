@@ -129,6 +129,10 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
             for side in SIDES
         )
         strides |= {(name, "r"): gait_cycles(right, left), (name, "l"): gait_cycles(left, right)}
+        repeats = tuple(
+            GaitCycle(c["start"], c["stop"], None) for c in entries_of(table_of(trials, name), "repetitions")
+        )
+        strides |= {(name, side): repeats for side in SIDES if repeats}
         of_trial = None if frame is MomentFrame.COORDINATES else read_vectors(folder, name)
         if of_trial is not None:
             vectors[name] = of_trial

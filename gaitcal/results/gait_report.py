@@ -19,7 +19,7 @@ from gaitcal.errors import InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, ReportContent
 from gaitcal.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs
-from gaitcal.gait.cycles import GROUND_REACTION, POINTS, Kind, kind_of, known_variables
+from gaitcal.gait.cycles import GROUND_REACTION, POINTS, WALKING, Kind, kind_of, known_variables
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.normal_bands import BAND_SIGNS, Bands, NormalBand
@@ -269,6 +269,7 @@ def _toe_off(summary: Mapping[str, object]) -> dict[str, float]:
 def _panels(
     strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subject: Subject
 ) -> Iterator[CurvePanel | str]:
+    strides = strides[strides["activity"] == WALKING]
     straight = strides[~(strides["turn"].abs() > TURNING)]
     means = ensemble(strides[strides["variable"].isin(variables)]) if len(strides) else strides
     for variable in variables:

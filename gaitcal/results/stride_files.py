@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
-from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, typed
+from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, WALKING, typed
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
 from gaitcal.gait.norms import Norm
 from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, stride_peaks
@@ -76,6 +76,7 @@ def spatiotemporal_columns(subject: Subject, trials: Sequence[TrialResult]) -> d
             "turn": stride.turn,
         }
         for trial in trials
+        if trial.activity == WALKING
         for stride in trial.strides
         for name, value in stride.measures.items()
     ]
@@ -98,7 +99,12 @@ def spatiotemporal(calibration: Calibration) -> pd.DataFrame:
 
 def spatiotemporal_means(trials: Sequence[TrialResult]) -> tuple[MeasureMeans, ...]:
     """Means of both legs over strides and trials, without strides that turn and legs that are refused."""
-    return measure_means({t.name: counting(t.strides, t.refused_legs) for t in trials})
+    return measure_means({t.name: counting(t.strides, t.refused_legs) for t in walks_alone(trials)})
+
+
+def walks_alone(trials: Sequence[TrialResult]) -> Sequence[TrialResult]:
+    """The walks of some trials; one trial of another activity alone is told by itself."""
+    return trials if len(trials) == 1 else [t for t in trials if t.activity == WALKING]
 
 
 def means_summary(trials: Sequence[TrialResult]) -> dict[str, Json]:
@@ -243,7 +249,7 @@ def _peaks(strides: Mapping[str, Column], measures: Table) -> tuple[PeakMean, ..
     values = np.where(np.asarray(strides["valid"]) == 1, values, np.nan)
     curves: dict[tuple[str, str, int], dict[str, tuple[Array, Array, Array]]] = {}
     for k in range(0, len(values), POINTS):
-        if not abs(strides["turn"][k]) > TURNING:
+        if not abs(strides["turn"][k]) > TURNING and strides["activity"][k] == WALKING:
             of_stride = curves.setdefault((strides["trial"][k], strides["side"][k], int(strides["stride"][k])), {})
             of_stride[strides["variable"][k]] = (values[k : k + POINTS], se[k : k + POINTS], own[k : k + POINTS])
     return peak_means((key[0], key[1], stride_peaks(found, toe_off.get(key))) for key, found in curves.items())

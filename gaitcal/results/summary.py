@@ -222,6 +222,10 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
             {"side": e.side, "event": e.moment.value, "time": round(e.time, TIME_DIGITS), "source": e.source.value}
             for e in trial.events.events
         ]
+        if trial.events.repeats:
+            out["repetitions"] = [
+                {"start": round(c.start, TIME_DIGITS), "stop": round(c.stop, TIME_DIGITS)} for c in trial.events.repeats
+            ]
         if trial.strides:
             out["spatiotemporal"] = means_summary([trial])
     if trial.loads is not None:

@@ -259,7 +259,7 @@ def _trial(trial: Drafted, folder: Path | None) -> list[str]:
     recording = trial.file.recording
     frames = "" if recording is None else f"{len(recording.time)} frames at {recording.rate:.4g} Hz"
     plates = 0 if recording is None else len(recording.plates)
-    if trial.role == "gait":
+    if trial.role in ("gait", "motion"):
         frames += (
             f", {plates} plates of its own" if plates else "" if trial.forces else ", no forces: angles, no torques"
         )

@@ -43,7 +43,6 @@ from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
 from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed, weighed_walking
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role
 
 
 def several_people(files: Sequence[FolderFile], people: Mapping[int, tuple[str, ...]]) -> tuple[str, dict[str, str]]:
@@ -153,7 +152,7 @@ def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
     marker_set = load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
     found = explained(marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename))
     if len(found.missing) > MOST_MISSING:
-        raise InputError(f"no marker lies where these are: {', '.join(found.missing)}")
+        raise InputError(f"no marker lies where these are: {', '.join(found.missing)}", code=Code.LANDMARKS)
     return SetChoice(
         marker_set=marker_set,
         entry=LANDMARK_SET,
@@ -198,7 +197,7 @@ def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Seque
             continue
         reference = session.postures[session.statics[0]].stance
         shown = (movement(spelt[i], session.worn, session.postures.get(i), reference) for i in session.members)
-        if any(found.shows in (Shows.WALKS, Shows.ONE_JOINT) for found in shown):
+        if any(found.shows in (Shows.WALKS, Shows.ONE_JOINT, Shows.MOVES) for found in shown):
             names = ", ".join(files[i].name for i in session.members)
             return (
                 f"two people, or two sessions, lie in one folder; {names} are the other one, static trial "
@@ -252,12 +251,14 @@ class _Drafting:
                 roles[i] = ("gait", "")
             elif found.shows is Shows.ONE_JOINT:
                 roles[i] = ("joint", found.joint)
+            elif found.shows is Shows.MOVES:
+                roles[i] = ("motion", "")
             else:
-                out[i] = f"{found.shows.value}: {found.evidence}; neither standing, walking, nor one joint alone"
+                out[i] = f"{found.shows.value}: {found.evidence}; neither standing nor moving the body or one joint"
         walks = {
             i: (self.files[i].path.stem, self.spelt[i])
             for i, (role, _) in roles.items()
-            if role == "gait" and not self.spelt[i].plates
+            if role in ("gait", "motion") and not self.spelt[i].plates
         }
         forces, unpaired = pair_forces(walks, self.choice.marker_set, self.folder.files)
         order = sorted(roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i))
@@ -312,7 +313,7 @@ class _Drafting:
         """That no trial moves, and why the recordings are left out that may."""
         why = [f"{self.files[i].name} is not used: {reason}" for i, reason in sorted(out.items())]
         more = f" (and {len(why) - 2} more)" if len(why) > 2 else ""
-        used = "no recording that is used shows walking, or one joint that moves alone"
+        used = "no recording that is used shows somebody moving"
         return "; ".join([used, *why[:2]]) + more
 
     def _copies(self, statics: Sequence[int]) -> list[tuple[int, int]]:
@@ -423,7 +424,7 @@ class _Drafting:
         return row_of(file, reason="a study file; it is not looked into" if file.kind is FileKind.STUDY else "")
 
 
-_ORDER = {"static": 0, "joint": 1, "gait": 2}
+_ORDER = {"static": 0, "joint": 1, "gait": 2, "motion": 3}
 
 
 def without_faulty_trials(
@@ -440,8 +441,8 @@ def without_faulty_trials(
         if f.severity is Severity.ERROR:
             faulty.setdefault(f.where, f"{f.topic}: {f.evidence}" + (f"; {f.cure}" if f.cure else ""))
     names = {trial.name for trial in study.trials}
-    kind = Role.GAIT if study.walks else Role.JOINT
-    sound = any(trial.role is kind and trial.name not in faulty for trial in study.moving)
+    whole = set(study.walks) or {trial.name for trial in study.moving}
+    sound = not whole <= set(faulty)
     if not faulty or not set(faulty) <= names - {study.static.name} or not sound:
         return study, findings, {}
     rest = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
@@ -456,7 +457,7 @@ def faulty_notes(faulty: Mapping[str, str]) -> tuple[str, ...]:
 def rejected_forces(draft: Draft) -> tuple[Finding, ...]:
     """A warning for each walk without forces whose name a table of forces bears that is nobody's."""
     tables = [row for row in draft.left_out if row.kind == FileKind.FORCES.value]
-    walks = {t.file.path.stem: t for t in draft.trials if t.role == "gait"}
+    walks = {t.file.path.stem: t for t in draft.trials if t.role in ("gait", "motion")}
     out = []
     for row in tables:
         stem = max(walks, key=lambda name: names_alike(name, PurePath(row.name).stem), default="")

@@ -44,6 +44,7 @@ from gaitcal.runtime import Progress, silent
 from gaitcal.session.result import HeldOut
 from gaitcal.session.session import MovingTrial, Session, fits_legs_together
 from gaitcal.study.settings import Protocol
+from gaitcal.study.study_trial import Role
 
 FOLDS = 4
 BLOCK_S = 0.2
@@ -88,7 +89,7 @@ def joint_parameters(session: Session, trials: Sequence[MovingTrial]) -> tuple[J
         position_bound=1e-3 * settings.position_bound_mm, orientation_bound=np.deg2rad(settings.orientation_bound_deg)
     )
     sides = SIDES[settings.legs]
-    taking_part = [JointProblem(t.body, t.joints, t.joint) for t in trials]
+    taking_part = [JointProblem(t.body, t.joints, t.joint, t.name if t.role is Role.MOTION else "") for t in trials]
     if settings.decided_by is Protocol.EVIDENCE:
         joint = calibrate_by_evidence(taking_part, nominal, bounds, sides, session.prior)
         return joint, joint.parameters

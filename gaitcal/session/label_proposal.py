@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.landmarks import is_device
@@ -231,7 +232,8 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     if odds < BEYOND_DOUBT:
         raise InputError(
             "it cannot be told which way the person faces: nobody walks, and feet and pelvis fit forward and backward; "
-            "a walk among the recordings tells it"
+            "a walk among the recordings tells it",
+            code=Code.LANDMARKS,
         )
     how = f"both feet swing forward (agreement {said:.2f})" if len(headings) == 1 else "feet and pelvis point forward"
     return whole[chosen], headings[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"

@@ -1,10 +1,10 @@
-"""What a recording shows: standing, walking, one joint that moves alone, or something else.
+"""What a recording shows: standing, walking, one joint that moves alone, any other activity, or something else.
 
 Standing is: a still window; knees not bent far (the pelvis is nearly as high above the ankles as the legs are long);
 both feet at one height. A walk may hold a still window too; it is a worse static trial than one that only stands.
 Walking is seen by the feet: from the pelvis, along where it faces, one foot goes back while the other goes forth, over
 the ground or on a treadmill. One joint alone is seen by how far the joints turn about their mean postures
-(`faults/role.py`), while pelvis and other leg stay.
+(`faults/role.py`), while pelvis and other leg stay. Whoever runs, climbs, squats, rises or jumps moves the whole body.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics.foot_contact import ground_velocity
 from gaitcal.errors import InputError
 from gaitcal.faults.cluster import UP, Stance, clusters_of
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
@@ -194,6 +195,9 @@ CROUCH_M = 0.12
 """Range of the pelvis' height (5th to 95th percentile) in a trial of one joint: more is a squat or sitting down."""
 SHORTEST_S, FEWEST_FRAMES = 0.3, 15
 """Of a recording in which somebody moves."""
+FLYING, FLIGHT = 0.2, 0.05
+"""Part of the fastest marker's speed at which every marker of both feet moves in flight; share of frames from which
+somebody runs: walking has none."""
 CLEAR_LEAD = 1.6
 """How many times the next joint the moving one must turn to be beyond doubt."""
 
@@ -204,6 +208,7 @@ class Shows(Enum):
     STANDS = "stands"
     WALKS = "walks"
     ONE_JOINT = "moves one joint"
+    MOVES = "moves the whole body"
     OTHER = "moves otherwise"
     NOTHING = "shows too little"
 
@@ -251,7 +256,10 @@ def movement(
     feet = [_middle(recording, marker_set, f"foot_{side}") for side in SIDES]
     walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
     if walk is not None:
-        return Movement(shows=walk[0], evidence=walk[1], certain=walk[2], turns=turns)
+        shows, evidence, certain = walk
+        if shows is Shows.WALKS and (share := _flight(recording, marker_set)) > FLIGHT:
+            shows, evidence = Shows.MOVES, f"{evidence}, and both feet fly in {100 * share:.0f} % of the frames"
+        return Movement(shows=shows, evidence=evidence, certain=certain, turns=turns)
     return _one_joint(pelvis, turns, sway(recording, marker_set))
 
 
@@ -266,6 +274,20 @@ def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
     kept = [c for c, share in zip(columns, shares, strict=True) if share >= 0.8 * shares.max()]
     out: Array = recording.markers[:, kept].mean(axis=1)
     return out
+
+
+def _flight(recording: Recording, marker_set: MarkerSet) -> float:
+    """Share of the frames in which no marker of either foot is at rest against the ground: none in walking."""
+    labels = [m for side in SIDES for m in marker_set.tracking.get(f"foot_{side}", ()) if m in recording.labels]
+    points = recording.markers[:, [recording.labels.index(m) for m in labels]]
+    if not labels:
+        return 0.0
+    velocity = np.gradient(points, recording.time, axis=0)
+    speed = np.linalg.norm(velocity - ground_velocity(points, velocity), axis=2)
+    seen = np.isfinite(speed).all(axis=1)
+    if not seen.any():
+        return 0.0
+    return float(np.mean(speed[seen].min(axis=1) > FLYING * float(np.percentile(speed[seen].max(axis=1), 90))))
 
 
 def _facing(recording: Recording, marker_set: MarkerSet, reference: Stance | None, pelvis: Array) -> Array | None:
@@ -290,7 +312,7 @@ def _walk(pelvis: Array, feet: list[Array], facing: Array | None) -> tuple[Shows
     travel = float(np.linalg.norm(np.ptp(middle[:, [0, 2]], axis=0)))
     rise = float(middle[-1, 1] - middle[0, 1])
     if abs(rise) > CLIMB_M:
-        return Shows.OTHER, f"the pelvis ends {abs(rise):.2f} m {'higher' if rise > 0 else 'lower'}", True
+        return Shows.MOVES, f"the pelvis ends {abs(rise):.2f} m {'higher' if rise > 0 else 'lower'}", True
     if facing is not None:
         both = known & np.isfinite(feet[0]).all(axis=1) & np.isfinite(feet[1]).all(axis=1) & np.isfinite(facing[:, 0])
         if both.sum() >= FEWEST_FRAMES:
@@ -303,7 +325,7 @@ def _walk(pelvis: Array, feet: list[Array], facing: Array | None) -> tuple[Shows
                 words = f"the feet go to and fro in turn (correlation {together:.2f}), {where}"
                 return Shows.WALKS, words, together < 1.5 * OPPOSITE and swing[0] > 2 * EVEN * swing[1]
             if travel > TRAVEL_M:
-                return Shows.OTHER, f"the body goes {travel:.1f} m, but not with one foot after the other", False
+                return Shows.MOVES, f"the body goes {travel:.1f} m, but not with one foot after the other", False
     if travel > TRAVEL_M:
         return Shows.OTHER, f"the body goes {travel:.1f} m, but not both feet can be followed", False
     return None
@@ -326,10 +348,10 @@ def _one_joint(pelvis: Array, turns: dict[str, float], strays: float) -> Movemen
     crouch = float(np.diff(np.percentile(heights, (5, 95)))[0]) if len(heights) else 0.0
     lead = turns[first] / turns[ranked[1]] if len(ranked) > 1 and turns[ranked[1]] > 0 else np.inf
     if crouch > CROUCH_M:
-        return replace(other, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m")
+        return replace(other, shows=Shows.MOVES, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m")
     if turns[first] < 2 * MOVES_RAD:
         return replace(other, evidence=f"hardly anything moves: {said}" + (", swaying" * (strays > STAYS_M)))
     if lead < LEAD or min(steps) > STEPS_RAD:
-        return other
+        return replace(other, shows=Shows.MOVES, certain=False)
     certain = lead >= CLEAR_LEAD and len(ranked) > 2
     return replace(other, shows=Shows.ONE_JOINT, joint=first, certain=certain)

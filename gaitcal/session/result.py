@@ -21,6 +21,7 @@ from gaitcal.dynamics.joint_kinetics import JointKinetics
 from gaitcal.errors import InputError, nearest
 from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.findings import Finding, Severity, note_of
+from gaitcal.gait.cycles import WALKING
 from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import FootAxes
@@ -152,6 +153,11 @@ class TrialResult:
 
     refused_legs: tuple[str, ...] = ()
     """`r`, `l`: the verdict refuses these legs; their numbers are there to be looked at, and count for nothing."""
+
+    @property
+    def activity(self) -> str:
+        """`gait` of a walk, else the trial's own name: whose strides, or repetitions, belong together."""
+        return self.name if self.role is Role.MOTION else WALKING
 
     @property
     def is_refused(self) -> bool:

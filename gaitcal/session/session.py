@@ -41,7 +41,7 @@ from gaitcal.session.result import HeldOut, Stage, Uncertainty
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study import Study, cleaned, completed_static
-from gaitcal.study.study_trial import Role, Trial
+from gaitcal.study.study_trial import Trial
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +136,7 @@ class Session:
 
     @property
     def walks(self) -> tuple[MovingTrial, ...]:
-        """The gait trials."""
+        """The trials of the whole body: walks and other activities."""
         return tuple(trial for trial in self.trials if trial.joint is None)
 
 
@@ -249,7 +249,7 @@ def tracked(trial: MovingTrial, session: Session, stage: Stage) -> MovingTrial:
         stage = Stage.JP  # the whole body beside the segments of the joint
     if stage is not Stage.NOMINAL:
         trial = trial.reached(stage, parameters, tracked_motion(trial.body, parameters))
-    if trial.role is Role.GAIT and trial.recording.plates:
+    if trial.joint is None and trial.recording.plates:
         reactions = measured_reactions(trial, model, parameters, trial.motion, session.settings)
         trial = replace(trial, reactions=reactions)
     return trial.scored(session.uncertainty)

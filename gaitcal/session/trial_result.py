@@ -36,7 +36,7 @@ from gaitcal.dynamics.inverse_dynamics import FEET, moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.force_diagnosis import beyond_expected
-from gaitcal.gait.events import GaitEvents, trial_events
+from gaitcal.gait.events import GaitEvents, activity_events, trial_events
 from gaitcal.gait.moments import segment_words
 from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
 from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
@@ -52,11 +52,11 @@ from gaitcal.session.result import Loads, Stage, TrialResult, Uncertainty
 from gaitcal.session.session import MovingTrial, Session, prepare_trial, standing_problem, tracked
 from gaitcal.session.warnings import diagnose_forces, is_trunk_unmeasured, trial_findings
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import Trial, cleaned_trial
+from gaitcal.study.study_trial import Role, Trial, cleaned_trial
 
 
 def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, uncertainty: Uncertainty) -> TrialResult:
-    """Track one further gait trial with a calibrated model and compute its torques.
+    """Track one further trial of the whole body with a calibrated model and compute its torques.
 
     Parameters
     ----------
@@ -101,6 +101,7 @@ def _without_torque_errors(
     body, final, reactions, subject = trial.motion, trial.parameters, trial.reactions, session.model.subject
     model = session.model.with_parameters(final)
     events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
+    events = activity_events(body, events) if trial.role is Role.MOTION else events
     feet = foot_points(model, body, final) if has_feet(model) else None
     faced = None if trial.joint else facing(pelvis_angles(body))
     strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)

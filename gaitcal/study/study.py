@@ -262,8 +262,8 @@ class Study:
 
     @property
     def walks(self) -> tuple[str, ...]:
-        """Names of the gait trials."""
-        return tuple(trial.name for trial in self.trials if trial.role is Role.GAIT)
+        """Names of the trials of the whole body: walks and other activities."""
+        return tuple(trial.name for trial in self.moving if trial.role is not Role.JOINT)
 
     @property
     def _named_files(self) -> dict[str, Path]:

@@ -202,9 +202,9 @@ class TrialTable(Table):
     """`[[trial]]`: one recording and what it is for."""
 
     name: str = Field(description="the trial's name, which also names its result files")
-    role: Literal["static", "joint", "gait"] = Field(
+    role: Literal["static", "joint", "gait", "motion"] = Field(
         description="'static' (standing still; of several the first gives the model, the others must agree with it), "
-        "'joint' (one joint moved in isolation) or 'gait'"
+        "'joint' (one joint moved in isolation), 'gait' (walking) or 'motion' (any other activity of the whole body)"
     )
     joint: Joint | None = Field(
         default=None, validate_default=True, description="the joint that a trial with role = 'joint' moves"

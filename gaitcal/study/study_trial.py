@@ -47,6 +47,9 @@ class Role(str, Enum):
     JOINT = "joint"
     """One joint moved in isolation."""
     GAIT = "gait"
+    """Walking."""
+    MOTION = "motion"
+    """Any other activity of the whole body."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +173,7 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
 
 
 def _check_forces_cover(recording: Recording, trial: TrialTable) -> None:
-    if trial.role != "gait":
+    if trial.role not in ("gait", "motion"):
         return
     time, source = recording.time, trial.forces or trial.file
     step, whole = float(np.median(np.diff(time))), float(np.ptp(time))

@@ -39,7 +39,7 @@ from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis, to_bspline
 from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.synthetic.walk import GAIT_CYCLE, Meant, feet_of, nominal_curves, right_share, rolled, walking_nodes
+from gaitcal.synthetic.walk import GAIT_CYCLE, Ground, Meant, carried_nodes, feet_of, nominal_curves, walking_ground
 
 RATE = 200.0
 """Frames per second of all published trials."""
@@ -118,6 +118,8 @@ class TrueMotion:
     """(nn, nq) m, rad."""
     phase: Array | None = None
     """(nf,) of a gait: strides since a right heel strike."""
+    ground: Ground | None = None
+    """What carries it; None: no force is known."""
 
     @property
     def q(self) -> Array:
@@ -154,7 +156,8 @@ def two_strides(parameters: Parameters) -> TrueMotion:
 def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: Meant) -> TrueMotion:
     """A walk of a person with these parameters like another; `begin`: its phase, in strides, at time 0."""
     basis, phase = spline_basis(time, nodes), begin + time / GAIT_CYCLE
-    return TrueMotion(basis, walking_nodes(parameters, basis, phase, meant), phase)
+    ground = walking_ground(phase)
+    return TrueMotion(basis, carried_nodes(parameters, basis, ground, meant), phase, ground)
 
 
 @with_one_blas_thread
@@ -237,37 +240,40 @@ def residual_free_wrench(parameters: Parameters, motion: TrueMotion) -> Array:
 
 @with_one_blas_thread
 def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
-    """The ground reactions of a gait of a person with these parameters.
+    """The ground reactions of a motion of a person with these parameters; a seat bears what no foot does.
 
     Raises
     ------
     ValueError
-        The motion is no gait.
+        Nothing is said of the ground.
     """
-    if motion.phase is None:
-        raise ValueError("only a gait has ground reactions: this motion has no phase")
+    ground = motion.ground
+    if ground is None:
+        raise ValueError("nothing is said of the ground that carries this motion")
     q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
     total = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((len(q), 2, 6))))
     force, moment = total[:, :3], total[:, 3:] + np.cross(q[:, :3], total[:, :3])
-    up = force[:, 1]
+    carried = np.asarray(ground.share.any(axis=1))
+    up = np.where(carried, force[:, 1], 1.0)
     middle = np.stack([moment[:, 2] / up, np.zeros(len(up)), -moment[:, 0] / up], axis=1)  # no tipping moment there
     free = moment[:, 1] - np.cross(middle, force)[:, 1]
     # shares of the load and centres of pressure, whose weighted mean is the middle
-    right, rolling = right_share(motion.phase), feet_of(parameters, q).along(rolled(motion.phase))[0]
-    share = np.stack([right, 1.0 - right], axis=1)
-    missed = middle - np.einsum("fk,fki->fi", share, rolling)
+    share, rolling = ground.share, feet_of(parameters, q).along(ground.part, ground.level)[0]
+    seated = 1.0 - share.sum(axis=1)
+    height = np.einsum("fk,fk->f", share, ground.level) + seated * ground.seat[:, 1]
+    middle += height[:, None] * force / up[:, None]
+    missed = middle - np.einsum("fk,fki->fi", share, rolling) - seated[:, None] * ground.seat
     apart = rolling[:, 0] - rolling[:, 1]
-    both = 16.0 * (right * (1.0 - right)) ** 2  # 1 where the feet share alike, and 0, also in its rate, at the ends
+    both = 16.0 * (share[:, 0] * share[:, 1]) ** 2  # 1 where the feet share alike, and 0, also in its rate, at the ends
     moved = both * np.einsum("fi,fi->f", missed, apart) / np.einsum("fi,fi->f", apart, apart)
     centre = rolling + (missed - moved[:, None] * apart)[:, None]
     share = share + np.stack([moved, -moved], axis=1)
     # forces that meet above the middle
-    height = MEETING_HEIGHT * published_model().subject.height
-    meeting = middle + height * force / force[:, 1:2]
+    meeting = middle + MEETING_HEIGHT * published_model().subject.height * force / up[:, None]
     wrench = np.zeros((len(force), len(FEET), 6))
     for foot in range(len(FEET)):
-        line = (meeting - centre[:, foot]) / height
+        line = (meeting - centre[:, foot]) / (meeting - middle)[:, 1:2]
         wrench[:, foot, :3] = (share[:, foot] * up)[:, None] * line
         wrench[:, foot, 3:] = np.cross(centre[:, foot], wrench[:, foot, :3])
         wrench[:, foot, 4] += share[:, foot] * free
-    return GroundOnFeet(wrench, centre, share)
+    return GroundOnFeet(np.where(carried[:, None, None], wrench, 0.0), centre, share)

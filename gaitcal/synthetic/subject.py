@@ -9,6 +9,7 @@ trial's landmarks make, which are those of the calibration.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,14 +29,15 @@ from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.synthetic.motion import (
     TrueMotion,
+    ground_on_feet,
     isolated_motion,
     marker_noise,
-    residual_free_wrench,
     standing_pose,
     static_motion,
     synthetic_markers,
     two_strides,
 )
+from gaitcal.synthetic.movements import Activity, Contact, Movement, movement
 from gaitcal.synthetic.truth import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
 
@@ -44,6 +46,8 @@ ORIENTATION_BOUND = np.deg2rad(10.0)
 INERTIAL_BOUND = 0.10
 PLATE_X, PLATE_Z = (-0.8, 2.8), 0.6
 """m: two long plates side by side, the right foot's at z > 0."""
+BELT_X, FOOTHOLD_X = (-0.5, 5.0), 0.2
+"""m: one plate under all steps of a run; half the length of one under a foothold."""
 
 
 EXACT_PLATES = PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clock_ms=0.0)
@@ -70,7 +74,9 @@ def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
 
 
 @with_one_blas_thread
-def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False) -> Path:
+def synthesize(
+    out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False, also: Sequence[Activity] = ()
+) -> Path:
     """Write a synthetic subject as a study folder: C3D files, `study.toml`, and the truth. Returns the study file.
 
     Parameters
@@ -79,6 +85,7 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
     seed : the same seed gives the same files.
     noise : add the paper's marker noise, up to 10 mm (`synthetic/motion.py`); the static trial has none.
     perturb : draw the true parameters at random within 10 mm, 10 degrees and 10 %; else they are the published ones.
+    also : movements that are no walk, each as a trial more (`synthetic/movements.py`).
 
     Raises
     ------
@@ -91,15 +98,19 @@ def synthesize(out: Path | str, *, seed: int = 0, noise: bool = False, perturb: 
     pose = standing_pose(model.parameters)
     trials = {"static": static_motion(standing=pose), **{j: isolated_motion(j, pose) for j in ISOLATED_JOINTS}}
     trials["gait"] = two_strides(model.parameters)
+    movements = {activity.value: movement(activity, model.parameters) for activity in also}
+    trials |= {name: found.motion for name, found in movements.items()}
     with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
         entries = []
         curves: dict[str, tuple[TrueMotion, Array | None]] = {}
         for name, motion in trials.items():
             labels = model.markers.labels if name == "static" else tracking
             placed = on_the_floor(model, motion)
-            recording = recording_of(name, placed, model, labels)
+            ground = None if placed.ground is None else ground_on_feet(model.parameters, placed)
+            plates = () if ground is None else footholds(movements.get(name, Movement(motion=placed)), ground.wrench)
+            recording = recording_of(name, placed, model, labels, plates)
             if name != "static":
-                curves[name] = placed, residual_free_wrench(model.parameters, placed) if name == "gait" else None
+                curves[name] = placed, None if ground is None else ground.wrench
             if noise and name != "static":
                 moved = recording.markers + marker_noise(recording.time, len(labels), noise_waves)
                 recording = replace(recording, markers=moved)
@@ -126,7 +137,7 @@ def _generators(seed: int) -> list[np.random.Generator]:
 
 def on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
     """The same motion, raised or lowered so that the lowest foot marker stays just above the floor, where a gait is."""
-    if motion.phase is not None:
+    if motion.ground is not None:
         return motion
     heights = synthetic_markers(model.parameters, model.markers, motion.q)[:, :, 1]
     feet = [s.startswith("foot") for s in model.markers.segments]
@@ -135,32 +146,50 @@ def on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
     return TrueMotion(motion.basis, nodes)
 
 
-def recording_of(name: str, motion: TrueMotion, model: SubjectModel, labels: tuple[str, ...]) -> Recording:
-    """What markers with these labels, and plates under a gait, show of a motion."""
+def recording_of(
+    name: str, motion: TrueMotion, model: SubjectModel, labels: tuple[str, ...], plates: tuple[ForcePlate, ...] = ()
+) -> Recording:
+    """What markers with these labels show of a motion over plates."""
     every = synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
-    plates = () if name != "gait" else plates_under(motion, residual_free_wrench(model.parameters, motion))
     return Recording(source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates)
 
 
 def plates_under(motion: TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
     """One long plate under each foot, with wrenches (nf, 2, 6) N, N·m about the laboratory origin."""
+    halves = ((0.0, PLATE_Z), (-PLATE_Z, 0.0))
+    return tuple(_plate(k, motion.basis.time, wrench[:, k], PLATE_X, z, 0.0) for k, z in enumerate(halves))
+
+
+def footholds(found: Movement, wrench: Array) -> tuple[ForcePlate, ...]:
+    """One plate under each foothold, for runners one for all; two long ones under a walk."""
+    time = found.motion.basis.time
+    if not found.contacts:
+        return plates_under(found.motion, wrench)
+    if found.belt:
+        return (_plate(0, time, wrench.sum(axis=1), BELT_X, (-PLATE_Z, PLATE_Z), 0.0),)
+    of_place: dict[tuple[int, tuple[float, float, float]], list[Contact]] = {}
+    for contact in found.contacts:
+        of_place.setdefault((contact.foot, contact.place), []).append(contact)
     plates = []
-    for k, (low, high) in enumerate(((0.0, PLATE_Z), (-PLATE_Z, 0.0))):
-        point, torque = point_and_torque(wrench[:, k])
-        x0, x1 = PLATE_X
-        corners = np.array([[x0, 0.0, low], [x1, 0.0, low], [x1, 0.0, high], [x0, 0.0, high]])
-        plates.append(
-            ForcePlate(
-                name=str(k + 1),
-                time=motion.basis.time,
-                force=wrench[:, k, :3],
-                point=point,
-                moment=torque,
-                corners=corners,
-            )
-        )
+    for k, ((foot, (ahead, y, z)), stands) in enumerate(of_place.items()):
+        there = np.any([(time >= c.start) & (time <= c.stop) for c in stands], axis=0)
+        sides = (0.0, PLATE_Z) if z > 0 else (-PLATE_Z, 0.0)
+        ends = (ahead - FOOTHOLD_X, ahead + FOOTHOLD_X)
+        plates.append(_plate(k, time, np.where(there[:, None], wrench[:, foot], 0.0), ends, sides, y))
     return tuple(plates)
+
+
+def _plate(
+    k: int, time: Array, wrench: Array, x: tuple[float, float], z: tuple[float, float], height: float
+) -> ForcePlate:
+    """A plate from its wrench (nf, 6) about the laboratory origin."""
+    raised = wrench.copy()
+    raised[:, 3:] -= np.cross([0.0, height, 0.0], wrench[:, :3])
+    point, torque = point_and_torque(raised)
+    corners = np.array([[x[0], height, z[0]], [x[1], height, z[0]], [x[1], height, z[1]], [x[0], height, z[1]]])
+    lifted = point + [0.0, height, 0.0]
+    return ForcePlate(name=str(k + 1), time=time, force=wrench[:, :3], point=lifted, moment=torque, corners=corners)
 
 
 def _entry(name: str) -> TrialTable:
@@ -169,7 +198,9 @@ def _entry(name: str) -> TrialTable:
         return TrialTable(name=name, role="static", file=file)
     if name == "gait":
         return TrialTable(name=name, role="gait", file=file, plates={"1": "r", "2": "l"})
-    return TrialTable(name=name, role="joint", joint=name, file=file)  # type: ignore[arg-type]
+    if name in ISOLATED_JOINTS:
+        return TrialTable(name=name, role="joint", joint=name, file=file)  # type: ignore[arg-type]
+    return TrialTable(name=name, role="motion", file=file)
 
 
 def _study_file(subject: Subject, trials: tuple[TrialTable, ...]) -> StudyFile:

@@ -50,7 +50,7 @@ STANCE = 0.62
 DOUBLE_SUPPORT = STANCE - 0.5
 POINTS = ("Heel", "Toe.Tip", "Toe.Lat", "Toe.Med")
 """Markers of a foot; the second ends the line along which its load rolls, the last two are at the ball of the foot."""
-_ROLL = ((0.0, 0.12, 0.3, 0.55, 0.8, 1.0), (0.10, 0.28, 0.42, 0.58, 0.72, 0.86))
+ROLL = ((0.0, 0.12, 0.3, 0.55, 0.8, 1.0), (0.10, 0.28, 0.42, 0.58, 0.72, 0.86))
 """Part of stance, and where the centre of pressure is then between the back of the heel and the tip of the foot."""
 HEEL_RESTS, BALL_RESTS, SETTLING = (0.01, 0.35), (0.1, 0.54), 0.06
 """Phases of the foot's own stride between which heel and ball do not move, and the time to come to rest and leave."""
@@ -103,14 +103,16 @@ class FeetOnGround:
     slopes: Array
     """(nf, 2, 4, 3, nq) their derivatives by the coordinates."""
 
-    def along(self, part: Array) -> tuple[Array, Array]:
-        """Points on the floor (nf, 2, 3) m, at parts (nf, 2) of the way from heel to tip, and their derivatives."""
+    def along(self, part: Array, level: Array | float = 0.0) -> tuple[Array, Array]:
+        """Points on the ground (nf, 2, 3) m, at parts (nf, 2) of the way from heel to tip, and their derivatives.
+
+        `level`: (nf, 2) m, height of the ground.
+        """
         share = (part * _tip_beyond_marker())[..., None]
         of = [(1.0 - share) * self.points[:, :, 0] + share * self.points[:, :, 1]]
         share = share[..., None]
         of.append((1.0 - share) * self.slopes[:, :, 0] + share * self.slopes[:, :, 1])
-        for values in of:
-            values[:, :, 1] = 0.0
+        of[0][:, :, 1], of[1][:, :, 1] = level, 0.0
         return of[0], of[1]
 
 
@@ -141,14 +143,14 @@ def stride_of(phase: Array) -> Array:
 
 def rolled(phase: Array) -> Array:
     """(nf, 2) part of the way from heel to tip to which the load of each foot has rolled; in swing it stays."""
-    part: Array = PchipInterpolator(*_ROLL)(np.minimum(stride_of(phase) / STANCE, 1.0))
+    part: Array = PchipInterpolator(*ROLL)(np.minimum(stride_of(phase) / STANCE, 1.0))
     return part
 
 
 def right_share(phase: Array) -> Array:
     """(nf,) share of the right foot in the vertical load over the gait cycle (0: right heel strike)."""
     own = phase % 1.0
-    rise, fall = _ramp(own / DOUBLE_SUPPORT), 1.0 - _ramp((own - 0.5) / DOUBLE_SUPPORT)
+    rise, fall = ramp(own / DOUBLE_SUPPORT), 1.0 - ramp((own - 0.5) / DOUBLE_SUPPORT)
     return np.where(own < DOUBLE_SUPPORT, rise, np.where(own < 0.5, 1.0, np.where(own < STANCE, fall, 0.0)))
 
 
@@ -156,7 +158,7 @@ def resting(phase: Array) -> Array:
     """(nf, 2, 4) how much of the points of the feet stands still on the ground: 0 to 1, smooth in time."""
     own = stride_of(phase)
     heel, ball = (
-        _ramp((own - begin) / SETTLING) * (1.0 - _ramp((own - end + SETTLING) / SETTLING))
+        ramp((own - begin) / SETTLING) * (1.0 - ramp((own - end + SETTLING) / SETTLING))
         for begin, end in (HEEL_RESTS, BALL_RESTS)
     )
     out = np.zeros((len(phase), len(FEET), len(POINTS)))
@@ -181,7 +183,8 @@ def _tip_beyond_marker() -> float:
     return max(1.0, FOOT_LENGTH * published_model().subject.height / marked)
 
 
-def _ramp(x: Array) -> Array:
+def ramp(x: Array) -> Array:
+    """From 0 at x = 0 to 1 at x = 1, with no velocity nor acceleration at the ends."""
     x = np.clip(x, 0.0, 1.0)
     out: Array = x**3 * (10.0 + x * (-15.0 + 6.0 * x))
     return out
@@ -232,17 +235,52 @@ class Meant:
     """Of how far from it the walk may be: less where the ground carries it already."""
 
 
-def walking_nodes(parameters: Parameters, basis: SplineBasis, phase: Array, meant: Meant) -> Array:
-    """(nn, nq) m, rad: nodes of a walk of the person with these parameters.
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """What the ground does in the frames of a motion, and where the feet are on it."""
 
-    Parameters
-    ----------
-    phase : (nf,) strides since a right heel strike, at the frames of the basis.
-    """
+    footsteps: Array
+    """(nf, 2, 4, 3) m, where the points of the feet should be."""
+    held: Array
+    """(nf, 2, 4) how much of that is asked for: 0 to 1."""
+    resting: Array
+    """(nf, 2, 4) how much of the points stands still: 0 to 1."""
+    share: Array
+    """(nf, 2) of the vertical load on each foot; 0 in flight."""
+    part: Array
+    """(nf, 2) of the way from heel to tip to which the load has rolled."""
+    level: Array
+    """(nf, 2) m, height of the ground under each foot."""
+    seat: Array
+    """(nf, 3) m, where a seat bears what the feet do not: it counts where their shares do not sum to 1."""
+    force: Array
+    """(nf, 3) body weights, of the total force."""
+    spread: Array
+    """(nf, 3) body weights, by which the force may be another; infinite where nothing is known of it."""
+
+
+def walking_ground(phase: Array) -> Ground:
+    """The floor under a walk, where the nominal person's feet go; `phase`: (nf,) strides since a right heel strike."""
+    footsteps, right = feet_of(published_model().parameters, nominal_curves(phase).q).points, right_share(phase)
+    nf = len(phase)
+    return Ground(
+        footsteps=footsteps,
+        held=np.ones((nf, len(FEET), len(POINTS))),
+        resting=resting(phase),
+        share=np.stack([right, 1.0 - right], axis=1),
+        part=rolled(phase),
+        level=np.zeros((nf, len(FEET))),
+        seat=np.zeros((nf, 3)),
+        force=_usual_force(phase),
+        spread=np.tile(FORCE, (nf, 1)),
+    )
+
+
+def carried_nodes(parameters: Parameters, basis: SplineBasis, ground: Ground, meant: Meant) -> Array:
+    """(nn, nq) m, rad: nodes of a motion of the person with these parameters that the ground carries."""
     nodes = basis.fit(meant.q)
-    footsteps = feet_of(published_model().parameters, nominal_curves(phase).q).points
     for _ in range(MOST_STEPS):
-        step = _step(basis, [*_carried(parameters, basis, nodes, phase, footsteps), *_near(basis, nodes, meant)])
+        step = _step(basis, [*_carried(parameters, basis, nodes, ground), *_near(basis, nodes, meant)])
         nodes += step
         if np.abs(step).max() < SMALLEST_STEP:
             break
@@ -262,39 +300,42 @@ def _floor_shift() -> float:
     return CLEARANCE - float(heights.min())
 
 
-def _carried(parameters: Parameters, basis: SplineBasis, nodes: Array, phase: Array, footsteps: Array) -> list[_Rows]:
-    """What the ground asks for: balance, a force like that of walking people, feet that stand where they stand."""
+def _carried(parameters: Parameters, basis: SplineBasis, nodes: Array, ground: Ground) -> list[_Rows]:
+    """What the ground asks for: balance, a force like that of people, feet that stand where they stand."""
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
     feet, (nf, nq) = feet_of(parameters, q), q.shape
-    still = resting(phase)[..., None] / FOOT_SPEED
+    still, held = ground.resting[..., None] / FOOT_SPEED, ground.held[..., None]
     speed = np.einsum("fknic,fc->fkni", feet.slopes, v)
     places = (
-        ((feet.points - footsteps) / FOOT_PLACE_M).reshape(nf, -1),
-        (feet.slopes / FOOT_PLACE_M).reshape(nf, -1, nq),
+        ((feet.points - ground.footsteps) / FOOT_PLACE_M * held).reshape(nf, -1),
+        (feet.slopes / FOOT_PLACE_M * held[..., None]).reshape(nf, -1, nq),
     )
     # how the slopes change with the posture is left out: resting points hardly move
     rests = (speed * still).reshape(nf, -1), (feet.slopes * still[..., None]).reshape(nf, -1, nq)
-    return [*_forces(parameters, (q, v, a), phase, feet), (places[0], {0: places[1]}), (rests[0], {1: rests[1]})]
+    return [*_forces(parameters, (q, v, a), ground, feet), (places[0], {0: places[1]}), (rests[0], {1: rests[1]})]
 
 
-def _forces(parameters: Parameters, state: tuple[Array, Array, Array], phase: Array, feet: FeetOnGround) -> list[_Rows]:
+def _forces(
+    parameters: Parameters, state: tuple[Array, Array, Array], ground: Ground, feet: FeetOnGround
+) -> list[_Rows]:
     """The total ground reaction: its moment about where the load rolls, and its force."""
     q, weight = state[0], parameters.mass * GRAVITY
     total = root_residual(parameters, (), *state, np.zeros((len(q), 2, 6)))
     force, moment = total.value[:, :3], total.value[:, 3:]
-    share = right_share(phase)[:, None]
-    points, slopes = feet.along(rolled(phase))
-    arm = q[:, :3] - (share * points[:, 0] + (1.0 - share) * points[:, 1])
-    by_arm = -(share[..., None] * slopes[:, 0] + (1.0 - share[..., None]) * slopes[:, 1])
+    share = ground.share[:, :, None]
+    points, slopes = feet.along(ground.part, ground.level)
+    seated = 1.0 - share.sum(axis=1)
+    arm = q[:, :3] - (share[:, 0] * points[:, 0] + share[:, 1] * points[:, 1]) - seated * ground.seat
+    by_arm = -(share[:, 0, :, None] * slopes[:, 0] + share[:, 1, :, None] * slopes[:, 1])
     by_arm[:, :, :3] += np.eye(3)
     tipping, pushing = {}, {}
     for order, by in enumerate((total.by_position, total.by_velocity, total.by_acceleration)):
         tipping[order] = (by[:, 3:] + np.cross(arm[:, :, None], by[:, :3], axis=1)) / (CENTRE_M * weight)
-        pushing[order] = by[:, :3] / (FORCE * weight)[:, None]
+        pushing[order] = by[:, :3] / (ground.spread * weight)[:, :, None]
     tipping[0] += np.cross(by_arm, force[:, :, None], axis=1) / (CENTRE_M * weight)
     return [
         ((moment + np.cross(arm, force)) / (CENTRE_M * weight), tipping),
-        ((force / weight - _usual_force(phase)) / FORCE, pushing),
+        ((force / weight - ground.force) / ground.spread, pushing),
     ]
 
 

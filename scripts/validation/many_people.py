@@ -33,8 +33,8 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.synthetic.motion import marker_noise, standing_pose, static_motion, two_strides
-from gaitcal.synthetic.subject import EXACT_PLATES, on_the_floor, recording_of, synthetic_model
+from gaitcal.synthetic.motion import marker_noise, residual_free_wrench, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.subject import EXACT_PLATES, on_the_floor, plates_under, recording_of, synthetic_model
 from scripts.validation.study_folder import write_folder
 
 STANDING = 60
@@ -53,7 +53,9 @@ def body(number: int) -> tuple[SubjectModel, Recording, Recording]:
     """Model, standing and walking of a made-up body, without noise."""
     model = synthetic_model(np.random.default_rng(number), perturb=True)
     standing = on_the_floor(model, static_motion(STANDING, standing_pose(model.parameters)))
-    walk = recording_of("gait", two_strides(model.parameters), model, published_model().markers.labels)
+    motion = two_strides(model.parameters)
+    plates = plates_under(motion, residual_free_wrench(model.parameters, motion))
+    walk = recording_of("gait", motion, model, published_model().markers.labels, plates)
     return model, recording_of("static", standing, model, model.markers.labels), _thinned(walk)
 
 

@@ -58,6 +58,7 @@ def strides(person: str) -> pd.DataFrame:
                         "valid": valid.astype(int),
                         "se_stride": 1.0,
                         "turn": 0.0,
+                        "activity": "gait",
                     }
                 )[list(CYCLE_COLUMNS)]
             )

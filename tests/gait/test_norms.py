@@ -235,7 +235,7 @@ def strides(offset: dict[str, float], error: float = 0.0, alternate: float = 0.0
                 mean, _ = read_normal_bands(FREE)[name].for_person(CHILD, side)
                 value = mean + offset.get(f"{name}_{side}", 0.0) + (number == 2) * alternate
                 columns = {"side": side, "variable": name, "value": value, "se": error, "se_stride": 0.0}
-                rows.append(pd.DataFrame({**columns, "valid": 1, "turn": 0.0}))
+                rows.append(pd.DataFrame({**columns, "valid": 1, "turn": 0.0, "activity": "gait"}))
     table = pd.concat(rows, ignore_index=True)
     return {str(name): table[name].to_numpy() for name in table}
 

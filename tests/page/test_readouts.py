@@ -1,5 +1,6 @@
 """Every number above a panel is the one that the files of the result have at that instant, of each leg at its own."""
 
+import io
 import itertools
 from collections.abc import Callable
 from pathlib import Path
@@ -22,10 +23,11 @@ pytestmark = pytest.mark.browser
 PACKED = 1e-4
 """Of the range of a curve, which stands in 16 bits; frames are 32-bit times."""
 FOLDERS = {Kind.ANGLE: "motion", Kind.MOMENT: "moments", Kind.POWER: "powers"}
+WAYS = {"ground_reaction_forward": "x", "ground_reaction_vertical": "y", "ground_reaction_sideways": "z"}
 SIDES = ("r", "l", "")
 READ = f"""gaitcal.curves.panels.filter((panel) => panel.traces).flatMap((panel) => {list(SIDES)}.map((side) =>
     [panel.subject.base, panel.subject.kind, side, panel.value(side, gaitcal.curves.now), gaitcal.curves.now[side]]))
-    .filter(([, kind, , text]) => kind !== 'force' && text && text !== 'not valid')"""
+    .filter(([, , , text]) => text && text !== 'not valid')"""
 
 
 def readings(page: Page) -> list[tuple[str, Kind, str, float, float, float]]:
@@ -39,6 +41,8 @@ def readings(page: Page) -> list[tuple[str, Kind, str, float, float, float]]:
 
 
 def column_of(table: pd.DataFrame, base: str, side: str, kind: Kind) -> Any:
+    if kind is Kind.FORCE:
+        return table[f"ground_force_{side}_v{WAYS[base]}"].to_numpy()
     ending = Kind.POWER.ending if kind is Kind.POWER else ""
     names = [f"{base}{ending}_{side}", f"{base}_{side}{ending}", f"{base}{ending}", base]
     return table[next(name for name in names if name in table)].to_numpy()
@@ -51,10 +55,12 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Callable[..., Pag
     page.run("gaitcal.clock.play(false)")
     name = page.run("gaitcal.trial.name")
     tables = {kind: pd.read_csv(folder / of / f"{name}.csv", comment="#") for kind, of in FOLDERS.items()}
+    forces = (folder / "forces" / f"{name}.mot").read_text().partition("endheader\n")[2]
+    tables[Kind.FORCE] = pd.read_csv(io.StringIO(forces), sep="\t")
     cycles = pd.read_csv(folder / "cycles.csv", comment="#").query(f"trial == '{name}'")
     person = page.run("gaitcal.result.sheet.person")
     subject = Subject(name="", mass=person["mass"], height=person["height"], sex="male")
-    time, read = tables[Kind.ANGLE]["time"].to_numpy(), 0
+    time, read, kinds = tables[Kind.ANGLE]["time"].to_numpy(), 0, set()
     for signs, acting in itertools.product(Signs, Acting):
         page.run(f"""gaitcal.state.set({{ axis: '{axis}', signs: '{signs.value}', acting: '{acting.key}' }});
             gaitcal.curves.draw(gaitcal.curves.panels); true""")
@@ -74,8 +80,10 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Callable[..., Pag
                 size = float(np.nanmax(column) - np.nanmin(column))
                 scale = 1.0 if kind is Kind.ANGLE else 1.0 / subject.mass
                 told = convention.values(f"{base}{kind.ending}", np.array([file]), side, subject)[0]
+                told *= scale if kind is Kind.FORCE else 1.0
                 assert shown == pytest.approx(told, abs=half + PACKED * size * scale), (base, kind, side, frame)
                 read += 1
+                kinds.add(kind)
     assert page.run("gaitcal.curves.strides.percent") is (axis == "percent")
-    assert read > 4 * 10 * 20
+    assert read > 4 * 10 * 20 and kinds == set(Kind)
     assert page.console == []

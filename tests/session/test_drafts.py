@@ -109,12 +109,11 @@ def test_names_of_files_decide_nothing(order: list[int]) -> None:
 RECORDINGS = recordings(*JOINTS)
 
 
-def test_what_stands_walks_and_moves_one_joint_only(tmp_path: Path) -> None:
+def test_what_neither_walks_nor_moves_one_joint_is_a_motion(tmp_path: Path) -> None:
     folder = write(tmp_path / "person", {**recordings(), "squat": squat()})
     made = draft(folder)
-    assert "squat" not in roles(made)
-    assert any(row.name == "squat.csv" and "pelvis goes up and down" in row.reason for row in made.left_out)
-    assert "#   squat.csv: moves otherwise" in draft_text(made, folder)
+    assert roles(made)["squat"] == "motion"
+    assert 'role = "motion"' in (text := draft_text(made, folder)) and "pelvis goes up and down" in text
 
 
 def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
@@ -255,7 +254,7 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
     files = recordings()
     folder = write(tmp_path / "person", files | {"walk": other_person(files["walk"])})
     made = draft(folder, Options())
-    assert made.problem.startswith("no recording that is used shows walking")
+    assert made.problem.startswith("no recording that is used shows somebody moving")
     assert "walk.csv is not used: another person" in made.problem
     with pytest.raises(InputError, match="walk.csv is not used: another person"):
         study_or_draft(folder, Options(), Console(quiet=True, verbose=False))
@@ -290,5 +289,5 @@ def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
     (folder / "photo.png").touch()
     notes = draft_notes(draft(folder))
     assert any("left over: R.Knee.Inner" in note for note in notes)
-    assert any("not used: squat.csv: moves otherwise" in note for note in notes)
+    assert not any("squat.csv" in note for note in notes)
     assert any("not used: photo.png" in note for note in notes)

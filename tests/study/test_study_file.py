@@ -172,7 +172,7 @@ FAULTS = {
     "trial name reserved": ('"walk"', '"con"', ["trial[3].name", "Windows"]),
     "trial name long": ('"walk"', f'"{"w" * 81}"', ["trial[3].name", "80"]),
     "trial name unicode": ('"walk"', '"gehen ü"', ["trial[3].name"]),
-    "role": ('role = "gait"', 'role = "walk"', ["trial[3].role", "'static', 'joint' or 'gait'"]),
+    "role": ('role = "gait"', 'role = "walk"', ["trial[3].role", "'static', 'joint', 'gait' or 'motion'"]),
     "joint missing": ('joint = "hip_r"\n', "", ["trial[2].joint", "missing", "knee_r"]),
     "joint unknown": ('joint = "hip_r"', 'joint = "hip"', ["trial[2].joint", "found 'hip'", "'ankle_l'"]),
     "joint for gait": ('role = "gait"', 'role = "gait"\njoint = "hip_r"', ["trial[3].joint", "role = 'gait'"]),

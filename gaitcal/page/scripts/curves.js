@@ -249,6 +249,8 @@ Gaitcal.Curves = class {
   tell() {
     const { strides, state } = this;
     const { percent, counts, sheet } = strides;
+    const [axis] = document.getElementById("switch-axis")?.options ?? [];
+    if (axis) axis.textContent = strides.trial.repeats ? "% repetition" : "% gait cycle";
     const many = Math.max(...counts) > 1;
     const means = percent && state.spread === "mean" && many;
     const has = (part) => sheet.trials.some(({ packed }) => packed.curves.some((curve) => curve[part] && curve.joint));
@@ -259,7 +261,7 @@ Gaitcal.Curves = class {
       thin: percent && many,
       nominal: state.nominal && has("nominal"),
       truth: state.truth && has("truth"),
-      norm: state.norm && percent && sheet.bands.length > 0,
+      norm: state.norm && percent && strides.ofWalks && sheet.bands.length > 0,
       now: percent,
       off: percent,
       stance: !percent,
@@ -288,9 +290,11 @@ Gaitcal.Curves = class {
     const turning = on("r").turning.length + on("l").turning.length;
     const [turns, takes] = turning === 1 ? ["turns", "takes"] : ["turn", "take"];
     const without = ["r", "l"].filter((side) => !strides.near(side, state.seconds));
-    const sources = new Set(state.norm ? strides.sheet.bands.map(({ source }) => source) : []);
+    const sources = new Set(state.norm && strides.ofWalks ? strides.sheet.bands.map(({ source }) => source) : []);
     return [
-      `0 to 100 % of each leg’s own stride, from strike to next strike: right ${right}, left ${left}.`,
+      strides.trial.repeats
+        ? `0 to 100 % of ${Gaitcal.count(right, "repetition")} of ${strides.trial.name}, from rest to rest of the pelvis.`
+        : `0 to 100 % of each leg’s own stride, from strike to next strike: right ${right}, left ${left}.`,
       ...(turning ? [`${Gaitcal.count(turning, "stride")} ${turns} and ${takes} no part in means.`] : []),
       ...without.map((side) => `The ${Gaitcal.LEGS[side]} leg makes no complete stride in ${strides.trial.name}.`),
       ...[...sources].map((source) => `Healthy people: ${source}.`),

@@ -15,8 +15,8 @@ Gaitcal.Sheet = class {
 
 Gaitcal.SheetTrial = class {
   constructor(packed) {
-    const { name, duration, events, strides, relative } = packed;
-    Object.assign(this, { packed, name, duration, events, strides, relative });
+    const { name, duration, events, strides, relative, activity, repeats } = packed;
+    Object.assign(this, { packed, name, duration, events, strides, relative, activity, repeats });
     this.time = Gaitcal.floats(packed.time); // s from the begin, of each frame that the page holds
     this.laid = new Map();
     this.curves = new Map(

@@ -22,8 +22,9 @@ Gaitcal.jointNamed = (text) => {
   return found && Gaitcal.UNPAIRED.includes(found) !== Boolean(side) ? `${found}${side ?? ""}` : undefined;
 };
 
-// The trial that is shown first: the first walk.
-Gaitcal.firstTrial = (trials) => Math.max(0, trials.findIndex((trial) => trial.role === "gait"));
+// The trial that is shown first: the first walk, else the first of another activity.
+Gaitcal.firstTrial = (trials) =>
+  Math.max(0, ["gait", "motion"].map((role) => trials.findIndex((trial) => trial.role === role)).find((at) => at >= 0) ?? 0);
 
 Gaitcal.State = class extends Gaitcal.Chosen {
   // `trials`: those of the body; `result`: as the page holds it.

@@ -2,7 +2,9 @@
 
 Gaitcal.stepsOf = ({ result, state }) => {
   const { trials, measures } = result.sheet;
-  const known = trials.flatMap((trial, t) => trial.measures.filter((stride) => Gaitcal.isOn(state, t, stride)));
+  const { activity } = trials[state.trial] ?? trials[0];
+  const counting = (trial, t) => trial.activity === activity && trial.measures.filter((stride) => Gaitcal.isOn(state, t, stride));
+  const known = trials.flatMap((trial, t) => counting(trial, t) || []);
   const of = (name, leg) => {
     const average = Gaitcal.average(known.filter(({ side }) => side === leg).map(({ values }) => values[name]));
     return average.n ? average : null;

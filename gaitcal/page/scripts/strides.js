@@ -6,13 +6,18 @@ Gaitcal.Strides = class {
 
   get trial() { return this.sheet.trials[this.state.trial] ?? this.sheet.trials[0]; }
 
+  // Whether the chosen trial walks: norms and peaks by phase are of walks.
+  get ofWalks() {
+    return (this.trial.activity ?? "gait") === "gait";
+  }
+
   // Over the cycle where the chosen trial has a stride of any leg: what has none can only be seen over time.
   get percent() { return this.state.axis === "percent" && this.trial.strides.length > 0; }
 
-  // The strides of a leg that are on: [{trial, stride}]; those that turn apart.
+  // The strides of a leg that are on, of the chosen trial's activity: [{trial, stride}]; those that turn apart.
   on(side) {
     const found = this.sheet.trials.flatMap((trial, t) =>
-      trial.strides
+      (trial.activity === this.trial.activity ? trial.strides : [])
         .filter((stride) => stride.side === side && Gaitcal.isOn(this.state, t, stride))
         .map((stride) => ({ trial, stride })),
     );

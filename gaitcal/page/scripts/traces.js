@@ -9,7 +9,7 @@ Gaitcal.Traces = class {
     Object.assign(this, { ...subject, strides, convention, percent: strides.percent, lines: [] });
     if (this.percent) for (const side of ["r", "l"]) this.overCycle(side);
     else this.overTime();
-    this.bands = this.percent && strides.state.norm ? this.normal() : [];
+    this.bands = this.percent && strides.state.norm && strides.ofWalks ? this.normal() : [];
     this.x = this.percent ? [0, 100] : [0, strides.trial.duration];
     this.y = this.limits();
   }

@@ -1,0 +1,65 @@
+"""What an activity that is no gait repeats, from the height of the pelvis; which activities have strides instead."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from gaitcal.arrays import Array
+from gaitcal.gait.repetitions import alternate, repetitions
+from gaitcal.synthetic.walk import ramp
+
+RATE = 100.0
+BOUNDS_S = 0.4
+"""A repetition begins and ends where the pelvis leaves and reaches its rest, within a tenth of its way."""
+
+
+def path(*stops: tuple[float, float]) -> tuple[Array, Array]:
+    """Time (s) and height (m) of a pelvis that rests at stops (s, m) and goes smoothly from one to the next."""
+    time = np.arange(round(stops[-1][0] * RATE) + 1) / RATE
+    height = np.full(len(time), stops[0][1])
+    for (a, low), (b, high) in itertools.pairwise(stops):
+        height += ramp((time - a) / (b - a)) * (high - low)
+    return time, height + 0.001 * np.sin(3.0 * time)
+
+
+STAND, SQUAT, SIT, BOX = 0.95, 0.6, 0.55, 1.25
+PAUSING = [(0, STAND), (1, STAND), (2, SQUAT), (3, STAND), (4, STAND), (5, SQUAT), (6, STAND), (7, STAND)]
+AT_ONCE = [(0, STAND), (1, SQUAT), (2, STAND), (3, SQUAT), (4, STAND), (5, SQUAT), (6, STAND)]
+RISING = [(0, SIT), (1, SIT), (2, STAND), (3, STAND), (4, SIT), (5, SIT)]
+
+
+@pytest.mark.parametrize(
+    ("stops", "wanted"),
+    [
+        (PAUSING, [(1, 3), (4, 6)]),
+        (AT_ONCE, [(0, 2), (2, 4), (4, 6)]),
+        (RISING, [(1, 4)]),
+        (RISING[:4], [(1, 2)]),  # stands up, once
+        ([(0, STAND), (5, STAND)], []),
+    ],
+)
+def test_from_rest_to_rest(stops: list[tuple[float, float]], wanted: list[tuple[float, float]]) -> None:
+    found = [(c.start, c.stop) for c in repetitions(*path(*stops))]
+    assert len(found) == len(wanted)
+    np.testing.assert_allclose(found, np.reshape(wanted, (-1, 2)) if wanted else [], atol=BOUNDS_S)
+
+
+def test_the_top_of_a_jump_is_no_rest() -> None:
+    """A drop jump, whose flight goes as high as the box that it began on: one repetition, from box to standing."""
+    time, height = path((0, BOX), (1, BOX), (1.4, SQUAT), (1.6, STAND), (2.0, SQUAT), (3, STAND), (4, STAND))
+    flight = 0.5 * 9.81 * (0.245**2 - (time - 1.845) ** 2)
+    height = np.where(flight > 0, STAND + flight, height)
+    (found,) = repetitions(time, height)
+    assert height[flight > 0].max() > BOX - 0.02
+    np.testing.assert_allclose((found.start, found.stop), (1, 3), atol=BOUNDS_S)
+
+
+def test_feet_that_strike_in_turn_make_strides() -> None:
+    right = np.array([0.2, 1.2, 2.2])
+    assert alternate(right, right[:2] + 0.5)
+    assert alternate(right, np.array([0.45]))  # a limp, and a single strike
+    assert not alternate(right, right + 0.03)  # jumps
+    assert not alternate(right, np.array([]))  # hops

@@ -1,0 +1,73 @@
+"""Movements that are no walk: carried by the ground; seen for what they are; their torques found from the recording."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaitcal.dynamics.ground_reactions import ground_reactions
+from gaitcal.dynamics.inverse_dynamics import Dynamics, inverse_dynamics, pelvis_residual
+from gaitcal.gait.events import activity_events, trial_events
+from gaitcal.gait.strides import strides_of
+from gaitcal.model.coordinates import LEG_COORDINATES
+from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
+from gaitcal.model.marker_set import load_marker_set
+from gaitcal.motion.motion import track
+from gaitcal.session.movement import Shows, movement, standing
+from gaitcal.synthetic.motion import ground_on_feet, standing_pose, static_motion
+from gaitcal.synthetic.movements import Activity
+from gaitcal.synthetic.movements import movement as made_up
+from gaitcal.synthetic.subject import footholds, on_the_floor, recording_of, synthetic_model
+
+FLYING_N = 10.0
+"""Of a body in flight that weighs 680 N."""
+TORQUE_NM = {Activity.JUMP: 4.0, Activity.RUN: 7.0}
+"""RMS over valid frames and joints: what the filter of the forces and knots far apart make of a landing; else 1."""
+REPEATS = {Activity.SQUAT: 3, Activity.SIT_TO_STAND: 2, Activity.JUMP: 1}
+"""From rest to rest, of both legs."""
+LEAST_STRIDES = 1
+LEFT_ON_SEAT = 0.1
+"""Of body weight, where torques count again."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("activity", Activity)
+def test_torques_of_an_activity(activity: Activity) -> None:
+    model = synthetic_model(np.random.default_rng(), perturb=False)
+    found = made_up(activity, model.parameters)
+    motion, ground = found.motion, ground_on_feet(model.parameters, found.motion)
+    state = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
+    truth = Dynamics(model.parameters).forces(*state, ground.wrench)
+    up, share = ground.wrench[:, :, 1], ground.load_share.sum(axis=1)
+    flies, sits = share == 0, (share > 0) & (share < 1.0 - 1e-9)
+    assert up.min() > -FLYING_N and flies.any() == (activity in (Activity.JUMP, Activity.RUN))
+    residual = np.abs(pelvis_residual(state[0], truth)).max(axis=1)
+    assert residual[flies].max(initial=0.0) < FLYING_N and residual[~flies & ~sits].max() < 1e-6
+    assert sits.any() == (activity is Activity.SIT_TO_STAND)
+
+    recording = recording_of(activity.value, motion, model, model.markers.labels, footholds(found, ground.wrench))
+    marker_set = load_marker_set("published")
+    still = on_the_floor(model, static_motion(standing=standing_pose()))
+    posture, _ = standing(recording_of("static", still, model, model.markers.labels), marker_set)
+    assert posture is not None
+    shown = movement(recording, posture.worn, None, posture.stance)
+    assert shown.shows is Shows.MOVES and shown.certain
+
+    tracked = track(model, recording)
+    reactions = ground_reactions(model, tracked, recording)
+    assert not reactions.warnings
+    assert reactions.has_torques and (1.0 - share)[reactions.valid & ~flies].max() < LEFT_ON_SEAT
+    moments = inverse_dynamics(model, tracked, reactions.wrench)
+    wrong = [
+        (moments.tau - truth[:, : moments.tau.shape[1]])[reactions.valid_for(name), COORDINATE_INDEX[name]]
+        for name in (f"{base}_{side}" for base in LEG_COORDINATES for side in SIDES)
+        if name in COORDINATE_INDEX
+    ]
+    assert np.sqrt(np.mean(np.concatenate(wrong) ** 2)) < TORQUE_NM.get(activity, 1.0)
+
+    events = activity_events(tracked, trial_events(model, tracked, reactions, recording))
+    cycles = strides_of(events)
+    if activity in REPEATS:
+        assert [len(cycles[side]) for side in SIDES] == [REPEATS[activity]] * 2 and not events.events
+    else:
+        assert min(len(of) for of in cycles.values()) >= LEAST_STRIDES and not events.repeats
