@@ -31,7 +31,8 @@ def test_a_label_whose_name_is_taken_is_not_renamed() -> None:
 def test_measured_markers_of_opencap_are_not_its_video_points() -> None:
     measured = load_marker_set("opencap-measured").labels
     best = choose_set([(*measured, "RKnee", "LKnee", "RAnkle", "LAnkle", "Neck")])[0]
-    assert (best.entry, best.explained.known, best.rename) == ("opencap-measured", len(measured), {}), "not 18 of 55 of Visual3D"
+    known = (best.entry, best.explained.known, best.rename)
+    assert known == ("opencap-measured", len(measured), {}), "not 18 of 55 of Visual3D"
     assert "RKnee" in best.clashes
 
 
