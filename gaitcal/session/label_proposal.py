@@ -157,7 +157,8 @@ def _seen(standing: Recording, moving: Sequence[Recording]) -> tuple[list[str], 
     points = with_missing(standing_at, every, moving, scatter)
     seen = [i for i in range(len(every)) if np.isfinite(points[i]).all()]
     if len(seen) < FEWEST_MARKERS:
-        raise InputError(f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are needed")
+        message = f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are needed"
+        raise InputError(message, code=Code.LANDMARKS)
     return every, scatter, points, seen
 
 
