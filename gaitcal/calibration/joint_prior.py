@@ -162,14 +162,18 @@ def prior_of_study(
 ) -> JointPrior:
     """What is expected of all joint parameters: by anatomy, by a study file in its place, by a cohort in that of both.
 
-    Anatomy's deviations are for palpated markers; points with a `noise` of their own have `noise.joints` times these.
+    Anatomy's deviations are for palpated markers; points that are no markers have `noise.joints` times these,
+    hinges `noise.hinges` times.
 
     A study file tells mean and standard deviation of a parameter; correlations stay as anatomy has them. Rows and
     columns of P0 are scaled, so that two views of one bone end to which it gives d and e, of correlation c, may be
     (d^2 + e^2 - 2 c d e)^1/2 apart. Without a side a name is for both, the left as the mirror image of the right one;
     what is said of a side comes before that.
     """
-    mean, scale = MEAN.copy(), np.full(len(JP_NAMES), 1.0 if noise is None else noise.joints)
+    mean, scale = MEAN.copy(), np.ones(len(JP_NAMES))
+    if noise is not None:
+        positions = [p.kind is Kind.POSITION for p in JOINT_PARAMETERS]
+        scale = np.where(positions, noise.joints, noise.hinges)
     for name in sorted(told, key=lambda name: name in JP_INDEX):
         for side, own in enumerate(SIDES_OF[name]):
             k, said = JP_INDEX[own], told[name]

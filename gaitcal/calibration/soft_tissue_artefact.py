@@ -114,9 +114,12 @@ SEEN_RANK = 1e-9
 
 
 def beside(segment: str) -> tuple[str, ...]:
-    """Coordinates of the joints of the legs at both ends of a segment; the talus carries no skin."""
+    """Coordinates of the joints of the legs at both ends of a segment: up to the next one that carries skin, which the
+    talus does not.
+    """
     above = JOINT_OF_CHILD.get(segment)
-    ends = {segment} if above is None or segment_kind(above.parent).markers else {segment, above.parent}
+    near = {j.child for j in JOINTS if j.parent == segment} | ({above.parent} if above else set())
+    ends = {segment, *(other for other in near if not segment_kind(other).markers)}
     joints = [j for j in JOINTS if j.name.startswith(LEG_JOINTS) and not ends.isdisjoint((j.parent, j.child))]
     return tuple(e.name for joint in joints for e in joint.elements if e.source is Source.COORDINATE)
 

@@ -92,6 +92,7 @@ TRIAL_CHECKS: tuple[TrialCheck, ...] = (
 OF_SKIN: tuple[TrialCheck, ...] = (
     exchanged.exchanged,
     marker_slip.marker_slip,
+    markers.doubled,
     markers.on_segments,
     role.standing_straight,
     role.standing_flat,

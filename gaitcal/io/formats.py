@@ -42,6 +42,7 @@ from gaitcal.io.csv import (
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.opensim_files import read_external_loads, read_mot_forces, read_trc, write_forces_mot, write_trc
 from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.io.segment_poses import with_landmarks
 from gaitcal.io.text_file import FileFault, naming_file, readable_size
 from gaitcal.runtime import with_one_blas_thread
 
@@ -66,7 +67,7 @@ def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | N
     InputError
         Every fault of a file, in one line: file, field, what was found, what is allowed.
     """
-    recording = _read(Path(path), MARKER_READERS)
+    recording = with_landmarks(_read(Path(path), MARKER_READERS))
     if forces is None:
         return recording
     read = read_forces(forces)

@@ -32,6 +32,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
+from gaitcal.io.key_points import CARRIER, holds_key_points, segments_of
 from gaitcal.io.recording import Recording
 from gaitcal.io.text_file import FileFault
 
@@ -73,13 +74,17 @@ DEPTH = 0.69
 """From the middle of the ASIS to the sacrum over the distance of the ASIS, of the nominal subject."""
 ABOVE = 0.17
 """From shoulder up to acromion over the distance of the two: Rab 2002, as the trunk is made of acromia."""
+_NOT_OF_KEY_POINTS = (*(f"{side}_" for side in "rl"), "torso", "heel", "toe")
+"""Corners of other segments than the pelvis, and landmarks that key points are themselves."""
+_SHARED = ("r_thigh", "l_thigh", "r_shank", "l_shank", "r_foot", "l_foot")
+"""Of key points: a joint is a point of both its segments, so that it stays where the points have it."""
 FRAMES, RATE = 60, 100.0
 FLOOR = 0.03
 """m, height of the lowest point of the upright body."""
 
 
 def holds_poses(labels: Collection[str]) -> bool:
-    """Whether a recording with these labels holds the points of segment poses."""
+    """Whether a recording with these labels holds the points of segment poses, or of the pelvis of key points."""
     return "pelvis_pose1" in labels
 
 
@@ -209,11 +214,27 @@ def _landmarks(offset: Mapping[str, Array]) -> dict[str, tuple[str, Array]]:
     return out
 
 
-def upright(recording: Recording) -> Recording:
-    """The standing posture of a recording of poses, whatever the person does in it; any other as it is."""
-    if not holds_poses(recording.labels):
+def with_landmarks(recording: Recording) -> Recording:
+    """A recording of key points with the pelvis's corners and landmarks, which follow from them; any other as it is."""
+    if holds_poses(recording.labels) or not holds_key_points(recording.labels):
         return recording
-    at = {label: recording.markers[:, i] for i, label in enumerate(recording.labels)}
+    rotation, origin = segments_of(_paths(recording))
+    made = {k: path for k, path in _points(rotation, origin).items() if not k.startswith(_NOT_OF_KEY_POINTS)}
+    made |= {f"{name}_origin": origin[name] for name in _SHARED}
+    return replace(
+        recording,
+        labels=(*recording.labels, *made),
+        markers=np.concatenate([recording.markers, np.stack(list(made.values()), axis=1)], axis=1),
+    ).with_notes("key points of video, no markers: the pelvis has no tilt, as nothing shows it between two hips")
+
+
+def _paths(recording: Recording) -> dict[str, Array]:
+    """Label -> (nf, 3) m."""
+    return {label: recording.markers[:, i] for i, label in enumerate(recording.labels)}
+
+
+def _decoded(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Axes (nf, 3, 3) and origins (nf, 3) m of the segments whose corners are there."""
     rotation, origin = dict[str, Array](), dict[str, Array]()
     for name in PARENT:
         corners = [at[label] for k in range(1, 5) if (label := f"{name}_pose{k}") in at]
@@ -223,6 +244,15 @@ def upright(recording: Recording) -> Recording:
             rotation[name] = np.einsum("kfi,kj->fij", np.array(corners) - origin[name], CORNERS) / size
         elif f"{name}_origin" in at:
             origin[name] = at[f"{name}_origin"]
+    return rotation, origin
+
+
+def upright(recording: Recording) -> Recording:
+    """The standing posture of a recording of poses or key points, whatever the person does; any other as it is."""
+    if not holds_poses(recording.labels):
+        return recording
+    at = _paths(recording)
+    rotation, origin = segments_of(at) if holds_key_points(at) else _decoded(at)
     offset = _offsets(rotation, origin)
     place = {"pelvis": np.zeros(3)}
     for name, parent in PARENT.items():
@@ -230,6 +260,12 @@ def upright(recording: Recording) -> Recording:
             place[name] = place[parent] + offset[name]
     aligned = dict.fromkeys((name for name in place if name in rotation), np.eye(3)[None])
     points = _points(aligned, {name: here[None] for name, here in place.items()})
+    points |= {f"{name}_origin": place[name][None] for name in _SHARED if name in place}
+    for label, segment in CARRIER.items():
+        if label in at and segment in place:
+            away = at[label] - origin[segment]
+            local = _mean(_in(rotation[segment], away)) if segment in rotation else np.zeros(3)
+            points[label] = (place[segment] + local)[None]
     labels = tuple(label for label in recording.labels if label in points)
     posture = np.stack([points[label] for label in labels], axis=1)
     posture[..., 1] += FLOOR - np.nanmin(posture[..., 1])
@@ -242,6 +278,6 @@ def upright(recording: Recording) -> Recording:
         events=(),
         computed=None,
     ).with_notes(
-        "posture made of segment poses: the axes of all segments in line, each on the one before it as on average over "
-        f"{len(recording.time)} frames; angles count from the axes of the program that wrote the poses"
+        "posture made of a movement: the axes of all segments in line, each on the one before it as on average over "
+        f"{len(recording.time)} frames; angles count from the axes that poses or key points show"
     )

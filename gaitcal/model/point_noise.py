@@ -20,15 +20,17 @@ class PointNoise(Table):
 
     size_mm: float = Field(gt=0, description="how far a coordinate of a point errs, constants left out, in mm")
     memory_s: float = Field(gt=0, description="how long such an error lasts, in s")
-    joints: float = Field(ge=1, description="how many times as far as by palpated markers joints and axes may be off")
+    joints: float = Field(ge=1, description="times as far as by palpated markers joints and segments' axes may be off")
+    hinges: float = Field(ge=1, description="times as far as by palpated markers the axes of hinges may be off")
     reason: str = Field(min_length=1, description="what these figures rest on")
 
     @property
     def words(self) -> str:
         """For notes."""
         return (
-            f"each coordinate is taken to err by {self.size_mm:g} mm for {self.memory_s:g} s at a time, joints and "
-            f"axes by {self.joints:g} times what palpated markers have; {self.reason}"
+            f"each coordinate is taken to err by {self.size_mm:g} mm for {self.memory_s:g} s at a time, joints "
+            f"and axes of segments by {self.joints:g} times, hinges by {self.hinges:g} times what palpated markers "
+            f"have; {self.reason}"
         )
 
     def least(self, rate: float) -> float:

@@ -34,8 +34,7 @@ _STANDS = {
         "The femur stands on the lateral epicondyle's marker, the knee alignment device and the fitted hip centre."
     ),
     KneeEvidence.LATERAL: (
-        "Only the lateral epicondyle has a marker: the femur's turn about its length is assumed from the pelvis of the "
-        "static trial, so an axis that is turned in the horizontal plane proves nothing."
+        "Only the lateral epicondyle has a marker: the femur's turn is assumed from the pelvis, and proves nothing."
     ),
     KneeEvidence.NOMINAL: "No landmark of this knee is known: the femur stands on the nominal one, and proves nothing.",
 }

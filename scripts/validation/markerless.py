@@ -9,6 +9,9 @@ poses        a pose for each segment, origins at the joints; each errs by 5 mm a
              at a time (Gaussian)
 white        the same, every frame by itself
 biased       the same as `poses`, and each pose 10 mm and 4 degrees beside its segment along each axis, constant
+points       key points: joints, heels and toes, shoulders, elbows and wrists; each errs by 15 mm along each axis, for
+             0.1 s at a time
+points_off   the same, and each 15 mm beside its place along each axis, constant
 
 Printed, of all people together: RMS distance of joint centres from where they are (mean over the walk, mm), and of
 torques over valid frames the RMS error, the RMS of the standard errors (N·m) and how often bars of 95 % cover.
@@ -59,7 +62,7 @@ set = "{marker_set}"
 [[trial]]
 name = "standing"
 role = "static"
-file = "{static}"
+file = "walk.csv"
 [[trial]]
 name = "walk"
 role = "gait"
@@ -140,6 +143,27 @@ def poses_recording(seed: int, errors: Errors, parameters: Parameters, motion: T
     return Recording(source="made up", time=time, labels=names, markers=markers, notes=notes)
 
 
+KEY_POINTS = {"Hip": "thigh", "Knee": "shank", "Ankle": "foot", "Shoulder": "uarm", "Elbow": "larm", "Wrist": "hand"}
+"""Key point -> the segment at whose origin it lies."""
+TOE_POINTS = {"BigToe": (0.0, 0.0, -0.03), "SmallToe": (-0.03, 0.0, 0.05), "Heel": (-TOES, 0.0, 0.0)}
+"""Key point of the right foot -> m, from the origin of the toes."""
+
+
+def points_recording(seed: int, errors: Errors, parameters: Parameters, motion: TrueMotion) -> Recording:
+    """The key points that a program would write."""
+    rng, time, out = np.random.default_rng(seed), motion.basis.time, dict[str, Array]()
+    poses = body_poses(parameters, motion.q)
+    for side in SIDES:
+        away = {name: (segment, np.zeros(3)) for name, segment in KEY_POINTS.items()}
+        mirrored = np.array([1.0, 1.0, 1.0 if side == "r" else -1.0])
+        away |= {name: ("toes", np.array(local) * mirrored) for name, local in TOE_POINTS.items()}
+        for name, (segment, local) in away.items():
+            axes, origin = poses[f"{side}_{segment}"]
+            beside = local + errors.constant[0] * rng.standard_normal(3)
+            out[f"{side.upper()}{name}"] = origin + axes @ beside + errors.place * slow(rng, time, errors.memory)
+    return Recording(source="made up", time=time, labels=tuple(out), markers=np.stack(list(out.values()), axis=1))
+
+
 @dataclass(frozen=True)
 class Outcome:
     """One person."""
@@ -154,13 +178,14 @@ class Outcome:
     """(nf, 29) their standard errors."""
 
 
-def outcome(folder: Path, seed: int, errors: Errors) -> Outcome:
-    """A person written to a folder, calibrated and held against the truth."""
+def outcome(folder: Path, seed: int, errors: Errors, *, points: bool) -> Outcome:
+    """A person written to a folder, calibrated and held against the truth; `points`: key points in place of poses."""
     parameters, motion = true_gait(seed)
     wrench = residual_free_wrench(parameters, motion)
-    write_markers_csv(folder / "walk.csv", poses_recording(seed, errors, parameters, motion))
+    made = points_recording if points else poses_recording
+    write_markers_csv(folder / "walk.csv", made(seed, errors, parameters, motion))
     write_forces_csv(folder / "walk_forces.csv", plates_under(motion, wrench))
-    words = STUDY.format(name=f"person {seed}", mass=parameters.mass, marker_set="poses", static="walk.csv")
+    words = STUDY.format(name=f"person {seed}", mass=parameters.mass, marker_set="key-points" if points else "poses")
     (folder / "study.toml").write_text(words, encoding="utf-8")
     return against(calibrate(Study.load(folder / "study.toml")), parameters, motion, wrench)
 
@@ -189,6 +214,8 @@ PARTS: dict[str, Errors] = {
     "poses": Errors(),
     "white": Errors(memory=0.0),
     "biased": Errors(constant=(0.010, float(np.deg2rad(4.0)))),
+    "points": Errors(place=0.015),
+    "points_off": Errors(place=0.015, constant=(0.015, 0.0)),
 }
 
 
@@ -207,7 +234,7 @@ def report(part: str, errors: Errors, seeds: range) -> dict[str, object]:
     found: list[Outcome] = []
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
-            found.append(outcome(Path(folder), seed, errors))
+            found.append(outcome(Path(folder), seed, errors, points=part.startswith("points")))
     centres = {joint: 1e3 * rms(np.concatenate([one.centres[joint] for one in found])) for joint in found[0].centres}
     say(f"{part}: {', '.join(one.trusted for one in found)}")
     say("  joint centres off by " + ", ".join(f"{joint} {size:.1f} mm" for joint, size in centres.items()))

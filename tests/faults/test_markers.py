@@ -19,7 +19,7 @@ from gaitcal.motion.motion import Motion, track
 from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, cleaned, nominal_of
 from tests.faults.spoilt import Array, moved, put, sound_study, with_trial
-from tests.real_studies import write_study
+from tests.real_studies import REAL, write_study
 
 MISSING = 0.2
 
@@ -98,6 +98,13 @@ def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis() -> None:
     np.testing.assert_array_equal(walk.recording.time, whole.recording.time[inside])
     np.testing.assert_array_equal(walk.recording.markers, whole.recording.markers[inside])
     assert not cleaned(study).static.cut
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_nothing_of_real_recordings_is_left_out(name: str, data_dir: Path, tmp_path: Path) -> None:
+    study = Study.load(write_study(name, data_dir, tmp_path))
+    for trial in study.trials:
+        assert without_outliers(trial.recording, study.marker_set.segment_of)[1] == (), trial.name
 
 
 @pytest.mark.parametrize("label", ["L.Heel", "R.Wrist.Lat"])

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
+from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.marker_set import LANDMARKS, NO_REASON, REQUIRED, built_in_sets, load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model, published_model
+from gaitcal.model.present_markers import worn
 from tests.model.people import PEOPLE
 
 OWN = """\
@@ -40,7 +42,8 @@ def write(folder: Path, text: str) -> Path:
 
 def test_built_in_sets() -> None:
     ours = (
-        "cast conventional73 gait2354 ior landmarks opencap plug-in-gait poses published rajagopal rcnl ufabc visual3d"
+        "cast conventional73 gait2354 ior key-points landmarks opencap opencap-measured plug-in-gait poses published "
+        "rajagopal rcnl ufabc visual3d"
     )
     assert built_in_sets() == tuple(ours.split())
     for name in built_in_sets():
@@ -63,6 +66,16 @@ def test_the_published_set_has_the_published_markers_with_one_weight() -> None:
     for groups in (made.tracking, made.static_only):
         for segment, labels in groups.items():
             assert {segment_of[label] for label in labels} == {segment}
+
+
+@pytest.mark.parametrize("name", PEOPLE)
+def test_real_static_trials_have_the_markers(name: str, data_dir: Path) -> None:
+    person = PEOPLE[name]
+    recording = person.markers.renamed(read_recording(data_dir / person.file))
+    optional = {"RUPA", "LUPA", "RFRM", "LFRM"}  # Plug-in Gait: placed by some laboratories
+    needed = {label for labels in worn(person.markers, recording).landmarks.values() for label in labels}
+    assert needed - {"RELM", "LELM"} <= set(recording.labels)
+    assert set(worn(person.markers, recording).labels) - optional <= set(recording.labels)
 
 
 def test_own_set(tmp_path: Path) -> None:

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gaitcal import load_model
+from gaitcal.faults.study import check_study
+from gaitcal.findings import Severity
+from gaitcal.io.csv import write_markers_csv
 from gaitcal.model.model_file import save_model
+from gaitcal.model.nominal import published_model
 from gaitcal.session.draft import draft_text
 from gaitcal.session.drafting import draft_of
 from gaitcal.session.folder import read_folder
 from gaitcal.session.person_facts import Options
 from gaitcal.study.study import Study, nominal_of
+from gaitcal.synthetic.motion import gait_motion
 from scripts.validation.harness import results
+from scripts.validation.markerless import Errors, body_poses, points_recording
 
 
 def test_a_bare_folder_of_poses(data_dir: Path, tmp_path: Path) -> None:
@@ -41,3 +48,31 @@ def test_poses_against_the_truth() -> None:
     for torque in ("hip_flexion", "hip_adduction", "knee_angle", "ankle_angle"):
         assert found[torque]["covered"] >= 0.9 and 2.0 < found[torque]["se"] < 15.0
         assert found[torque]["rms"] < 12.0
+
+
+def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
+    """One walk of key points alone: a standing person is made of it, and nothing is said to be wrong."""
+    person, walk = published_model().parameters, gait_motion()
+    exact = Errors(place=0.0, turn=0.0)
+    write_markers_csv(tmp_path / "walk.csv", points_recording(0, exact, person, walk))
+    made = draft_of(read_folder(tmp_path), Options(mass=69.4, height=1.7, sex="male"))
+    assert made.fault == made.problem == "" and made.choice is not None and made.choice.entry == "key-points"
+    assert [(trial.name, trial.role) for trial in made.trials] == [("walk_upright", "static"), ("walk", "gait")]
+    (tmp_path / "study.toml").write_text(draft_text(made, tmp_path))
+    study = Study.load(tmp_path / "study.toml")
+    assert [f.line for f in check_study(study) if f.severity is not Severity.INFO] == []
+    model, poses = nominal_of(study), body_poses(person, walk.q)
+    for side in "rl":
+        for segment, above in (("shank", "thigh"), ("foot", "shank")):
+            length = np.linalg.norm(poses[f"{side}_{segment}"][1] - poses[f"{side}_{above}"][1], axis=1).mean()
+            centre = {"shank": "kjc", "foot": "ajc"}[segment]
+            assert np.linalg.norm(model.landmarks[f"{centre}_{side}"][1]) == pytest.approx(length, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_key_points_against_the_truth() -> None:
+    """Key points that err by 15 mm for 0.1 s at a time."""
+    found = results("markerless", "--parts", "points", "--people", 1, "--seed", 1)["points"]
+    assert found["verdicts"] == ["trustworthy"] and max(found["centres_mm"].values()) < 50.0
+    covered = [found[torque]["covered"] for torque in ("hip_flexion", "hip_adduction", "knee_angle", "ankle_angle")]
+    assert min(covered) > 0.8 and sum(covered) / len(covered) > 0.92

@@ -19,7 +19,7 @@ QUICK = ("labels in lower case", "one sacral marker", "walkway along y", "marker
 def test_titles_are_unique_and_every_folder_known() -> None:
     titles = [(variant.name, clinic) for variant, clinic in cases()]
     assert len(set(titles)) == len(titles) > 60
-    assert {clinic for _, clinic in titles} == set(CLINICS)
+    assert {clinic for _, clinic in titles} <= set(CLINICS)
     assert results("clinics", "--list", "--only", "kad") == []
 
 

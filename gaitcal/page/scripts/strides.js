@@ -7,9 +7,7 @@ Gaitcal.Strides = class {
   get trial() { return this.sheet.trials[this.state.trial] ?? this.sheet.trials[0]; }
 
   // Whether the chosen trial walks: norms and peaks by phase are of walks.
-  get ofWalks() {
-    return (this.trial.activity ?? "gait") === "gait";
-  }
+  get ofWalks() { return (this.trial.activity ?? "gait") === "gait"; }
 
   // Over the cycle where the chosen trial has a stride of any leg: what has none can only be seen over time.
   get percent() { return this.state.axis === "percent" && this.trial.strides.length > 0; }

@@ -13,6 +13,7 @@ fit       markers of each trial over the floor of rigid segments, and the pelvis
 moments   moments beside those of the hospital's own program, with the nominal model, our hips, and our masses too
 skin      hips of people simulated by OpenSim (`opensim_truth`), whose skin moves as `--kinds` says (`truth/skin.py`),
           by gait, by six isolated trials, and by both; needs the extra `peers` once, to make the trials in `--cache`
+drawn     the same people with a prior of which they are a draw (`people/drawn.py`): all joint parameters of the legs
 
 `GAITCAL_DATA` names the folder of recordings; `--study` adds a person by a study file. Settings are gaitcal's defaults
 but for `--set`, as `[calibration]` has them. All parts but `fit`
@@ -39,7 +40,7 @@ from gaitcal.model.parameters import JP_INDEX
 from gaitcal.session.result import Stage
 from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.harness import commas, matching, say
-from scripts.validation.people import hips, pairs
+from scripts.validation.people import drawn, hips, pairs
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import PEOPLE, SIMULATED, changed, data, only, study_of_person
 from scripts.validation.truth.people import hip_parameters, isolated_person, made, static_frames
@@ -212,6 +213,18 @@ def skin_part(chosen: argparse.Namespace) -> Figures:
     return out
 
 
+def drawn_part(chosen: argparse.Namespace) -> Figures:
+    """Simulated people who are what the prior says."""
+    out: Figures = {}
+    folder, rows = data() / "opensim_truth", drawn.Rows()
+    for kind in chosen.kinds:
+        for seed in range(chosen.seeds):
+            for person in SIMULATED:
+                drawn.add_fits(rows, person, kind, seed, TRIALS, chosen.settings, folder, chosen.cache)
+        say(kind.value, *drawn.lines(rows, out))
+    return out
+
+
 PARTS = {
     "hips": hips_part,
     "halves": halves_part,
@@ -220,6 +233,7 @@ PARTS = {
     "fit": told(fit_lines),
     "moments": told(moment_lines),
     "skin": skin_part,
+    "drawn": drawn_part,
 }
 
 
