@@ -26,6 +26,7 @@ from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.faults.study import check_further, check_study
 from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity
+from gaitcal.gait.events import activity_events
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.event_table import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
@@ -41,7 +42,7 @@ from gaitcal.study.joint_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import Side, TrialTable, load_study_file
-from gaitcal.study.study_trial import Trial, cleaned_trial, read_trial
+from gaitcal.study.study_trial import Role, Trial, cleaned_trial, read_trial
 from gaitcal.synthetic.subject import synthesize
 from gaitcal.synthetic.truth import CURVES, PARAMETERS
 
@@ -140,10 +141,13 @@ def analyse_further(
     plates: str | None = None,
     time: str | None = None,
     filter_hz: str | None = None,
+    role: str = Role.GAIT.value,
     out: Path | None = None,
 ) -> None:
     """Check further trials and take them through the model of a result folder."""
     _only_for_one({"--forces": forces, "--plates": plates, "--time": time}, len(trials))
+    if role not in (Role.GAIT.value, Role.MOTION.value):
+        raise UsageError(f"found '{role}'; allowed: gait or motion", field="--role")
     names = [path.stem for path in trials]
     if len(set(names)) != len(names):
         raise InputError(
@@ -158,7 +162,8 @@ def analyse_further(
         read = []
         for path in trials:
             step(f"{path.name}: reading and checking")
-            told = {"plates": _plates_of(plates), "time": _time_of(time), "filter_hz": _filter_of(filter_hz)}
+            told = {"role": role, "plates": _plates_of(plates), "time": _time_of(time)}
+            told["filter_hz"] = _filter_of(filter_hz)
             read.append(_read(path, forces, told, saved))
         checked = [finding for trial in read for finding in _check(trial, saved)]
         stop_on_errors([*saved.doubts, *checked], [trial.name for trial in read])
@@ -174,7 +179,7 @@ def analyse_further(
         stale = write_trials(done, saved, folder, inputs, verdict)
     print_trials(console, done)
     print_verdict(console, verdict)
-    print_remarks(console, stale, [n for t in done for n in t.notes])
+    print_remarks(console, [*stale, *_no_walks(done)], [n for t in done for n in t.notes])
     console.line(f"results: {folder}")
     console.line(f"page:    {folder / PAGE}")
     if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
@@ -183,6 +188,17 @@ def analyse_further(
         raise _refused("refused (written, with no torque valid)", verdict)
     if late:
         raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
+
+
+def _no_walks(trials: Sequence[TrialResult]) -> list[str]:
+    """What a trial that was taken as a walk looks like, where its feet do not strike in turn."""
+    repeats = {t.name: activity_events(t.body, t.events).repeats for t in trials if t.role is Role.GAIT}
+    return [
+        f"{name}: taken as a walk, but its feet do not strike in turn and the pelvis goes down and up: "
+        "if it is a squat, a rise or a jump, run again with --role motion"
+        for name, found in repeats.items()
+        if found
+    ]
 
 
 def _edited(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:

@@ -85,6 +85,7 @@ def dynamics(
     plates: told.Plates = None,
     time: told.Part = None,
     filter_hz: told.FilterHz = None,
+    role: told.TrialRole = "gait",
     out: told.DynamicsOut = None,
 ) -> None:
     """Further trials through a calibrated model: angles, and torques with error bars."""

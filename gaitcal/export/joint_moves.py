@@ -22,10 +22,15 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
+from gaitcal.codes import Code
+from gaitcal.errors import InputError
 from gaitcal.export.osim import body_fixed_xyz, from_body_fixed_xyz
 from gaitcal.export.osim_correspondence import LegJoint
-from gaitcal.export.osim_reader import OsimDocument
+from gaitcal.export.osim_reader import OsimDocument, socket_of
 from gaitcal.export.peer_model import PeerModel, read_numbers
+
+UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
+"""Below these a joint and its bone stay in the very bytes of the file: the solvers' rounding."""
 
 
 class Verdict(Enum):
@@ -122,7 +127,7 @@ def bones_of(moves: Sequence[JointMove], peer: PeerModel, legs: Sequence[LegJoin
             ends.setdefault(body, []).append(found)
     out = {}
     for body, pair in ends.items():
-        if len(pair) != 2 or all(np.array_equal(*end) for end in pair):
+        if len(pair) != 2 or all(np.linalg.norm(now - was) < UNMOVED_M for was, now in pair):
             continue
         (a, a_now), (b, b_now) = pair
         before, after = b - a, b_now - a_now
@@ -153,10 +158,10 @@ def carried(document: OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Chang
         body = _fixed_to(element)
         if body not in bones or element.tag == "Marker":
             continue
-        if element.find("location") is not None:
+        if element.find("location") is not None:  # of a moving point, too, in OpenSim 3
             place = read_numbers(element, "location", source, count=3)
             yield element, ("location",), (bones[body].point(place),)
-        elif element.tag == "MovingPathPoint":
+        if element.tag == "MovingPathPoint":
             yield from _moving_point(element, bones[body], document)
     for body, bone in bones.items():
         for wrap in document.body(body).findall("WrapObjectSet/objects/*"):
@@ -167,8 +172,9 @@ def carried(document: OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Chang
 
 def _fixed_to(element: ET.Element) -> str:
     """The body that an element with a place is fixed to, of either generation of files; empty where it has none."""
-    found = (element.findtext(tag) for tag in ("socket_parent_frame", "socket_frame", "body"))
-    return next((text.strip() for text in found if text and text.strip()), "").removeprefix("/bodyset/")
+    found = (socket_of(element, tag) for tag in ("socket_parent_frame", "socket_frame"))
+    named = next((e for e in (*found, element.find("body")) if e is not None), None)
+    return "" if named is None else (named.text or "").strip().rpartition("/")[2]
 
 
 def _moving_point(element: ET.Element, bone: Bone, document: OsimDocument) -> Iterator[Change]:
@@ -181,7 +187,8 @@ def _moving_point(element: ET.Element, bone: Bone, document: OsimDocument) -> It
             if holder is not None:
                 break
         if function is None or holder is None:
-            return
+            message = f"found {axis}_location of another kind, allowed: a spline or a constant (or --attachments stay)"
+            raise InputError(message, source=document.source, field=element.get("name"), code=Code.OTHER_MODEL)
         scale = next((float(e.text or 1.0) for e in function.iter("scale")), 1.0)
         found.append((holder, tag, read_numbers(holder, tag, document.source), scale))
     mean = np.array([scale * numbers.mean() for _, _, numbers, scale in found])

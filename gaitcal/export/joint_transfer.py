@@ -40,6 +40,8 @@ import pinocchio as pin
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources, left_of_prior
 from gaitcal.export.joint_moves import (
+    UNMOVED_M,
+    UNMOVED_RAD,
     Bone,
     CarriedPoints,
     JointEnd,
@@ -86,8 +88,6 @@ APART = 0.010
 """m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to some millimetres."""
 FAR_M = 0.020
 """m; twice what the best regressions miss a hip by, in three directions together (`calibration/joint_prior.py`)."""
-UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
-"""Below these a joint stays in the very bytes of its file: the solvers' rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 Strides are what an activity repeats where one foot strikes after the other, whatever speed, slope or flight there is.
 Else it repeats what the pelvis does between two rests: with its height h(t) and rate h'(t),
 
-    still     |h'| < `STILL` of its largest value
+    still     |h'| < `STILL` of its largest value, or h' changes sign
     rest      still, and within `NEAR` of the range of h of the height of the first still frame
     repetition   from a rest to the next, where h leaves it by more than `FAR` of the range between them.
 
@@ -52,7 +52,8 @@ def repetitions(time: Array, height: Array) -> tuple[GaitCycle, ...]:
         return ()
     rate = np.gradient(height, time)
     falls = np.gradient(rate, time) < -FALLING * GRAVITY
-    still = np.flatnonzero((np.abs(rate) < STILL * np.abs(rate).max()) & ~falls)
+    turns = np.append(rate[1:] * rate[:-1] < 0.0, False)  # of who goes on at once there may be no slow frame
+    still = np.flatnonzero(((np.abs(rate) < STILL * np.abs(rate).max()) | turns) & ~falls)
     if not len(still):
         return ()
     level = height[still[0]]

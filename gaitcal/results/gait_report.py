@@ -231,7 +231,7 @@ def _no_curves(uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = Fa
     """Why a sheet has no curves, where it has none."""
     every = [use for of_walk in uses.values() for use in of_walk]
     if not uses:
-        return "No curves: this study has no walk."
+        return "No curves: this report is of walks, and the study has none; result.html has what was recorded instead."
     if not every:
         return "No curves: no walk has a complete stride."
     if all(use.turns for use in every):

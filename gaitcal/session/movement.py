@@ -198,6 +198,8 @@ SHORTEST_S, FEWEST_FRAMES = 0.3, 15
 FLYING, FLIGHT = 0.2, 0.05
 """Part of the fastest marker's speed at which every marker of both feet moves in flight; share of frames from which
 somebody runs: walking has none."""
+UP_M = 0.02
+"""m over where it mostly rests, above which a marker of a foot is in the air."""
 CLEAR_LEAD = 1.6
 """How many times the next joint the moving one must turn to be beyond doubt."""
 
@@ -277,7 +279,7 @@ def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
 
 
 def _flight(recording: Recording, marker_set: MarkerSet) -> float:
-    """Share of the frames in which no marker of either foot is at rest against the ground: none in walking."""
+    """Share of the frames in which no marker of either foot is at rest against the ground or near it: none in walking."""
     labels = [m for side in SIDES for m in marker_set.tracking.get(f"foot_{side}", ()) if m in recording.labels]
     points = recording.markers[:, [recording.labels.index(m) for m in labels]]
     if not labels:
@@ -287,7 +289,10 @@ def _flight(recording: Recording, marker_set: MarkerSet) -> float:
     seen = np.isfinite(speed).all(axis=1)
     if not seen.any():
         return 0.0
-    return float(np.mean(speed[seen].min(axis=1) > FLYING * float(np.percentile(speed[seen].max(axis=1), 90))))
+    moving = speed[seen].min(axis=1) > FLYING * float(np.percentile(speed[seen].max(axis=1), 90))
+    heights = points[seen, :, 1]  # of a belt that stops, feet on it move, too
+    up = (heights > np.percentile(heights, 5, axis=0) + UP_M).all(axis=1)
+    return float(np.mean(moving & up))
 
 
 def _facing(recording: Recording, marker_set: MarkerSet, reference: Stance | None, pelvis: Array) -> Array | None:

@@ -125,7 +125,7 @@ STANCE_WIDTH = 0.12
 """m from the middle line to a foot that stands."""
 STRIDES = (0.15, 2.7)
 """Of a run or a climb, since a right strike."""
-REPEATS = 3
+REPEATS = {Activity.SQUAT: 2, Activity.SIT_TO_STAND: 1}
 
 
 def _table(text: str) -> tuple[Array, Array]:
@@ -200,7 +200,7 @@ def movement(activity: Activity, parameters: Parameters) -> Movement:
     elif activity is Activity.JUMP:
         lasts = 2 * TAKE_OFF_S + FLIGHT_S
     else:
-        lasts = (REPEATS if activity is Activity.SQUAT else 2) * _table(_LEGS[activity])[0][-1]
+        lasts = REPEATS[activity] * _table(_LEGS[activity])[0][-1]
     per_span = FAST_SPAN if activity in FAST else SLOW_SPAN
     spans = round(lasts * RATE_HZ / per_span)
     time = np.arange(spans * per_span + 1) / RATE_HZ

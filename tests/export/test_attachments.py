@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.export.joint_moves import CARRIED_HEADER, Bone, carried_csv
+from gaitcal.errors import InputError
+from gaitcal.export.joint_moves import CARRIED_HEADER, Bone, carried, carried_csv
 from gaitcal.export.joint_transfer import into_osim
 from gaitcal.export.muscle_paths import leg_ranges, muscle_paths
 from gaitcal.export.osim_correspondence import leg_joints
@@ -59,6 +60,43 @@ def test_a_bone_is_stretched_along_itself() -> None:
         return float(np.linalg.norm(np.cross(point - start, end - start)) / np.linalg.norm(end - start))
 
     assert off_the_line(bone.point(x), a_now, b_now) == pytest.approx(off_the_line(x, a, b))
+
+
+POINTS = """<OpenSimDocument><Model><BodySet><objects><Body name="femur_r"/></objects></BodySet>
+<PathPoint name="p"><location>0 0 0</location><{tag}>{body}</{tag}></PathPoint>
+<MovingPathPoint name="m"><location>1 0 0</location><{tag}>{body}</{tag}><x_location><SimmSpline><x>0 1</x><y>0 2</y>
+</SimmSpline></x_location><y_location><Constant><value>0</value></Constant></y_location>
+<z_location><Constant><value>0</value></Constant></z_location></MovingPathPoint></Model></OpenSimDocument>"""
+UP = Bone(was=np.zeros(3), now=np.array([0.0, 0.5, 0.0]), turn=np.eye(3), along=np.eye(3)[1], stretch=1.0)
+
+
+@pytest.mark.parametrize(
+    ("tag", "body"),
+    [
+        ("body", "femur_r"),
+        ("socket_parent_frame", "/bodyset/femur_r"),
+        ("socket_parent_frame_connectee_name", "../femur_r"),
+    ],
+)
+def test_points_follow_however_their_body_is_named(tmp_path: Path, tag: str, body: str) -> None:
+    """Of OpenSim 3, whose moving points have a location, too; of 4; of its betas."""
+    path = tmp_path / "model.osim"
+    path.write_text(POINTS.format(tag=tag, body=body))
+    document = read_document(path)
+    made = document.changed({}, further=carried(document, {"femur_r": UP})).decode()
+    fixed, moving = made.split("<MovingPathPoint")
+    assert "<location>0.0 0.5 0.0</location>" in fixed and "<location>1.0 0.5 0.0</location>" in moving
+    assert "<y>0.0 2.0</y>" in moving and "<value>0.5</value>" in moving
+    path.write_text(path.read_text().replace("<y>0 2</y>", "<polynomial>0 2</polynomial>"))
+    document = read_document(path)
+    with pytest.raises(InputError, match="model.osim: m: found x_location of another kind, allowed: "):
+        list(carried(document, {"femur_r": UP}))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_bones_of_joints_that_stay_are_the_same_bytes(data_dir: Path, name: str) -> None:
+    done = into_osim(person_of(read_osim(data_dir / name)), data_dir / name, follow=True)
+    assert done.content == (data_dir / name).read_bytes() and not done.carried
 
 
 @pytest.mark.slow

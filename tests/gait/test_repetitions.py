@@ -47,6 +47,14 @@ def test_from_rest_to_rest(stops: list[tuple[float, float]], wanted: list[tuple[
     np.testing.assert_allclose(found, np.reshape(wanted, (-1, 2)) if wanted else [], atol=BOUNDS_S)
 
 
+@pytest.mark.parametrize("hz", [1.0, 2.5])
+def test_who_goes_on_at_once_has_as_many(hz: float) -> None:
+    """However fast: at the top there may be no frame that is slow enough for a rest."""
+    time = np.arange(0.0, 8.0, 1.0 / 50.0)
+    turns = 2.0 * np.pi * np.clip(hz * (time - 1.013), 0.0, 5.0)
+    assert len(repetitions(time, STAND - 0.03 * (1.0 - np.cos(turns)))) == 5
+
+
 def test_the_top_of_a_jump_is_no_rest() -> None:
     """A drop jump, whose flight goes as high as the box that it began on: one repetition, from box to standing."""
     time, height = path((0, BOX), (1, BOX), (1.4, SQUAT), (1.6, STAND), (2.0, SQUAT), (3, STAND), (4, STAND))

@@ -26,7 +26,7 @@ from gaitcal.gait.profile_score import ANGLES
 from gaitcal.io.labels import FootMoment
 from gaitcal.io.result_folder import SELF, self_hash, sha256_of
 from gaitcal.results.cycles import read_cycles
-from gaitcal.results.gait_report import KINEMATICS, KINETICS, read_comments, report_content
+from gaitcal.results.gait_report import KINEMATICS, KINETICS, _no_curves, read_comments, report_content
 from gaitcal.results.saved import load_result_model
 from tests.fake_result import HOSTILE
 from tests.kept import kept_folder
@@ -367,6 +367,7 @@ def test_without_a_stride_a_sentence_stands_in_place_of_sheets(made: Path, tmp_p
             trial["strides"] = []
     content = report_content(folder, None, {"kinetics": "kept"})
     assert {sheet.without for sheet in content.sheets} == {"No curves: no walk has a complete stride."}
+    assert "result.html" in _no_curves({})  # a study of squats
     printed = [part.text for part in _story(content, 500.0, 700.0) if hasattr(part, "text")]
     assert printed.count(content.sheets[0].without) == 2 and "kept" in printed
     assert write_pdf(content, tmp_path / "two.pdf") == 2

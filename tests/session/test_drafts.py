@@ -116,6 +116,18 @@ def test_what_neither_walks_nor_moves_one_joint_is_a_motion(tmp_path: Path) -> N
     assert 'role = "motion"' in (text := draft_text(made, folder)) and "pelvis goes up and down" in text
 
 
+def test_who_stands_when_the_belt_stops_has_not_run(tmp_path: Path) -> None:
+    files = recordings()
+    walk = files["walk"]
+    way = np.nanmean(walk.markers[-1] - walk.markers[0], axis=0) * [1.0, 0.0, 1.0]
+    along = (walk.time - walk.time[0]) / np.ptp(walk.time)
+    on_belt = walk.markers - along[:, None, None] * way
+    still = np.repeat(on_belt[-1:], len(walk.time), axis=0)
+    later = np.concatenate([walk.time, walk.time + np.ptp(walk.time) + 1.0 / walk.rate])
+    files["walk"] = replace(walk, time=later, markers=np.concatenate([on_belt, still]))
+    assert roles(draft(write(tmp_path / "person", files)))["walk"] == "gait"
+
+
 def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
     files = recordings("hip_r")
     folder = write(tmp_path / "both", files | {f"b_{n}": other_person(files[n]) for n in ("static", "walk")})

@@ -5,13 +5,16 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace as replaced
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from gaitcal.errors import ConvergenceError, InputError
+from gaitcal.gait.events import GaitEvents
 from gaitcal.model.marker_set import load_marker_set
+from gaitcal.study.study_trial import Role
 from tests import commands
 from tests.synthetic_studies import write_synthetic_study
 
@@ -183,11 +186,30 @@ def test_options_as_in_a_study_file(folder: Path) -> None:
     assert any("plate 2" in note and "left foot" in note for note in notes)
 
 
+@pytest.mark.slow
+def test_a_trial_of_another_activity(folder: Path) -> None:
+    run("dynamics", folder / "result", *spoil(folder, lambda t: t), "--role", "motion")
+    assert told(folder)["trials"]["walk2"]["role"] == "motion"  # type: ignore[index,call-overload]
+
+
+@pytest.mark.parametrize(("depth", "said"), [(0.3, 1), (0.0, 0)])
+def test_a_squat_that_was_taken_as_a_walk_is_told(depth: float, said: int) -> None:
+    from gaitcal.cli.calibrate import _no_walks
+
+    time = np.arange(0.0, 4.0, 0.01)
+    height = 1.0 - depth * np.sin(0.5 * np.pi * np.clip(time - 1.0, 0.0, 2.0)) ** 2
+    body = SimpleNamespace(time=time, coordinates=("pelvis_ty",), q=height[:, None])
+    trial = SimpleNamespace(name="squat", role=Role.GAIT, body=body, events=GaitEvents())
+    assert len(_no_walks([trial])) == said  # type: ignore[list-item]
+    assert not _no_walks([SimpleNamespace(**vars(trial) | {"role": Role.MOTION})])  # type: ignore[list-item]
+
+
 @pytest.mark.parametrize(
     ("option", "value"),
     [
         *(("--plates", v) for v in ("", "1", "1=x", "=r", "1=r,1=l", "1=r,", "7=r")),
         *(("--time", v) for v in ("", "0.4", "1,0.4", "a,b", "nan,1", "0,1,2", "50,60")),
+        ("--role", "jump"),
         *(("--filter-hz", v) for v in ("", "0", "-1", "x", "nan", "inf")),
     ],
 )

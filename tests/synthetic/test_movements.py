@@ -21,9 +21,9 @@ from gaitcal.synthetic.subject import footholds, on_the_floor, recording_of, syn
 
 FLYING_N = 10.0
 """Of a body in flight that weighs 680 N."""
-TORQUE_NM = {Activity.JUMP: 4.0, Activity.RUN: 7.0}
-"""RMS over valid frames and joints: what the filter of the forces and knots far apart make of a landing; else 1."""
-REPEATS = {Activity.SQUAT: 3, Activity.SIT_TO_STAND: 2, Activity.JUMP: 1}
+TORQUE_NM = {Activity.JUMP: 3.0, Activity.RUN: 5.5}
+"""RMS over valid frames and joints: what the knots of the tracked motion make of a landing (2.7, 5.0); else 1."""
+REPEATS = {Activity.SQUAT: 2, Activity.SIT_TO_STAND: 1, Activity.JUMP: 1}
 """From rest to rest, of both legs."""
 LEAST_STRIDES = 1
 LEFT_ON_SEAT = 0.1

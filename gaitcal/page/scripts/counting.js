@@ -26,9 +26,11 @@ Gaitcal.counting = (host, { result: { sheet }, state }) => {
     trial.strides.map((stride) => ofStride(key, stride)),
   ];
   const trials = sheet.trials.map((trial, t) => trial.strides.length > 0 && ofTrial(`${t}`, trial)).filter(Boolean);
-  const head = ["Stride in means", "Plate", "Moments"].map((words) => html("th", { scope: "col", class: "text" }, words));
+  const repeat = sheet.trials.every(({ strides, repeats }) => repeats || !strides.length);
+  const one = repeat ? "Repetition" : "Stride";
+  const head = [`${one} in means`, "Plate", "Moments"].map((words) => html("th", { scope: "col", class: "text" }, words));
   const count = html("p.soft");
-  Gaitcal.built(host, "", [html("h2", "Which strides count"), count,
+  Gaitcal.built(host, "", [html("h2", `Which ${one.toLowerCase()}s count`), count,
     html("table", { "aria-label": "Strides" }, html("thead", html("tr", head)), html("tbody", trials))]);
   const write = () => {
     for (const { key, box } of boxes) box.checked = !state.off.has(key);
@@ -38,7 +40,7 @@ Gaitcal.counting = (host, { result: { sheet }, state }) => {
       const on = all.filter(([trial, side, number]) => Gaitcal.isOn(state, trial, { side, number }));
       return `${on.length} of ${all.length} ${Gaitcal.LEGS[leg]}`;
     });
-    count.textContent = `In means: ${told.join(", ")} straight strides.`;
+    count.textContent = `In means: ${told.join(", ")} ${repeat ? "repetitions" : "straight strides"}.`;
     host.hidden = state.preset !== "clinician" || !trials.length;
   };
   state.on(["off", "preset"], write);
