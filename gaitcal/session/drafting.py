@@ -6,7 +6,7 @@ are left out of a drafted study.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import PurePath, PureWindowsPath
@@ -21,7 +21,7 @@ from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_poses
 from gaitcal.model.body_plan import likely_height
-from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
 from gaitcal.session.draft import FIRST_LABELS, Draft, Drafted, Seen, row_of
@@ -33,12 +33,13 @@ from gaitcal.session.folder import (
     marker_sets_above,
     name_contradicts,
     names_alike,
+    nothing_here,
     pair_forces,
     read_folder,
     trial_names,
 )
-from gaitcal.session.label_proposal import LANDMARK_SET, propose_labels
-from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, candidates, choose_set, explained, respelt
+from gaitcal.session.label_proposal import LANDMARK_SET, place_strangers, propose_labels
+from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, choices_of, explained, no_set, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
 from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed, weighed_walking
@@ -51,32 +52,6 @@ def several_people(files: Sequence[FolderFile], people: Mapping[int, tuple[str, 
     name, words = next(iter(told.items()))
     more = f", and {len(told) - 1} more files too" if len(told) > 1 else ""
     return f"{words} in one file, {name}{more}: write each person's markers into a file of their own", told
-
-
-def nothing_here(folder: Folder) -> str:
-    """That a folder has no recording, and where some are."""
-    if folder.subfolders:
-        below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])
-        return f"holds no recording that can be read; folders in it do: {below}; name one of them, one person a folder"
-    if not folder.files:
-        return "is empty; .c3d, .trc or .csv files of one person are needed"
-    return f"holds {len(folder.files)} files, but no recording that can be read (.c3d, .trc or .csv)"
-
-
-def no_set(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> str:
-    """Which labels no marker set knows, and what the nearest set misses."""
-    labels = list(dict.fromkeys(label for r in recordings for label in r.labels))
-    nearest, found = max(
-        ((entry, explained(s, labels)) for entry, s in candidates(own)),
-        key=lambda pair: (pair[1].legs, -len(pair[1].missing)),
-    )
-    lacks = ", ".join(found.missing[:6]) + (", ..." if len(found.missing) > 6 else "")
-    shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
-    return (
-        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows {found.known} of "
-        f"{len(labels)} and misses {lacks or 'nothing'}; name your own in a TOML file in the folder "
-        "(models/markersets has examples), or put the labels right by 'rename' in a study file"
-    )
 
 
 def refused(folder: Folder, fault: str, told: Mapping[str, str]) -> Draft:
@@ -112,7 +87,7 @@ def draft_study(folder: Folder, options: Options) -> Draft:
         for f in folder.of_kind(FileKind.MARKER_SET) or marker_sets_above(folder.path)
         if f.marker_set is not None
     ]
-    choices = _choices(recordings, own)
+    choices = choices_of(recordings, own)
     if not choices:
         try:
             choices = [_proposed(recordings, options)]
@@ -124,6 +99,7 @@ def draft_study(folder: Folder, options: Options) -> Draft:
         spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
         session = sitting_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
         if session is not None:
+            choice = _with_strangers(choice, spelt, session, options)
             draft = _Drafting(folder, files, choice, spelt, session, options).draft()
             other = _another_person(files, [i for i in range(len(files)) if i not in session.members], own)
             return replace(draft, problem=other or draft.problem) if draft.moves else draft
@@ -147,8 +123,7 @@ def draft_study(folder: Folder, options: Options) -> Draft:
 
 def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
     """The set "landmarks", labels as places and movement propose them; InputError where they tell too little."""
-    height = options.height or next((r.facts.height for r in recordings if r.facts.height), None)
-    proposal = propose_labels(recordings, height)
+    proposal = propose_labels(recordings, _told_height(recordings, options))
     marker_set = load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
     found = explained(marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename))
     if len(found.missing) > MOST_MISSING:
@@ -163,10 +138,33 @@ def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
     )
 
 
+def _told_height(recordings: Iterable[Recording], options: Options) -> float | None:
+    """m, as the user or a file says."""
+    return options.height or next((r.facts.height for r in recordings if r.facts.height), None)
+
+
+def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: Sitting, options: Options) -> SetChoice:
+    """The set with markers that it does not know on the segments that they move with, where that can be told."""
+    if choice.proposal is not None or not choice.explained.left_over:
+        return choice
+    static = session.statics[0]
+    moving = [spelt[i] for i in session.members if i != static]
+    marker_set, rods = choice.marker_set, choice.marker_set.knee_device
+    known = {m: SEGMENT_OF[n] for n in marker_set.landmarks for group in marker_set.options(n) for m in group}
+    known |= {m: marker_set.segment_of[label] for label, parts in rods.items() for m in parts} | marker_set.segment_of
+    try:
+        found = place_strangers(spelt[static], moving, known, _told_height(spelt.values(), options))
+    except InputError:
+        return choice
+    labels = respelt([label for r in spelt.values() for label in r.labels], choice.rename)
+    further = choice.marker_set.with_further(found.tracking).with_weights(found.weights)
+    return replace(choice, marker_set=further, explained=explained(further, labels), further=found)
+
+
 def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:
     """That recordings which are left over show a whole session of their own; empty where they do not."""
     found = {i: recording for i in rest if (recording := files[i].recording) is not None}
-    for choice in _choices(list(found.values()), own):
+    for choice in choices_of(list(found.values()), own):
         numbers = [list(found)[k] for k in choice.members]
         spelt = {i: _spelt(found[i], choice) for i in numbers}
         session = sitting_of(spelt, {i: files[i].path.stem for i in numbers}, choice.marker_set)
@@ -181,12 +179,6 @@ def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Seque
                 f"{files[session.statics[0]].name}: put each into a folder of its own"
             )
     return ""
-
-
-def _choices(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> list[SetChoice]:
-    """The marker sets that the recordings may be of; none of no recordings."""
-    computed = [() if r.computed is None else r.computed.labels for r in recordings]
-    return choose_set([r.labels for r in recordings], own, computed) if recordings else []
 
 
 def _spelt(recording: Recording, choice: SetChoice) -> Recording:
