@@ -139,7 +139,10 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     middle = 0.5 * (low.max(axis=0) + low.min(axis=0))
     said = float(np.linalg.norm(forward))
     axes = np.linalg.eigh(np.cov(low.T))[1].T
-    headings = [forward / said] if said > BOTH_FEET else [sign * axis for axis in axes for sign in (1.0, -1.0)]
+    walks = said > BOTH_FEET
+    if walks:
+        axes = np.array([forward, [-forward[1], forward[0]]]) / said
+    headings = [sign * axis for axis in axes for sign in (1.0, -1.0)]  # that of the feet first
     usual, spread = (height, HEIGHT_TOLD * height) if height else (HEIGHT_M, HEIGHT_SD_M)
 
     def seen_from(heading: Array) -> Array:
@@ -159,17 +162,24 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     best = {k: min(t for t in tried if t[2] == k) for k in range(len(headings))}
     whole = {
         k: min((place_markers(seen_from(headings[k]), body, best[k][1], evidence) for body in bodies), key=cost)
-        for k in sorted(best, key=lambda k: best[k][0])[:2]
+        for k in {*sorted(best, key=lambda k: best[k][0])[:2], *([0] if walks else [])}
     }
     chosen = min(whole, key=lambda k: cost(whole[k]))
+    if walks and cost(whole[0]) - cost(whole[chosen]) > BEYOND_DOUBT:
+        raise InputError(
+            "it cannot be told which way the person faces: feet swing otherwise than feet and pelvis point, as of who "
+            "walks backward or sideways; a walk forward among the recordings tells it",
+            code=Code.LANDMARKS,
+        )
+    chosen = 0 if walks else chosen
     odds = min((cost(whole[k]) - cost(whole[chosen]) for k in whole if k != chosen), default=np.inf)
-    if odds < BEYOND_DOUBT:
+    if not walks and odds < BEYOND_DOUBT:
         raise InputError(
             "it cannot be told which way the person faces: nobody walks, and feet and pelvis fit forward and backward; "
             "a walk among the recordings tells it",
             code=Code.LANDMARKS,
         )
-    how = f"both feet swing forward (agreement {said:.2f})" if len(headings) == 1 else "feet and pelvis point forward"
+    how = f"both feet swing forward (agreement {said:.2f})" if walks else "feet and pelvis point forward"
     return whole[chosen], headings[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"
 
 

@@ -80,6 +80,13 @@ def test_a_walk_tells_which_way_is_forward() -> None:
     assert forward_direction([backward], points, labels)[0] < -0.8
 
 
+def test_a_walk_backward_alone_does_not_exchange_the_sides() -> None:
+    files, _ = nameless(recordings())
+    files["walk"] = replace(files["walk"], markers=files["walk"].markers[::-1])
+    with pytest.raises(InputError, match="feet swing otherwise than feet and pelvis point"):
+        propose_labels(list(files.values()))
+
+
 def test_markers_of_a_segment_keep_their_distance() -> None:
     walk = recordings()["walk"]
     scatter = distance_scatter([walk], walk.labels)
