@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -76,13 +76,16 @@ class ConsistentSettings:
     """Frames per independent sample: neighbouring frames of a residual repeat each other."""
 
 
+PEOPLE = ConsistentSettings()
+
+
 class LogChart:
     """Variables x (0 at the seed) -> IPs: masses by softmax, centres shifted, second moments scaled by exp."""
 
     def __init__(self, seed: Array, which: InertialSet) -> None:
         if not is_physical(seed).all():
             raise ValueError("the seed of a physically consistent calibration must itself be physically possible")
-        self.size = len(which.names)
+        self.names, self.size = which.names, len(which.names)
         self.rows = table(seed)
         kinds = [name.split(".", 1)[1] for name in which.names]
         self.kind = np.array([{"mass": 0, "com": 1, "moi": 2}[k.split(".")[0]] for k in kinds])
@@ -307,11 +310,10 @@ def by_inertial(factor: Array, inertial: Array) -> Array:
 
 
 def fit_consistent(
-    equations: RootEquations, seed: Array, which: InertialSet, settings: ConsistentSettings | None = None
+    equations: RootEquations, seed: Array, which: InertialSet, settings: ConsistentSettings = PEOPLE
 ) -> InertialFit:
     """Physically possible inertias nearest to the residual-free ones; total mass is exactly the seed's."""
     began = time.perf_counter()
-    settings = settings or ConsistentSettings()
     chart = LogChart(seed, which)
     x, noise, iterations = np.zeros(chart.size), settings.residual, 0
     for _ in range(MOST_SEEDS):
@@ -322,15 +324,23 @@ def fit_consistent(
         last, noise = noise, max(settings.residual, float(np.linalg.norm(gap) / np.sqrt(6.0 * equations.frames)))
         if abs(noise - last) < NOISE_CHANGE * last:
             break
-    rms_force, rms_moment = equations.rms(chart.inertial(x))
+    return replace(fit_of(equations, chart, result, slopes, began), iterations=iterations)
+
+
+def fit_of(
+    equations: RootEquations, chart: LogChart, result: OptimizeResult, slopes: Callable[[Array], Array], began: float
+) -> InertialFit:
+    """What `fit_chart` found, in a search that began at a time of `perf_counter`."""
+    inertial = chart.inertial(result.x)
+    rms_force, rms_moment = equations.rms(inertial)
     return InertialFit(
-        names=which.names,
-        inertial=chart.inertial(x),
-        jacobian=chart.jacobian(x),
-        residual_jacobian=slopes(x),
+        names=chart.names,
+        inertial=inertial,
+        jacobian=chart.jacobian(result.x),
+        residual_jacobian=slopes(result.x),
         rms_force=rms_force,
         rms_moment=rms_moment,
-        iterations=iterations,
+        iterations=int(result.nfev),
         seconds=time.perf_counter() - began,
         converged=bool(result.status > 0),
         message=ending(result),

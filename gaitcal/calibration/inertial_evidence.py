@@ -41,16 +41,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.calibration import inertial_calibration
 from gaitcal.calibration.error_sources import ErrorSources, MarkerScores, whole_body_scores
-from gaitcal.calibration.inertial_calibration import (
-    ConsistentSettings,
-    InertialFit,
-    LogChart,
-    RootEquations,
-    by_inertial,
-    fit_chart,
-)
-from gaitcal.calibration.joint_calibration import ending
 from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
@@ -111,7 +103,7 @@ def residual_noise(
     parameters: Parameters,
     sources: ErrorSources,
     subject: Subject,
-    chart: LogChart,
+    chart: inertial_calibration.LogChart,
     length: float,
     plates: PlateNoise | None = None,
     unmoved: Array | None = None,
@@ -191,17 +183,17 @@ def _coarser(basis: SplineBasis, nodes: Array) -> tuple[SplineBasis, Array]:
 def stay_nominal(
     seed: Array,
     which: InertialSet,
-    settings: ConsistentSettings | None = None,
+    settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
     rms: tuple[float, float] = (np.nan, np.nan),
     why: str = "",
-) -> InertialFit:
+) -> inertial_calibration.InertialFit:
     """The seed as it is, with the spread of people about it; `rms` (N, N·m) of its residual, `why` in words."""
-    chart = LogChart(seed, which)
-    return InertialFit(
+    chart = inertial_calibration.LogChart(seed, which)
+    return inertial_calibration.InertialFit(
         names=which.names,
         inertial=seed,
         jacobian=chart.jacobian(np.zeros(chart.size)),
-        residual_jacobian=np.diag(1.0 / chart.spread(settings or ConsistentSettings())),
+        residual_jacobian=np.diag(1.0 / chart.spread(settings)),
         rms_force=rms[0],
         rms_moment=rms[1],
         iterations=0,
@@ -213,12 +205,12 @@ def stay_nominal(
 
 
 def unmeasured_stay(
-    equations: RootEquations,
+    equations: inertial_calibration.RootEquations,
     seed: Array,
     which: InertialSet,
     unmeasured: str,
-    settings: ConsistentSettings | None = None,
-) -> InertialFit:
+    settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
+) -> inertial_calibration.InertialFit:
     """The seed as it is, as the residual tells first how mass moves that markers leave open, `unmeasured` in words."""
     rms = equations.rms(seed)
     why = f"markers do not determine {unmeasured}; {_words(rms)} tells how that moves, not what it weighs"
@@ -229,28 +221,30 @@ def _words(rms: tuple[float, float]) -> str:
     return f"the pelvis residual ({rms[0]:.1f} N, {rms[1]:.1f} N·m RMS)"
 
 
-def spread_of_the_rest(inertial: Array, which: InertialSet, settings: ConsistentSettings | None = None) -> Array:
+def spread_of_the_rest(
+    inertial: Array, which: InertialSet, settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE
+) -> Array:
     """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
 
     They stay nominal, and people scatter about them as about others; pelvis and trunk are taken to be symmetric.
     """
     every = full_set()
-    chart = LogChart(inertial, every)
+    chart = inertial_calibration.LogChart(inertial, every)
     free = np.abs(which.selection).sum(axis=1) > 0
     limb = [name.split(".")[0].endswith(("_r", "_l")) for name in every.names]
     scatter = [".com." in n and (paired or not n.endswith(".lat")) for n, paired in zip(every.names, limb, strict=True)]
     kept = np.flatnonzero(scatter & ~free)
-    spread = chart.spread(settings or ConsistentSettings())
+    spread = chart.spread(settings)
     return (chart.jacobian(np.zeros(chart.size)) * spread)[:, kept]
 
 
 def fit_by_evidence(
-    equations: RootEquations,
+    equations: inertial_calibration.RootEquations,
     seed: Array,
     which: InertialSet,
     noise: ResidualNoise,
-    settings: ConsistentSettings | None = None,
-) -> InertialFit:
+    settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
+) -> inertial_calibration.InertialFit:
     """Physically possible inertias of unchanged total mass; the seed itself unless the residual tells against it.
 
     Parameters
@@ -258,10 +252,9 @@ def fit_by_evidence(
     noise : of the chart that begins at `seed`, with the scale of `equations`.
     """
     began = time.perf_counter()
-    settings = settings or ConsistentSettings()
-    chart = LogChart(seed, which)
+    chart = inertial_calibration.LogChart(seed, which)
     spread, start = chart.spread(settings), np.zeros(chart.size)
-    rows = by_inertial(equations.factor, seed) @ chart.jacobian(start)
+    rows = inertial_calibration.by_inertial(equations.factor, seed) @ chart.jacobian(start)
     values, vectors = np.linalg.eigh(noise.covariance)
     heard = values > UNHEARD * values[-1]
     weigh = (vectors[:, heard] / np.sqrt(values[heard])).T @ rows.T
@@ -279,22 +272,10 @@ def fit_by_evidence(
         )
         stay = stay_nominal(seed, which, settings, before, f"{_words(before)} {why}; ln K = {factor:.1f}")
         return replace(stay, seconds=time.perf_counter() - began)
-    result, slopes = fit_chart(equations, chart, spread, weigh, start)
-    inertial = chart.inertial(result.x)
-    rms_force, rms_moment = equations.rms(inertial)
-    return InertialFit(
-        names=which.names,
-        inertial=inertial,
-        jacobian=chart.jacobian(result.x),
-        residual_jacobian=slopes(result.x),
-        rms_force=rms_force,
-        rms_moment=rms_moment,
-        iterations=int(result.nfev),
-        seconds=time.perf_counter() - began,
-        converged=bool(result.status > 0),
-        message=f"{ending(result)}; {_words(before)} moves as wrong masses make it, ln K = {factor:.1f}, beside what "
-        f"marker noise, bandwidth and plates explain {explained}",
-    )
+    result, slopes = inertial_calibration.fit_chart(equations, chart, spread, weigh, start)
+    found = inertial_calibration.fit_of(equations, chart, result, slopes, began)
+    message = f"{found.message}; {_words(before)} moves as wrong masses make it, ln K = {factor:.1f}, beside what "
+    return replace(found, message=f"{message}marker noise, bandwidth and plates explain {explained}")
 
 
 def log_bayes_factor(scores: Array, slopes: Array) -> float:

@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from importlib import import_module
 from inspect import Signature, signature
 from typing import Annotated, Final
 
@@ -95,22 +96,34 @@ def _one_blas_thread() -> AbstractContextManager[None]:
     return one_blas_thread()
 
 
-def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Register a command. Its first parameter, `console`, stands for the two options that end every command's list."""
+def command(target: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Register a command: the function says its options and its help, with two options more for every command.
 
-    def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
-        from gaitcal.cli.console import Console
+    `target`: `module:function` in this package, imported when the command runs, which takes a `Console` and all that
+    the command takes, by name (`tests/test_cli.py`).
+    """
 
-        with _one_blas_thread():
-            function(Console(quiet=quiet, verbose=verbose), **arguments)
+    def register(declared: Callable[..., None]) -> Callable[..., None]:
+        def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
+            from gaitcal.cli.console import Console
 
-    _, *of_command = signature(function).parameters.values()
-    *of_all, _ = signature(run).parameters.values()
-    run.__signature__ = Signature([*of_command, *of_all])  # type: ignore[attr-defined]  # typer reads it
-    app.command(function.__name__, help=function.__doc__, epilog=epilog(function.__name__))(run)
-    return function
+            with _one_blas_thread():
+                module, _, name = target.partition(":")
+                call = getattr(import_module(f"gaitcal.cli.{module}"), name)
+                call(Console(quiet=quiet, verbose=verbose), **arguments)
+
+        *of_all, _ = signature(run).parameters.values()
+        own = signature(declared).parameters.values()
+        run.__signature__ = Signature([*own, *of_all])  # type: ignore[attr-defined]  # typer reads it
+        app.command(declared.__name__, help=declared.__doc__, epilog=epilog(declared.__name__))(run)
+        TARGETS[declared.__name__] = target
+        return declared
+
+    return register
 
 
+TARGETS: Final[dict[str, str]] = {}
+"""Command -> where it is carried out."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
 

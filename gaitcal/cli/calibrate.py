@@ -7,7 +7,7 @@ would hold.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, cast, get_args
 
@@ -20,11 +20,11 @@ from gaitcal.cli.console import (
     tell_changed,
     tell_kept,
 )
-from gaitcal.cli.folder import stop_on_errors, study_or_draft, tell_faulty
+from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft, tell_faulty
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.faults.study import check_further, check_study
-from gaitcal.faults.verdict import Judgement, judge, stopping, without_consequences
+from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.event_table import events_beside
@@ -35,7 +35,6 @@ from gaitcal.results.trials import write_trials
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import STUDY, Draft, draft_notes, draft_text, files_of, settings_text, study_of
 from gaitcal.session.drafting import faulty_notes, rejected_forces, without_faulty_trials
-from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.session.result import TrialResult
 from gaitcal.session.trial_result import analyse
 from gaitcal.study.joint_prior import with_cohort_priors
@@ -66,11 +65,14 @@ def _checked(source: Path | Draft, priors: Path | None) -> tuple[Study, tuple[Fi
 
 
 def calibrate_study(
-    path: Path,
-    out: Path,
     console: Console,
-    options: Options = NOTHING_SAID,
+    study: Path,
+    out: Path,
     *,
+    mass: float | None = None,
+    height: float | None = None,
+    sex: str | None = None,
+    age: float | None = None,
     force: bool = False,
     hold_out: bool = False,
     normal: Path | None = None,
@@ -84,16 +86,13 @@ def calibrate_study(
     """
     normal = None if normal is None else bands_file(normal)
     bands = None if normal is None else read_normal_bands(normal)
-    source = study_or_draft(path, options, console)
+    source = study_or_draft(study, options_of(mass, height, sex, age), console)
     drafted = source if isinstance(source, Draft) else None
     inputs = _inputs(source, priors)
     kept = require_room(out, ResultKind.CALIBRATION, [*inputs, *(file for file in (normal, priors) if file)])
     with console.working() as step:
         step("reading and checking the recordings")
         loaded, findings = _checked(source, priors)
-        from gaitcal.results.calibration import PAGE, write_results
-        from gaitcal.session.calibrate import calibrate
-
         faulty: dict[str, str] = {}
         if not force and (drafted is not None or stopping(findings, loaded.walks)):
             loaded, findings, faulty = without_faulty_trials(loaded, findings)
@@ -102,7 +101,7 @@ def calibrate_study(
         if drafted is not None:
             findings = (*findings, *rejected_forces(drafted))
         if not force:
-            stop_on_errors(findings, loaded.walks, path)
+            stop_on_errors(findings, loaded.walks, study)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
         notes = draft_notes(drafted) if drafted is not None else faulty_notes(faulty)
         calibration = replace(calibration, notes=(*notes, *calibration.notes))
@@ -120,35 +119,31 @@ def calibrate_study(
     console.line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
     if verdict.judgement is Judgement.REFUSED and not force:
-        raise InputError(
-            f"the result is refused (it was written, with no torque valid): {verdict.reasons[0].cause}",
-            code=verdict.reasons[0].code,
-        )
+        raise _refused("the result is refused (it was written, with no torque valid)", verdict)
     if verdict.trials and all(map(verdict.refused_legs, verdict.trials)) and not force:
-        raise InputError(
-            f"a leg is refused in every walk (the result was written): {verdict.reasons[0].cause}",
-            code=verdict.reasons[0].code,
-        )
+        raise _refused("a leg is refused in every walk (the result was written)", verdict)
     if not calibration.converged:
         late = next(phase for phase in calibration.phases if not phase.converged)
         raise ConvergenceError(f"phase {late.name} did not converge: {late.message} (the results were written)")
 
 
-@dataclass(frozen=True)
-class FurtherOptions:
-    """The options of the command line, as they were written."""
-
-    forces: Path | None = None
-    plates: str | None = None
-    time: str | None = None
-    filter_hz: str | None = None
+def _refused(words: str, verdict: Verdict) -> InputError:
+    return InputError(f"{words}: {verdict.reasons[0].cause}", code=verdict.reasons[0].code)
 
 
 def analyse_further(
-    result: Path, trials: list[Path], options: FurtherOptions, out: Path | None, console: Console
+    console: Console,
+    result: Path,
+    trials: list[Path],
+    *,
+    forces: Path | None = None,
+    plates: str | None = None,
+    time: str | None = None,
+    filter_hz: str | None = None,
+    out: Path | None = None,
 ) -> None:
     """Check further trials and take them through the model of a result folder."""
-    _only_for_one({"--forces": options.forces, "--plates": options.plates, "--time": options.time}, len(trials))
+    _only_for_one({"--forces": forces, "--plates": plates, "--time": time}, len(trials))
     names = [path.stem for path in trials]
     if len(set(names)) != len(names):
         raise InputError(
@@ -156,14 +151,15 @@ def analyse_further(
         )
     folder = out or result / "dynamics"
     tables = dict.fromkeys(table for path in trials for table in events_beside(path))
-    inputs = [*trials, *([options.forces] if options.forces else []), *tables]
+    inputs = [*trials, *([forces] if forces else []), *tables]
     require_room(folder, ResultKind.DYNAMICS, inputs)
     saved = load_result(result)
     with console.working() as step:
         read = []
         for path in trials:
             step(f"{path.name}: reading and checking")
-            read.append(_read(path, options, saved))
+            told = {"plates": _plates_of(plates), "time": _time_of(time), "filter_hz": _filter_of(filter_hz)}
+            read.append(_read(path, forces, told, saved))
         checked = [finding for trial in read for finding in _check(trial, saved)]
         stop_on_errors([*saved.doubts, *checked], [trial.name for trial in read])
         findings = [*saved.doubts, *checked]
@@ -182,14 +178,9 @@ def analyse_further(
     console.line(f"results: {folder}")
     console.line(f"page:    {folder / PAGE}")
     if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
-        raise InputError(
-            f"a leg is refused (written, with none of its torques valid): {verdict.reasons[0].cause}",
-            code=verdict.reasons[0].code,
-        )
+        raise _refused("a leg is refused (written, with none of its torques valid)", verdict)
     if verdict.refused and not late:
-        raise InputError(
-            f"refused (written, with no torque valid): {verdict.reasons[0].cause}", code=verdict.reasons[0].code
-        )
+        raise _refused("refused (written, with no torque valid)", verdict)
     if late:
         raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
 
@@ -223,15 +214,10 @@ def _not_tracked(name: str) -> Finding:
     )
 
 
-def _read(path: Path, options: FurtherOptions, saved: SavedResult) -> Trial:
+def _read(path: Path, forces: Path | None, told: Mapping[str, object], saved: SavedResult) -> Trial:
     """A recording as a study would have it: labels renamed, time cut out, plates given to feet."""
-    trial = TrialTable(name="trial", role="gait", file=path, forces=options.forces).model_copy(
-        update={
-            "name": path.stem,
-            "plates": _plates_of(options.plates),
-            "time": _time_of(options.time),
-            "filter_hz": _filter_of(options.filter_hz),
-        }
+    trial = TrialTable(name="trial", role="gait", file=path, forces=forces).model_copy(
+        update={"name": path.stem, **told}
     )
     marker_set = saved.marker_set
     return cleaned_trial(read_trial(trial, saved.rename, marker_set), marker_set.segment_of, marker_set.noise)
@@ -301,7 +287,7 @@ SEED = 2009
 whose true moments have their peaks within 2 standard deviations of people's (`scripts/tools/walking_person.py`)."""
 
 
-def write_subject(out: Path, console: Console, *, seed: int, noise: bool, perturb: bool) -> None:
+def write_subject(console: Console, out: Path, *, seed: int, noise: bool, perturb: bool) -> None:
     """Write a synthetic subject as a study folder."""
     kept = require_room(out, ResultKind.SYNTHETIC)
     with console.working() as step:
@@ -313,7 +299,7 @@ def write_subject(out: Path, console: Console, *, seed: int, noise: bool, pertur
     console.line(f"next:  gaitcal calibrate {study} --out {out}-result")
 
 
-def demonstrate(out: Path, console: Console) -> None:
+def demonstrate(console: Console, out: Path) -> None:
     """Write a noisy synthetic subject as C3D, and calibrate it: the truth that its study names is in the result."""
     folder, result = out / "subject", out / "result"
     require_room(folder, ResultKind.SYNTHETIC)

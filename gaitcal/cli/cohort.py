@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from gaitcal.cli.console import Console
-from gaitcal.cohort.learn_priors import PRIORS, learn_priors
+from gaitcal.cli.folder import options_of
+from gaitcal.cohort.learn_priors import PRIORS
+from gaitcal.cohort.learn_priors import learn_priors as learn
 from gaitcal.cohort.learning import FEWEST
 from gaitcal.cohort.one_person import CommonSettings
+from gaitcal.cohort.outcome import Outcome
 from gaitcal.cohort.page import PAGE
-from gaitcal.cohort.people import COHORT, Cohort, joined, read_cohort
-from gaitcal.cohort.run import FAILURES, PEOPLE_CSV, Ended, Written, failures, processes, run_cohort
+from gaitcal.cohort.people import COHORT, joined, read_cohort
+from gaitcal.cohort.run import FAILURES, PEOPLE_CSV, failures, processes, run_cohort
 from gaitcal.errors import UsageError
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.atomic import InterruptedWork, Stopped
-from gaitcal.published.workers import Cluster, Workers
-from gaitcal.session.person_facts import NOTHING_SAID, Options
+from gaitcal.published.workers import workers_of
+from gaitcal.runtime import Progress
 from gaitcal.study.joint_prior import read_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 
@@ -28,73 +32,67 @@ MOST_TOLD = 20
 """Failures that are printed at the end; all of them are in the table."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CohortOptions:
-    """The options of the command line, as they were written."""
-
-    jobs: int = -1
-    cluster: str | None = None
-    normal: Path | None = None
-    retry: bool = False
-    priors: Path | None = None
-    learn_priors: bool = False
-    told: Options = NOTHING_SAID
-    """Of everyone, where nothing else is said of a person."""
-
-    @property
-    def engine(self) -> Workers:
-        """Who computes."""
-        if self.cluster is not None:
-            return Cluster(self.cluster)
-        if self.jobs == 0 or self.jobs < -1:
-            raise UsageError(f"found {self.jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
-        return processes(self.jobs)
-
-
-def run_people(path: Path, out: Path, console: Console, options: CohortOptions) -> None:
+def run_people(
+    console: Console,
+    source: Path,
+    out: Path,
+    *,
+    jobs: int = -1,
+    cluster: str | None = None,
+    retry: bool = False,
+    mass: float | None = None,
+    height: float | None = None,
+    sex: str | None = None,
+    age: float | None = None,
+    normal: Path | None = None,
+    priors: Path | None = None,
+    learn_priors: bool = False,
+) -> None:
     """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
-    engine = options.engine
-    normal = None if options.normal is None else bands_file(options.normal).resolve()
+    told, engine = options_of(mass, height, sex, age), workers_of(jobs, cluster, processes)
+    normal = None if normal is None else bands_file(normal).resolve()
     if normal is not None:
         read_normal_bands(normal)  # what is wrong with it is told before the night
-    if options.priors is not None:
-        _require_none_to_learn(options, "--priors")
-        read_cohort_priors(options.priors)
-    cohort, calibration = read_cohort(path, out)
-    priors, calibration = _priors(options, calibration)
-    cohort = _with_options(cohort, options.told)
+    if priors is not None:
+        _require_none_to_learn("--priors", learn_priors=learn_priors)
+        read_cohort_priors(priors)
+    cohort, calibration = read_cohort(source, out)
+    priors, calibration = _priors(priors, calibration, learn_priors=learn_priors)
+    cohort = replace(cohort, people=tuple(replace(p, told=joined(told, p.told)) for p in cohort.people))
     for name in cohort.ignored:
         console.line(f"not used: {name}: holds no recordings")
     for note in cohort.notes:
         console.line(note)
-    if options.learn_priors and (people := len({person.name for person in cohort.people})) < FEWEST:
+    if learn_priors and (people := len({person.name for person in cohort.people})) < FEWEST:
         console.line(f"no priors will be learnt: {people} people, of {FEWEST} or more they can be")
     common = CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
         with console.working() as step:
             written = run_cohort(
-                cohort, out, common, engine=engine, retry=options.retry, told=_teller(console, step, len(cohort.people))
+                cohort, out, common, engine=engine, retry=retry, told=_teller(console, step, len(cohort.people))
             )
     except (KeyboardInterrupt, Stopped) as ending:
         work = "whoever had ended is kept, the same command goes on with the others"
         raise InterruptedWork(ending, work) from None
     _tell_end(console, written, out)
-    if options.learn_priors:
+    if learn_priors:
         with console.working() as step:
-            lines = learn_priors(cohort, out, step)
+            lines = learn(cohort, out, step)
         for line in lines:
             console.line(line)
         console.line(f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort --priors')")
-    if written.verdicts.get("failed"):
+    if written["failed"]:
         sys.exit(1)
 
 
-def _require_none_to_learn(options: CohortOptions, named: str) -> None:
-    if options.learn_priors:
+def _require_none_to_learn(named: str, *, learn_priors: bool) -> None:
+    if learn_priors:
         raise UsageError(f"not with {named}: priors are learnt of people who lean on none", field="--learn-priors")
 
 
-def _priors(options: CohortOptions, settings: CalibrationSettings) -> tuple[Path | None, CalibrationSettings]:
+def _priors(
+    said: Path | None, settings: CalibrationSettings, *, learn_priors: bool
+) -> tuple[Path | None, CalibrationSettings]:
     """The file of priors for everyone, by the option or the settings of a `cohort.toml`, and the other settings.
 
     Raises
@@ -105,27 +103,21 @@ def _priors(options: CohortOptions, settings: CalibrationSettings) -> tuple[Path
         What the settings name is no such file.
     """
     if settings.priors is None:
-        return options.priors and options.priors.resolve(), settings
-    if options.priors is not None:
+        return said and said.resolve(), settings
+    if said is not None:
         raise UsageError(f"not beside the priors that {COHORT} names ([calibration] priors)", field="--priors")
-    _require_none_to_learn(options, f"[calibration] priors of {COHORT}")
+    _require_none_to_learn(f"[calibration] priors of {COHORT}", learn_priors=learn_priors)
     read_cohort_priors(settings.priors)
     others = settings.model_dump(exclude_unset=True, exclude={"priors"})
     return settings.priors.resolve(), CalibrationSettings.model_validate(others)
 
 
-def _with_options(cohort: Cohort, told: Options) -> Cohort:
-    people = tuple(replace(person, told=joined(told, person.told)) for person in cohort.people)
-    return replace(cohort, people=people)
-
-
-def _teller(console: Console, step: Callable[[str], None], people: int) -> Callable[[Ended], None]:
+def _teller(console: Console, step: Progress, people: int) -> Callable[[Outcome, int, float | None], None]:
     step(f"0 of {people} people")
 
-    def tell(ended: Ended) -> None:
-        outcome = ended.outcome
-        left = "" if ended.remaining_s is None or ended.done == ended.todo else f", {duration(ended.remaining_s)} left"
-        far = f"{ended.done} of {ended.todo}{left}"
+    def tell(outcome: Outcome, done: int, remaining_s: float | None) -> None:
+        left = "" if remaining_s is None or done == people else f", {duration(remaining_s)} left"
+        far = f"{done} of {people}{left}"
         who = " ".join(filter(None, outcome.key))
         if outcome.computed:
             cause = f": {outcome.first_cause}" if outcome.first_cause else ""
@@ -145,10 +137,10 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def _tell_end(console: Console, written: Written, out: Path) -> None:
-    counts = ", ".join(f"{written.verdicts[name]} {name}" for name in ORDER if written.verdicts.get(name))
-    failed = written.verdicts.get("failed", 0)
-    console.line(f"{sum(written.verdicts.values())} people and sessions: {counts or 'no result'}; {failed} failed")
+def _tell_end(console: Console, written: Counter[str], out: Path) -> None:
+    counts = ", ".join(f"{written[name]} {name}" for name in ORDER if written[name])
+    failed = written["failed"]
+    console.line(f"{written.total()} people and sessions: {counts or 'no result'}; {failed} failed")
     for number, line in enumerate(failures(out)):
         if number == MOST_TOLD:
             console.line(f"and {failed - MOST_TOLD} more")

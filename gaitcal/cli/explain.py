@@ -36,10 +36,10 @@ SERIES = {"0": "Found in recordings", "1": "Told of a result", "2": "What stops 
 """First digit of a code -> what its codes are of."""
 
 
-def explain_code(name: str | None, console: Console) -> None:
+def explain_code(console: Console, code: str | None = None) -> None:
     """Print what a code means; without a name, a list of all codes."""
     width = max(NARROWEST, min(WIDEST, console.out.width))
-    lines = listing() if name is None else page(explanation_of(code_named(name)), width)
+    lines = listing() if code is None else page(explanation_of(code_named(code)), width)
     for line in lines:
         console.line(line)
 
@@ -93,7 +93,9 @@ def _wrapped(text: str, width: int, mark: str = "") -> list[str]:
     return textwrap.wrap(plain, width, initial_indent=f"  {mark}", subsequent_indent=indent, break_long_words=False)
 
 
-def fetch_or_list(name: str | None, out: Path | None, mirror: str | None, console: Console) -> None:
+def fetch_or_list(
+    console: Console, name: str | None = None, out: Path | None = None, mirror: str | None = None
+) -> None:
     """List the examples, or fetch one: what is asked of whom is told before."""
     if name is None:
         if out is not None or mirror is not None:

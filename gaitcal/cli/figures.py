@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,7 +27,7 @@ from gaitcal.io.snapshot import read_whole
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, read_page_data
 from gaitcal.results.cycles import CYCLES, read_cycles
-from gaitcal.results.verdict import SUMMARY
+from gaitcal.results.summary import SUMMARY
 
 PARAMETERS, TRUTH, FOLDER = "parameters.csv", "truth/parameters.csv", "figures"
 PAPER, REPORT = "paper", "report"
@@ -40,21 +39,20 @@ COLUMN: Final = 85.0
 """mm: one column of most journals."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """What the user asked for, as text."""
-
-    purpose: str
-    only: Sequence[str]
-    formats: str | None
-    width: str | None
-    normal: Path | None
-    signs: str | None
-    units: str | None
-    external: bool
-
-
-def draw_figures(result: Path, out: Path | None, options: Options, console: Console) -> None:
+def draw_figures(
+    console: Console,
+    result: Path,
+    out: Path | None = None,
+    *,
+    purpose: str = PAPER,
+    only: Sequence[str] | None = None,
+    width: str | None = None,
+    formats: str | None = None,
+    normal: Path | None = None,
+    convention: str | None = None,
+    external: bool = False,
+    units: str | None = None,
+) -> None:
     """Draw the figures of a result, or of further trials, into a folder.
 
     Raises
@@ -64,15 +62,17 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
     InputError
         The folder is no result that pages are made of.
     """
-    if options.purpose not in OF_PURPOSE:
-        found = f"found '{options.purpose}'; allowed: {', '.join(OF_PURPOSE)}"
-        raise UsageError(f"{found}{nearest(options.purpose, OF_PURPOSE)}", field="--for")
-    formats = _formats(options.formats or OF_PURPOSE[options.purpose])
-    if options.purpose == REPORT:
-        _only_for_papers(options)
-    width = COLUMN if options.width is None else _width(options.width)
-    signs = options.signs or Signs.CLINICAL.value
-    convention = convention_of(signs, None, options.units or "Nm/kg", external=options.external)
+    if purpose not in OF_PURPOSE:
+        found = f"found '{purpose}'; allowed: {', '.join(OF_PURPOSE)}"
+        raise UsageError(f"{found}{nearest(purpose, OF_PURPOSE)}", field="--for")
+    endings = _formats(formats or OF_PURPOSE[purpose])
+    for_papers = {"--width": width, "--convention": convention, "--units": units, "--external": external or None}
+    for field, value in for_papers.items():
+        if purpose == REPORT and value is not None:
+            message = "found with --for report, whose pages show the result as its files do; allowed: with --for paper"
+            raise UsageError(message, field=field)
+    wide = COLUMN if width is None else _width(width)
+    signs = convention_of(convention or Signs.CLINICAL.value, None, units or "Nm/kg", external=external)
     put_back(result)
     if not result.is_dir():
         raise InputError(
@@ -83,18 +83,18 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
     names = [name for name in (PAGE_DATA, SUMMARY, CYCLES, PARAMETERS, TRUTH) if (result / name).exists()]
     with console.working() as step:
         step("reading the result")
-        if options.purpose == REPORT:
-            told, read = read_whole(result, names, lambda: _told(result, options.normal))
+        if purpose == REPORT:
+            told, read = read_whole(result, names, lambda: _told(result, normal))
             charts, sheet = report_charts(told), told.sheet
         else:
-            (strides, sheet), read = read_whole(result, names, lambda: _strides(result, options.normal))
-            charts = paper_charts(strides, convention, width) if convention else []
-            charts += [chart for table in _moment_arms(result, options) for chart in moment_arm_charts(table, width)]
-        charts = chosen(charts, options.only)
+            (strides, sheet), read = read_whole(result, names, lambda: _strides(result, normal))
+            charts = paper_charts(strides, signs, wide) if signs else []
+            charts += [one for table in _moment_arms(result, only or ()) for one in moment_arm_charts(table, wide)]
+        charts = chosen(charts, only or ())
         folder = out or result / FOLDER
         with amended(folder) as stage:
             step(f"drawing {counted(len(charts), 'figure')}")
-            files = write_charts(charts, stage, formats)
+            files = write_charts(charts, stage, endings)
             read.require_unchanged()
     for remark in read.remarks:
         console.line(f"warning: {remark}")
@@ -108,7 +108,7 @@ def draw_figures(result: Path, out: Path | None, options: Options, console: Cons
 MOMENT_ARMS = "moment_arms"
 
 
-def _moment_arms(result: Path, options: Options) -> list[pd.DataFrame]:
+def _moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
     """Tables of muscles that `export --into --muscles` wrote into this folder.
 
     Raises
@@ -117,7 +117,7 @@ def _moment_arms(result: Path, options: Options) -> list[pd.DataFrame]:
         They are asked for, and there is none; or more than one, whose figures would have the same names.
     """
     found = sorted(path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv"))
-    asked = any(word.strip().startswith(MOMENT_ARMS) for words in options.only for word in words.split(","))
+    asked = any(word.strip().startswith(MOMENT_ARMS) for words in only for word in words.split(","))
     if (asked and not found) or len(found) > 1:
         names = ", ".join(path.name for path in found) or "none"
         out = result / "export" / "NAME.osim"
@@ -160,19 +160,6 @@ def _formats(text: str) -> list[str]:
             message = f"found '{name}'; allowed: {', '.join(FORMATS)}, with commas between them"
             raise UsageError(f"{message}{nearest(name, FORMATS)}", field="--format")
     return found
-
-
-def _only_for_papers(options: Options) -> None:
-    given = {
-        "--width": options.width,
-        "--convention": options.signs,
-        "--units": options.units,
-        "--external": options.external or None,
-    }
-    for field, value in given.items():
-        if value is not None:
-            message = "found with --for report, whose pages show the result as its files do; allowed: with --for paper"
-            raise UsageError(message, field=field)
 
 
 def _width(text: str) -> float:

@@ -59,9 +59,20 @@ def _within(option: str, value: float | None, allowed: tuple[float, float], unit
         raise UsageError(f"found {value:g}; allowed: {allowed[0]:g} to {allowed[1]:g} {unit}{hint}", field=option)
 
 
-def draft_study_file(path: Path, out: Path | None, console: Console, options: Options, *, force: bool) -> None:
+def draft_study_file(
+    console: Console,
+    folder: Path,
+    out: Path | None = None,
+    *,
+    mass: float | None = None,
+    height: float | None = None,
+    sex: str | None = None,
+    age: float | None = None,
+    force: bool = False,
+) -> None:
     """Draft the study file of a folder; exit code 1 where something in it is missing."""
-    target = path / STUDY if out is None else out
+    options = options_of(mass, height, sex, age)
+    target = folder / STUDY if out is None else out
     if target.suffix.lower() != ".toml":
         raise UsageError(f"found '{target.name}'; allowed: the name of a file ending in .toml", field="--out")
     if not force and target.exists():
@@ -70,18 +81,18 @@ def draft_study_file(path: Path, out: Path | None, console: Console, options: Op
         )
     with console.working() as step:
         step("reading the folder")
-        folder = read_folder(path)
-    draft = _asked(folder, options, console)
+        read = read_folder(folder)
+    draft = _asked(read, options, console)
     print_seen(console, draft)
     if draft.fault:
-        raise InputError(draft.fault, source=path, code=Code.FOLDER)
+        raise InputError(draft.fault, source=folder, code=Code.FOLDER)
     atomic_text(target, draft_text(draft, real_path(target).parent))
     console.line(f"study: {target}")
     _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
     nominal_of(study_of(draft, proposed=True))  # an error of the static trial is told now
     if unconfirmed_words(draft):
         console.line("asked: is each marker what [markers.rename] and [markers.tracking] say? Then confirmed = true")
-    console.line(f"next:  look through it, then gaitcal calibrate {target} --out {path.resolve().name}-result")
+    console.line(f"next:  look through it, then gaitcal calibrate {target} --out {folder.resolve().name}-result")
 
 
 def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str = "give ") -> None:
@@ -207,9 +218,17 @@ def tell_faulty(console: Console, faulty: Mapping[str, str]) -> None:
 COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}
 
 
-def check_recordings(path: Path, console: Console, options: Options = NOTHING_SAID) -> None:
+def check_recordings(
+    console: Console,
+    study: Path,
+    *,
+    mass: float | None = None,
+    height: float | None = None,
+    sex: str | None = None,
+    age: float | None = None,
+) -> None:
     """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is an error."""
-    source = study_or_draft(path, options, console)
+    source = study_or_draft(study, options_of(mass, height, sex, age), console)
     with console.working() as step:
         step("reading and checking the recordings")
         if isinstance(source, Path):

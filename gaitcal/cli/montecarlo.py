@@ -7,7 +7,6 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -30,7 +29,6 @@ from gaitcal.published.protocol import MOST_LEVEL, MonteCarloSettings, Parameter
 from gaitcal.published.reproduce import Reproduction, ReproductionSettings, SensitivityDraws, reproduce, write_tables
 from gaitcal.published.statistics import (
     FEWEST,
-    expect,
     left_out,
     levels_of,
     linear_agreement,
@@ -38,11 +36,12 @@ from gaitcal.published.statistics import (
     unconverged,
     variance_contributions,
 )
+from gaitcal.published.statistics import expect as causes_of
 from gaitcal.published.study import PURPOSE, DrawProgress, MonteCarloStudy, Store, monte_carlo
 from gaitcal.published.tables import RUN, TableRow
-from gaitcal.published.workers import Cluster, LocalProcesses, Workers, alone
+from gaitcal.published.workers import alone, workers_of
 from gaitcal.results.calibration import PAGE, read_page, rewrite_page
-from gaitcal.results.verdict import require_not_refused
+from gaitcal.results.summary import require_not_refused
 
 FOLDER, SUMMARY = "montecarlo", "summary.json"
 HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")
@@ -50,78 +49,60 @@ SHOWN_SIDE = "l"
 """The left leg is shown, as published; both are in the tables."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """The options of the command line, as they were written."""
-
-    vary: str
-    levels: str
-    draws: int
-    jobs: int
-    cluster: str | None
-    seed: int
-    grf: str
-    parameters: str
-    bounds: tuple[float, float, float, float]
-    """Positions (mm), orientations (deg), inertial parameters (%), noise amplitude (mm)."""
-    trial: str | None
-    until_converged: bool
-
-    @property
-    def plan(self) -> Plan:
-        """Sets, levels and draws."""
-        sets = [_one_of(name, [varied.value for varied in Varied], "--vary") for name in _split(self.vary)]
-        for level in _split(self.levels):
-            if not level.isdecimal() or not 1 <= int(level) <= MOST_LEVEL:
-                raise UsageError(f"found '{level}'; allowed: whole per cents from 1 to {MOST_LEVEL}", field="--levels")
-        levels = tuple(int(level) for level in _split(self.levels))
-        if not sets or not levels:
-            raise UsageError("found nothing; at least one is needed", field="--levels" if sets else "--vary")
-        return Plan(tuple(Varied(name) for name in sets), levels, self.draws)
-
-    @property
-    def settings(self) -> MonteCarloSettings:
-        """What a draw depends on."""
-        choice = _one_of(self.parameters, [str(c.value) for c in ParameterChoice], "--parameters")
-        position, orientation, inertial, noise = self.bounds
-        return MonteCarloSettings(
-            seed=self.seed,
-            parameters=ParameterChoice(int(choice)),
-            position_mm=position,
-            orientation_deg=orientation,
-            inertial_percent=inertial,
-            noise_mm=noise,
-        )
-
-    @property
-    def frame(self) -> ReactionFrame:
-        """The ground-reaction frame to be shown."""
-        return ReactionFrame(_one_of(self.grf, [frame.value for frame in ReactionFrame], "--grf"))
-
-    @property
-    def workers(self) -> Workers:
-        """Who computes."""
-        if self.cluster is not None:
-            return Cluster(self.cluster)
-        if self.jobs == 0 or self.jobs < -1:
-            raise UsageError(f"found {self.jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
-        return LocalProcesses(self.jobs)
+def plan_of(vary: str, levels: str, draws: int) -> Plan:
+    """Sets, levels and draws; UsageError where they cannot be."""
+    sets = [_one_of(name, [varied.value for varied in Varied], "--vary") for name in _split(vary)]
+    for level in _split(levels):
+        if not level.isdecimal() or not 1 <= int(level) <= MOST_LEVEL:
+            raise UsageError(f"found '{level}'; allowed: whole per cents from 1 to {MOST_LEVEL}", field="--levels")
+    numbers = tuple(int(level) for level in _split(levels))
+    if not sets or not numbers:
+        raise UsageError("found nothing; at least one is needed", field="--levels" if sets else "--vary")
+    return Plan(tuple(Varied(name) for name in sets), numbers, draws)
 
 
-def run_monte_carlo(folder: Path, options: Options, expected_mm: float | None, console: Console) -> None:
+def run_monte_carlo(
+    console: Console,
+    folder: Path,
+    *,
+    vary: str,
+    levels: str,
+    draws: int,
+    jobs: int,
+    cluster: str | None,
+    seed: int,
+    grf: str,
+    parameters: str,
+    position_bound: float,
+    orientation_bound: float,
+    ip_bound: float,
+    noise_bound: float,
+    trial: str | None,
+    until_converged: bool,
+    expect: float | None,
+) -> None:
     """Run what is missing of a study, write its tables and figures, and print what they say."""
     put_back(folder)
-    store = Store(folder / FOLDER)
-    plan, settings, frame, workers = options.plan, options.settings, options.frame, options.workers
-    if expected_mm is not None and not (draws := store.read()).empty:
+    store, plan = Store(folder / FOLDER), plan_of(vary, levels, draws)
+    settings = MonteCarloSettings(
+        seed=seed,
+        parameters=ParameterChoice(int(_one_of(parameters, [str(c.value) for c in ParameterChoice], "--parameters"))),
+        position_mm=position_bound,
+        orientation_deg=orientation_bound,
+        inertial_percent=ip_bound,
+        noise_mm=noise_bound,
+    )
+    frame = ReactionFrame(_one_of(grf, [frame.value for frame in ReactionFrame], "--grf"))
+    workers = workers_of(jobs, cluster)
+    if expect is not None and not (drawn := store.read()).empty:
         if (folder / MODEL).exists():  # a later calibration keeps the draws of an earlier one
-            store.require_model_of(case_from(folder, options.trial or store.case_name, lambda text: None))
-        _print_expectation(console, statistics(draws), expected_mm)
+            store.require_model_of(case_from(folder, trial or store.case_name, lambda text: None))
+        _print_expectation(console, statistics(drawn), expect)
         return
     require_not_refused(folder)
     with console.working() as step:
         step("reading the model and its motion")
-        case, read = read_case(folder, options.trial, step)
+        case, read = read_case(folder, trial, step)
     with alone(store.folder, PURPOSE):
         try:
             with _draw_progress(console) as draws_done:
@@ -132,7 +113,7 @@ def run_monte_carlo(folder: Path, options: Options, expected_mm: float | None, c
                     plan=plan,
                     workers=workers,
                     progress=draws_done,
-                    until_converged=options.until_converged,
+                    until_converged=until_converged,
                 )
         except (KeyboardInterrupt, Stopped) as ending:
             work = "finished draws are kept, the same command goes on with the others"
@@ -149,12 +130,12 @@ def run_monte_carlo(folder: Path, options: Options, expected_mm: float | None, c
         console.line(f"warning: {remark}")
     _print_study(console, study, frame)
     _print_linearity(console, context, study)
-    if expected_mm is not None:
-        _print_expectation(console, study.statistics, expected_mm)
+    if expect is not None:
+        _print_expectation(console, study.statistics, expect)
     console.line(f"tables and figures: {store.folder}")
     if on_page:
         console.line(on_page)
-    if options.until_converged and not study.converged:
+    if until_converged and not study.converged:
         raise ConvergenceError(f"not converged after {study.plan.draws} draws of each set and level")
 
 
@@ -285,7 +266,7 @@ def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -
 
 
 def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> None:
-    causes = expect(table, rms_mm, SHOWN_SIDE)
+    causes = causes_of(table, rms_mm, SHOWN_SIDE)
     if not causes:
         raise InputError(
             "the study has neither of the sets jp and noise, which move markers",
@@ -311,7 +292,7 @@ _SHOWN = ("I", "III", "discussion")
 
 
 def run_reproduction(
-    out: Path, console: Console, *, draws: int, noise_seeds: int, seed: int, sensitivities: bool
+    console: Console, out: Path, *, draws: int, noise_seeds: int, seed: int, sensitivities: bool
 ) -> None:
     """Run the published study, write its tables and print them."""
     settings = ReproductionSettings(

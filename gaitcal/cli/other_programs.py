@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,6 +12,7 @@ from rich.text import Text
 
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cli.console import Console, frameless_table
+from gaitcal.cli.options import MODELS
 from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError, UsageError, nearest
@@ -42,17 +42,21 @@ from gaitcal.results.cycles_export import (
     write_cycles_export,
     write_export_manifest,
 )
-from gaitcal.results.recordings import WrittenRecording, write_recordings
+from gaitcal.results.recordings import write_recordings
 from gaitcal.results.saved import MODEL, load_result, load_result_model, recorded_coordinates
 from gaitcal.results.table_file import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
+JOINTS, MASSES = "joints", "masses"
+"""What `--parameters` allows; the second never without the first."""
+STAY, FOLLOW = "stay", "follow"
+"""What `--attachments` allows."""
 SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
 """What `--convention` allows; a file of normal bands says `gaitcal` or `opensim` for the same."""
 WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
 
 
-def convert_recording(source: Path, target: Path, console: Console) -> None:
+def convert_recording(console: Console, source: Path, target: Path) -> None:
     """Convert one recording and say which files were written."""
     for path in convert(source, target):
         console.line(f"wrote {path}")
@@ -89,15 +93,58 @@ def _chosen(known: Mapping[str, Choice], text: str, field: str) -> Choice:
     raise UsageError(f"found '{text}'; allowed: {', '.join(known)}{nearest(text, tuple(known))}", field=field)
 
 
+def export(
+    console: Console,
+    result: Path,
+    formats: str = MODELS,
+    out: Path | None = None,
+    *,
+    inputs: Path | None = None,
+    replace: bool = False,
+    convention: str | None = None,
+    moments: str | None = None,
+    external: bool = False,
+    units: str | None = None,
+    into: Path | None = None,
+    names: Path | None = None,
+    parameters: str = JOINTS,
+    attachments: str = STAY,
+    muscles: bool = False,
+    draws: int = 0,
+    seed: int = 0,
+) -> None:
+    """The fitted model in other programs' formats, or its joints in the user's own model."""
+    of_result: dict[str, object] = {"inputs": inputs, "replace": replace, "convention": convention, "moments": moments}
+    of_result |= {"format": formats != MODELS, "external": external, "units": units}
+    of_model: dict[str, object] = {
+        "names": names,
+        "parameters": parameters != JOINTS,
+        "attachments": attachments != STAY,
+    }
+    of_model |= {"muscles": muscles, "draws": draws, "seed": seed}
+    for name, value in (of_model if into is None else of_result).items():
+        if value and into is None:
+            raise UsageError("found without --into; allowed: with --into MODEL.osim", field=f"--{name}")
+        if value:
+            message = "found with --into, which writes one OpenSim model; allowed: without --into"
+            raise UsageError(message, field=f"--{name}")
+    if into is None:
+        signs = convention_of(convention, moments, units, external=external)
+        export_model(result, formats, out, inputs, console, signs, replace=replace)
+    else:
+        chosen = (parameters, attachments, names, muscles, draws, seed)
+        export_into(result, into, out, console, *chosen)
+
+
 def export_model(
     result: Path,
     formats: str,
     out: Path | None,
     inputs: Path | None,
     console: Console,
-    convention: Convention | None = None,
+    convention: Convention | None,
     *,
-    replace: bool = False,
+    replace: bool,
 ) -> None:
     """Write the fitted model of a result in other programs' formats, its recordings as C3D files, its strides.
 
@@ -120,7 +167,7 @@ def export_model(
     strides = convention or Convention()
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
-    recordings: tuple[WrittenRecording, ...] = ()
+    recordings: dict[str, tuple[str, str, tuple[str, ...]]] = {}
     of_recordings: Mapping[str, str | None] = {}
     with amended(folder) as stage, console.working() as step:
         for name in (name for name in chosen if name in WRITERS):
@@ -145,21 +192,21 @@ def export_model(
         read.require_unchanged()
         written: dict[str, dict[str, Json]] = {WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS}
         written |= {
-            r.file: {"format": C3D, "source": r.source, "source_sha256": r.source_sha256, "notes": list(r.notes)}
-            for r in recordings
+            f"{trial}.c3d": {"format": C3D, "source": source, "source_sha256": digest, "notes": list(notes)}
+            for trial, (source, digest, notes) in recordings.items()
         }
         written |= {f: {"format": STRIDES, "convention": dict[str, Json](strides.keys)} for f in tables}
         write_export_manifest(stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written)
     _tell(console, read, doubts)
     for name in (name for name in chosen if name in WRITERS):
         console.line(f"wrote {folder / WRITERS[name][1]}")
-    for recording in recordings:
-        console.line(f"wrote {folder / recording.file}: {'; '.join(recording.notes)}")
+    for trial, (_, _, notes) in recordings.items():
+        console.line(f"wrote {folder / f'{trial}.c3d'}: {'; '.join(notes)}")
     for file, rows in tables.items():
         console.line(f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}")
     if further:
         console.line(f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run dynamics again")
-    if C3D in chosen and (still := sorted(set(trial_files(result)) - {r.trial for r in recordings})):
+    if C3D in chosen and (still := sorted(set(trial_files(result)) - set(recordings))):
         console.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
 
 
@@ -167,44 +214,6 @@ def _tell(console: Console, read: Snapshot, doubts: Sequence[Finding]) -> None:
     """What a user of the model should know: files that were edited, a calibration that is doubtful or refused."""
     for text in (*read.remarks, *map(note_of, doubts)):
         console.line(f"warning: {text}")
-
-
-# ------------------------------------------------------------------------------------------- a model of the user's own
-
-STAY, FOLLOW = "stay", "follow"
-"""What `--attachments` allows."""
-JOINTS, MASSES = "joints", "masses"
-"""What `--parameters` allows; the second never without the first."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class IntoOptions:
-    """The options of `export --into`, as they were written."""
-
-    model: Path
-    out: Path | None
-    names: Path | None = None
-    parameters: str = JOINTS
-    attachments: str = STAY
-    muscles: bool = False
-    draws: int = 0
-    seed: int = 0
-
-
-def require_into(**given: object) -> None:
-    """UsageError for an option that means something with `--into` only."""
-    for name, value in given.items():
-        if value:
-            raise UsageError("found without --into; allowed: with --into MODEL.osim", field=f"--{name}")
-
-
-def require_no_into(**given: object) -> None:
-    """UsageError for an option that means nothing with `--into`."""
-    for name, value in given.items():
-        if value:
-            raise UsageError(
-                "found with --into, which writes one OpenSim model; allowed: without --into", field=f"--{name}"
-            )
 
 
 def _draws_folder(out: Path) -> Path:
@@ -218,23 +227,33 @@ def _earlier(out: Path) -> list[Path]:
     return [*draws, *(p for p in tables if p.is_file())]
 
 
-def export_into(result: Path, options: IntoOptions, console: Console) -> None:
+def export_into(
+    result: Path,
+    model: Path,
+    out: Path | None,
+    console: Console,
+    parameters: str,
+    attachments: str,
+    names: Path | None,
+    muscles: bool,
+    draws: int,
+    seed: int,
+) -> None:
     """Write the user's OpenSim model with this person's joints, tables of what was done, and draws of it."""
-    out = options.out
     if out is None or out.suffix != ".osim":
         message = f"found {'nothing' if out is None else repr(str(out))}; allowed: a file FILE.osim to be written"
         raise UsageError(message, field="--out")
-    if out.resolve() == options.model.resolve():
+    if out.resolve() == model.resolve():
         raise UsageError("found the model that is read; allowed: another file", field="--out")
-    if options.model.resolve().parent == _draws_folder(out).resolve():
+    if model.resolve().parent == _draws_folder(out).resolve():
         raise UsageError("found a draw of --out, whose draws are replaced; allowed: another file", field="--into")
-    wanted = {word.strip() for word in options.parameters.split(",")}
+    wanted = {word.strip() for word in parameters.split(",")}
     if wanted not in ({JOINTS}, {JOINTS, MASSES}):
-        message = f"found '{options.parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
+        message = f"found '{parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
         raise UsageError(message, field="--parameters")
-    if options.attachments not in (STAY, FOLLOW):
-        raise UsageError(f"found '{options.attachments}'; allowed: {STAY} or {FOLLOW}", field="--attachments")
-    if options.muscles and not opensim_is_installed():
+    if attachments not in (STAY, FOLLOW):
+        raise UsageError(f"found '{attachments}'; allowed: {STAY} or {FOLLOW}", field="--attachments")
+    if muscles and not opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
     if saved.uncertainty.joint is None:
@@ -242,15 +261,15 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
         raise InputError(message, source=result, code=Code.NO_RESULT)
     done = into_osim(
         saved.model,
-        options.model,
+        model,
         errors=saved.uncertainty.joint,
         prior=prior_of_study(saved.settings.joint_prior),
-        names=options.names,
+        names=names,
         recorded=recorded_coordinates(result),
         marker_set=saved.marker_set,
         masses=MASSES in wanted,
         inertial=saved.uncertainty.inertial,
-        follow=options.attachments == FOLLOW,
+        follow=attachments == FOLLOW,
     )
     for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
         console.line(f"warning: {text}")
@@ -266,16 +285,16 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
     if done.carried:
         atomic_text(out.with_suffix(".attachments.csv"), carried_csv(done.carried))
     _tell_joints(console, done)
-    drawn = [_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(options.draws)]
+    drawn = [_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(draws)]
     with console.working() as step:
-        rng = np.random.default_rng(options.seed)
+        rng = np.random.default_rng(seed)
         for k, path in enumerate(drawn):
             step(f"draw {k + 1} of {len(drawn)}")
             atomic_bytes(path, done.drawn(rng))
-        if options.muscles:
+        if muscles:
             ranges = leg_ranges(done.legs)
             step("muscles before")
-            before = muscle_paths(options.model, ranges)
+            before = muscle_paths(model, ranges)
             step("muscles after")
             changes = muscle_changes(before, muscle_paths(out, ranges))
             spread: list[Mapping[tuple[str, str], MusclePath]] = []
@@ -284,11 +303,11 @@ def export_into(result: Path, options: IntoOptions, console: Console) -> None:
                 spread.append(muscle_paths(path, ranges))
             atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread))
     console.line()
-    if options.muscles:
+    if muscles:
         _tell_muscles(console, changes)
     else:
         console.line("muscles: not computed; --muscles has OpenSim compute lengths and moment arms before and after")
-    written = (".osim", ".joints.csv", *[".attachments.csv"] * bool(done.carried), *[".muscles.csv"] * options.muscles)
+    written = (".osim", ".joints.csv", *[".attachments.csv"] * bool(done.carried), *[".muscles.csv"] * muscles)
     for end in written:
         console.line(f"wrote {out.with_suffix(end)}")
     if drawn:

@@ -6,7 +6,7 @@ SIGHUP. Libraries are imported by the command that needs them, so that `gaitcal 
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -14,31 +14,19 @@ from gaitcal.cli import options as told
 from gaitcal.cli.application import app, command, set_up, told_in_a_line
 from gaitcal.cli.options import Age, Height, Mass, Normal, Out, Result, Sex, StudyPath
 
-if TYPE_CHECKING:
-    from gaitcal.cli.console import Console
 
-
-@command
-def demo(console: "Console", out: Out = Path("gaitcal-demo")) -> None:
+@command("calibrate:demonstrate")
+def demo(out: Out = Path("gaitcal-demo")) -> None:
     """The embedded example, end to end: a synthetic subject is written as C3D files, read back and calibrated."""
-    from gaitcal.cli.calibrate import demonstrate
-
-    demonstrate(out, console)
 
 
-@command
-def example(
-    console: "Console", name: told.ExampleName = None, out: told.ExampleOut = None, mirror: told.Mirror = None
-) -> None:
+@command("explain:fetch_or_list")
+def example(name: told.ExampleName = None, out: told.ExampleOut = None, mirror: told.Mirror = None) -> None:
     """Public recordings to try: fetched by name, with checksum and licence. No other command asks the internet."""
-    from gaitcal.cli.explain import fetch_or_list
-
-    fetch_or_list(name, out, mirror, console)
 
 
-@command
+@command("folder:draft_study_file")
 def init(
-    console: "Console",
     folder: told.Recordings,
     out: told.StudyOut = None,
     mass: Mass = None,
@@ -48,24 +36,15 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="Replace a study file that is there.")] = False,
 ) -> None:
     """Drafts the study file of a folder of recordings: marker set, static trial, roles, forces, person, and why."""
-    from gaitcal.cli.folder import draft_study_file, options_of
-
-    draft_study_file(folder, out, console, options_of(mass, height, sex, age), force=force)
 
 
-@command
-def check(
-    console: "Console", study: StudyPath, mass: Mass = None, height: Height = None, sex: Sex = None, age: Age = None
-) -> None:
+@command("folder:check_recordings")
+def check(study: StudyPath, mass: Mass = None, height: Height = None, sex: Sex = None, age: Age = None) -> None:
     """Reads everything, solves nothing: what is wrong with a study's recordings, and what to do. Exit code 0 or 1."""
-    from gaitcal.cli.folder import check_recordings, options_of
-
-    check_recordings(study, console, options_of(mass, height, sex, age))
 
 
-@command
+@command("calibrate:calibrate_study")
 def calibrate(
-    console: "Console",
     study: StudyPath,
     out: Out,
     mass: Mass = None,
@@ -78,16 +57,10 @@ def calibrate(
     priors: told.Priors = None,
 ) -> None:
     """The main job: joint and inertial parameters, motions and joint torques of one person."""
-    from gaitcal.cli.calibrate import calibrate_study
-    from gaitcal.cli.folder import options_of
-
-    said = options_of(mass, height, sex, age)
-    calibrate_study(study, out, console, said, force=force, hold_out=hold_out, normal=normal, priors=priors)
 
 
-@command
+@command("cohort:run_people")
 def cohort(
-    console: "Console",
     source: told.People,
     out: told.CohortOut,
     jobs: told.Jobs = -1,
@@ -102,19 +75,10 @@ def cohort(
     learn_priors: told.LearnPriors = False,
 ) -> None:
     """Many people at once: each sub-folder's recordings calibrated, one table of all; goes on where it stopped."""
-    from gaitcal.cli.cohort import CohortOptions, run_people
-    from gaitcal.cli.folder import options_of
-
-    said = options_of(mass, height, sex, age)
-    chosen = CohortOptions(
-        jobs=jobs, cluster=cluster, normal=normal, retry=retry, priors=priors, learn_priors=learn_priors, told=said
-    )
-    run_people(source, out, console, chosen)
 
 
-@command
+@command("calibrate:analyse_further")
 def dynamics(
-    console: "Console",
     result: Result,
     trials: Annotated[list[Path], typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv.")],
     forces: told.Forces = None,
@@ -124,37 +88,23 @@ def dynamics(
     out: told.DynamicsOut = None,
 ) -> None:
     """Further trials through a calibrated model: angles, and torques with error bars."""
-    from gaitcal.cli.calibrate import FurtherOptions as Options
-    from gaitcal.cli.calibrate import analyse_further
-
-    analyse_further(result, trials, Options(forces, plates, time, filter_hz), out, console)
 
 
-@command
+@command("other_programs:convert_recording")
 def convert(
-    console: "Console",
     source: Annotated[Path, typer.Argument(metavar="IN", help="A .c3d, .trc, .mot, .sto or .csv file.")],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="A .csv, .trc or .mot file.")],
 ) -> None:
     """Recordings to CSV tables and back: C3D, TRC and MOT to CSV, CSV to TRC."""
-    from gaitcal.cli.other_programs import convert_recording
-
-    convert_recording(source, target, console)
 
 
-@command
-def synthesize(
-    console: "Console", out: Out, seed: told.Seed = 0, noise: told.Noise = False, perturb: told.Perturb = False
-) -> None:
+@command("calibrate:write_subject")
+def synthesize(out: Out, seed: told.Seed = 0, noise: told.Noise = False, perturb: told.Perturb = False) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
-    from gaitcal.cli.calibrate import write_subject
-
-    write_subject(out, console, seed=seed, noise=noise, perturb=perturb)
 
 
-@command
+@command("montecarlo:run_monte_carlo")
 def montecarlo(
-    console: "Console",
     folder: told.ResultOrStudy,
     vary: Annotated[str, typer.Option(help="Comma-separated: jp, ip, both, noise.")] = "jp,ip,both,noise",
     levels: Annotated[str, typer.Option(help="Comma-separated per cents of the bounds.")] = "25,50,75,100",
@@ -173,27 +123,10 @@ def montecarlo(
     expect: told.Expect = None,
 ) -> None:
     """What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped."""
-    from gaitcal.cli.montecarlo import Options, run_monte_carlo
-
-    options = Options(
-        vary=vary,
-        levels=levels,
-        draws=draws,
-        jobs=jobs,
-        cluster=cluster,
-        seed=seed,
-        grf=grf,
-        parameters=parameters,
-        bounds=(position_bound, orientation_bound, ip_bound, noise_bound),
-        trial=trial,
-        until_converged=until_converged,
-    )
-    run_monte_carlo(folder, options, expect, console)
 
 
-@command
+@command("montecarlo:run_reproduction")
 def reproduce(
-    console: "Console",
     out: Out,
     draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
     noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
@@ -201,14 +134,10 @@ def reproduce(
     sensitivities: told.Sensitivities = True,
 ) -> None:
     """The published study, table by table: our figures beside the printed ones, and its claims put to the test."""
-    from gaitcal.cli.montecarlo import run_reproduction
-
-    run_reproduction(out, console, draws=draws, noise_seeds=noise_seeds, seed=seed, sensitivities=sensitivities)
 
 
-@command
+@command("other_programs:export")
 def export(
-    console: "Console",
     result: Result,
     formats: told.Formats = told.MODELS,
     out: told.ExportFolder = None,
@@ -227,38 +156,10 @@ def export(
     seed: told.ModelSeed = 0,
 ) -> None:
     """The fitted model for OpenSim, ROS, MuJoCo; its joints in your own OpenSim model; recordings as C3D; strides."""
-    from gaitcal.cli import other_programs as to
-
-    if into is not None:
-        to.require_no_into(format=formats != told.MODELS, inputs=inputs, replace=replace, convention=convention)
-        to.require_no_into(moments=moments, external=external, units=units)
-        chosen = to.IntoOptions(
-            model=into,
-            out=out,
-            names=names,
-            parameters=parameters,
-            attachments=attachments,
-            muscles=muscles,
-            draws=draws,
-            seed=seed,
-        )
-        to.export_into(result, chosen, console)
-        return
-    to.require_into(
-        names=names,
-        parameters=parameters != "joints",
-        attachments=attachments != "stay",
-        muscles=muscles,
-        draws=draws,
-        seed=seed,
-    )
-    told_as = to.convention_of(convention, moments, units, external=external)
-    to.export_model(result, formats, out, inputs, console, told_as, replace=replace)
 
 
-@command
+@command("figures:draw_figures")
 def figures(
-    console: "Console",
     result: told.AnyResult,
     out: told.FiguresFolder = None,
     purpose: told.Purpose = "paper",
@@ -271,34 +172,15 @@ def figures(
     units: told.FigureUnits = None,
 ) -> None:
     """Figures of a result for a paper: gaitcal figures DIR --only knee_adduction --width 85mm --convention clinical"""
-    from gaitcal.cli.figures import Options, draw_figures
-
-    chosen = Options(
-        purpose=purpose,
-        only=only or (),
-        formats=formats,
-        width=width,
-        normal=normal,
-        signs=convention,
-        units=units,
-        external=external,
-    )
-    draw_figures(result, out, chosen, console)
 
 
-@command
-def view(
-    console: "Console", result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None
-) -> None:
+@command("view:view_result")
+def view(result: Result, other: told.Other = None, html: told.Html = None, geometry: told.Geometry = None) -> None:
     """Page of a result, or of the comparison of two: live on this machine only, or one self-contained file."""
-    from gaitcal.cli.view import view_result
-
-    view_result(result, other, html, console, geometry)
 
 
-@command
+@command("view:print_report")
 def report(
-    console: "Console",
     result: Result,
     other: told.Other = None,
     pdf: told.Pdf = None,
@@ -306,14 +188,10 @@ def report(
     normal: Normal = None,
 ) -> None:
     """A report on paper, of a result or two sessions: verdict, steps, sheets of curves, what not to trust; A4, PDF."""
-    from gaitcal.cli.view import print_report
-
-    print_report(result, other, pdf, comments, normal, console)
 
 
-@command
+@command("view:compare_sessions_or_models")
 def compare(
-    console: "Console",
     result: Result,
     other: told.OtherResult = None,
     osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
@@ -325,18 +203,11 @@ def compare(
     study: told.Studies = None,
 ) -> None:
     """Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours."""
-    from gaitcal.cli.compare import Options, compare_sessions_or_models
-
-    chosen = Options(osim=osim, out=out, shared_model=shared_model, motion=motion, studies=study or ())
-    compare_sessions_or_models(result, other, chosen, console)
 
 
-@command
-def explain(console: "Console", code: told.CodeName = None) -> None:
+@command("explain:explain_code")
+def explain(code: told.CodeName = None) -> None:
     """What the code of a finding or of an error means, and what to do; without a code, a list of all."""
-    from gaitcal.cli.explain import explain_code
-
-    explain_code(code, console)
 
 
 def main() -> None:

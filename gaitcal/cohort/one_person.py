@@ -2,14 +2,12 @@
 with nobody to ask; and the row and curves that a result gives.
 
 A result folder's row of the table of people, and its mean curves for the page, come from its files alone. Fits join the
-walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk i. Peaks are of the mean
-over valid strides (`gait/ensemble.py`), where at least `LEAST_VALID` of its percents are valid; moments and powers by
-body mass. Their standard error is that of the mean at that percent; of a range, whose ends are far apart in the stride,
-it is taken as if their errors were independent: se = sqrt(se_max^2 + se_min^2).
+walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk i. Peaks are those of the
+phases of the stride (`gait/peaks.py`); loads are by body mass.
 
-Curves are the same means at every second percent, as 16-bit integers in steps of a size that is the same for everybody:
-people can be packed one by one. Three bytes are four letters of base64, and a person's bytes are divisible by three, so
-that people's texts one behind the other are the text of all.
+Curves are means over valid strides (`gait/ensemble.py`) at every second percent, as 16-bit integers in steps of a size
+that is the same for everybody: people can be packed one by one. Three bytes are four letters of base64, and a person's
+bytes are divisible by three, so that people's texts one behind the other are the text of all.
 """
 
 from __future__ import annotations
@@ -26,7 +24,6 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import pandas as pd
 
-from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import InputError
@@ -35,15 +32,15 @@ from gaitcal.faults.verdict import Judgement, stopping
 from gaitcal.findings import STUDY
 from gaitcal.gait.cycles import WALKING, Kind, kind_of
 from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.gait.peaks import PEAKS
 from gaitcal.gait.profile_score import BOTH, GPS
-from gaitcal.gait.spatiotemporal import LEAST_VALID, MEASURES
+from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_room, sha256_of
-from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.calibration import write_results
-from gaitcal.results.stride_files import ENSEMBLE
+from gaitcal.results.stride_files import PEAKS as PEAKS_FILE
+from gaitcal.results.summary import SUMMARY
 from gaitcal.results.table_file import read_csv
-from gaitcal.results.verdict import SUMMARY
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import (
     Draft,
@@ -173,15 +170,8 @@ RECORD: Final = ("session_date", "diagnosis", "affected_side", "aids", "laborato
 """Of what a clinic writes down, the columns of the table of people."""
 Cell: TypeAlias = str | int | float | None
 """Of the table of people."""
-ANGLES: Final = tuple(r.name for r in COORDINATE_TABLE.values() if r.group != "arm" and r.name not in LOCKED)
-MOMENTS: Final = tuple(
-    f"{name}_moment"
-    for name in ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle")
-)
-POWERS: Final = ("hip_power", "knee_power", "ankle_power")
-UNITS: Final = {**dict.fromkeys(ANGLES, "deg"), **dict.fromkeys(MOMENTS, "N m/kg"), **dict.fromkeys(POWERS, "W/kg")}
-"""Variable of `cycles.csv` -> unit of its peaks."""
-PEAKS: Final = ("max", "min", "range")
+PER_KG: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
+"""Unit of what is by body mass, but for angles."""
 MEASURED: Final = (
     *("speed", "cadence", "stride_length", "step_length", "step_width", "stride_time", "stance_percent"),
     *("double_support_percent", "single_support_percent"),
@@ -255,12 +245,12 @@ def _columns() -> tuple[Column, ...]:
             out.append(Column(f"{name}_{side}", float, MEASURES[name], f"mean {where}"))
             out.append(Column(f"{name}_sd_{side}", float, MEASURES[name], f"standard deviation, {where}"))
     out += [Column(f"strides_{side}", int, "", f"valid straight strides of the {leg} leg") for side, leg in _LEGS]
-    for variable, unit in UNITS.items():
-        for peak in PEAKS:
-            for side, leg in _LEGS:
-                meant = f"{peak} of the mean curve of {variable} over strides of the {leg} foot"
-                out.append(Column(f"{variable}_{peak}_{side}", float, unit, meant))
-                out.append(Column(f"{variable}_{peak}_se_{side}", float, unit, f"standard error: {meant}"))
+    for peak in PEAKS.values():
+        for side, leg in _LEGS:
+            meant = f"{peak.title()} ({peak.words}): mean over straight strides of the {leg} foot"
+            unit = PER_KG[kind_of(peak.variable)]
+            out.append(Column(f"{peak.name}_{side}", float, unit, meant))
+            out.append(Column(f"{peak.name}_se_{side}", float, unit, f"standard error: {meant}"))
     for side, leg in (*_LEGS, (BOTH, "both legs")):
         meant = f"Gait Profile Score of {leg}, against healthy people of that age and speed"
         out.append(Column(f"gait_profile_score_{side}", float, "deg", meant))
@@ -293,31 +283,26 @@ DIGITS = 6
 _FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
 
 
-def _ensemble(path: Path, mass: float) -> Iterator[tuple[str, str, Array, Array, Array]]:
-    """Variable, side, percent, mean and standard error of every curve of `ensemble.csv`, by body `mass` (kg)."""
+def _table(path: Path) -> pd.DataFrame | None:
+    """A table of a result, as text, of walking alone; None where there is none."""
     try:
         table, _ = read_csv(path)
     except (OSError, pd.errors.EmptyDataError):
-        return
-    table = table[table["variable"].isin({*UNITS, *VARIABLES}) & table["side"].isin(SIDES)]
-    table = table[table["activity"] == WALKING] if "activity" in table else table
-    numbers = [pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in ("percent", "mean", "se")]
-    for (variable, side), rows in table.groupby(["variable", "side"], sort=False).indices.items():
-        scale = 1.0 if kind_of(variable) is Kind.ANGLE else 1.0 / mass
-        percent, mean, error = (values[rows] for values in numbers)
-        yield variable, side, percent, scale * mean, scale * error
+        return None
+    return table[table["activity"] == WALKING] if "activity" in table else table
 
 
-def _peaks(ensemble: Path, mass: float) -> Iterator[tuple[str, float]]:
+def _by_mass(variable: str, mass: float) -> float:
+    """Factor of a curve: all but angles are by body mass (kg)."""
+    return 1.0 if kind_of(variable) is Kind.ANGLE else 1.0 / mass
+
+
+def _peaks(peaks: Path, mass: float) -> Iterator[tuple[str, float]]:
     """Column and value; nothing of what is not known."""
-    for variable, side, _, mean, error in _ensemble(ensemble, mass):
-        if variable in UNITS and np.isfinite(mean).mean() >= LEAST_VALID:
-            high, low = int(np.nanargmax(mean)), int(np.nanargmin(mean))
-            ends = (mean[high], error[high]), (mean[low], error[low])
-            both = mean[high] - mean[low], np.hypot(error[high], error[low])
-            for peak, (value, its_error) in zip(PEAKS, (*ends, both), strict=True):
-                yield f"{variable}_{peak}_{side}", float(value)
-                yield f"{variable}_{peak}_se_{side}", float(its_error)
+    table = _table(peaks)
+    for row in () if table is None else table.to_dict("records"):
+        for column, name in (("mean", row["peak"]), ("se", f"{row['peak']}_se")):
+            yield f"{name}_{row['side']}", _by_mass(row["variable"], mass) * float(row[column] or "nan")
 
 
 def mean_curves(ensemble: Path, mass: float) -> str:
@@ -327,12 +312,16 @@ def mean_curves(ensemble: Path, mass: float) -> str:
     ----------
     mass : kg.
     """
-    packed = np.full(SHAPE, GAP, dtype="<i2")
-    for variable, side, percent, mean, _ in _ensemble(ensemble, mass):
-        if variable in VARIABLES:
-            here = np.isfinite(mean) & (percent % EVERY == 0)
-            whole = np.clip(np.rint(mean[here] / STEPS[kind_of(variable)]), GAP + 1, -GAP - 1)
-            packed[VARIABLES.index(variable), SIDES.index(side), (percent[here] / EVERY).astype(int)] = whole
+    packed, table = np.full(SHAPE, GAP, dtype="<i2"), _table(ensemble)
+    known = [] if table is None else table[table["variable"].isin(VARIABLES)].groupby(["variable", "side"], sort=False)
+    for (variable, side), rows in known:
+        percent, mean = (
+            pd.to_numeric(rows[name], errors="coerce").to_numpy(np.float64) for name in ("percent", "mean")
+        )
+        mean = _by_mass(variable, mass) * mean
+        here = np.isfinite(mean) & (percent % EVERY == 0)
+        whole = np.clip(np.rint(mean[here] / STEPS[kind_of(variable)]), GAP + 1, -GAP - 1)
+        packed[VARIABLES.index(variable), SIDES.index(side), (percent[here] / EVERY).astype(int)] = whole
     return "" if (packed == GAP).all() else base64.b64encode(packed.tobytes()).decode("ascii")
 
 
@@ -371,7 +360,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
         **dict(_residuals(walks)),
         **dict(_spatiotemporal(summary.get("spatiotemporal") or {})),
         **dict(_profile_scores(summary.get("gait_profile") or {})),
-        **dict(_peaks(folder / ENSEMBLE, float(subject["mass_kg"]))),
+        **dict(_peaks(folder / PEAKS_FILE, float(subject["mass_kg"]))),
         "gaitcal": manifest["gaitcal"],
         **{
             f"{key.removesuffix('_sha256')}_sha256": _digest(manifest.get(key)) for key in ("settings", "inputs_sha256")

@@ -219,7 +219,7 @@ def _read_in(folder: Path) -> list[Path]:
     return [p for p in paths if p.suffix.lower() in READ and p.name[0] not in ".~" and p.is_file()]
 
 
-FORMAT = 2
+FORMAT = 3
 """Of what a cohort keeps of a person: a change of it makes everyone be computed again."""
 
 

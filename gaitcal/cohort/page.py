@@ -1,7 +1,7 @@
 """What `cohort.html` shows, from the tables of a cohort and from what is kept of every person.
 
-Numbers come from `people.parquet` one column at a time, curves from the people one by one, so that little is held in
-memory. There is no date in it: the same people give the same bytes.
+Curves come from the people one by one, so that little is held in memory. There is no date in it: the same people give
+the same bytes.
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from gaitcal.arrays import Array
-from gaitcal.cohort.one_person import COLUMNS, EVERY, STEPS, VARIABLES, CommonSettings, no_curves
+from gaitcal.cohort.one_person import COLUMNS, EVERY, PER_KG, STEPS, VARIABLES, CommonSettings, no_curves
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
 from gaitcal.gait.conventions import Convention, Signs
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
 from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.gait.peaks import ADDUCTION_PEAK, PEAKS, Figure, Peak
 from gaitcal.io.toml import package_version
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
@@ -51,11 +52,11 @@ class Measure:
     own."""
 
 
-def _peak(name: str, title: str, unit: str, variable: str, peak: str) -> Measure:
-    column, error = f"{variable}_{peak}_{{}}", f"{variable}_{peak}_se_{{}}"
-    digits, sign = (1 if unit == "deg" else 2), (-1 if peak == "min" else 1)
-    title = f"{title}, peak of mean curve"
-    return Measure(name=name, title=title, unit=unit, digits=digits, column=column, error=error, sign=sign)
+def _peak(name: str, title: str, peak: Peak) -> Measure:
+    kind, sign = kind_of(peak.variable), -1 if peak.figure is Figure.LOWEST else 1
+    digits, title = (1 if kind is Kind.ANGLE else 2), f"{title}, peak in {peak.phase}"
+    column, error = f"{peak.name}_{{}}", f"{peak.name}_se_{{}}"
+    return Measure(name=name, title=title, unit=PER_KG[kind], digits=digits, column=column, error=error, sign=sign)
 
 
 MEASURES: Final = (
@@ -75,11 +76,11 @@ MEASURES: Final = (
         column="step_length_{}",
         joined="asymmetry",
     ),
-    _peak("knee_flexion", "Knee flexion", "deg", "knee_angle", "max"),
-    _peak("hip_extension", "Hip extension", "deg", "hip_flexion", "min"),
-    _peak("plantarflexion_moment", "Ankle plantarflexor moment", "N m/kg", "ankle_angle_moment", "min"),
-    _peak("ankle_power", "Ankle power", "W/kg", "ankle_power", "max"),
-    _peak("adduction_moment", "Knee adduction moment (external)", "N m/kg", "knee_adduction_moment", "min"),
+    _peak("knee_flexion", "Knee flexion", PEAKS["knee_flexion_swing"]),
+    _peak("hip_extension", "Hip extension", PEAKS["hip_extension_terminal_stance"]),
+    _peak("plantarflexion_moment", "Ankle plantarflexor moment", PEAKS["plantarflexion_moment"]),
+    _peak("ankle_power", "Ankle power", PEAKS["ankle_power_2"]),
+    _peak("adduction_moment", "Knee adduction moment (external)", ADDUCTION_PEAK),
 )
 
 
@@ -109,7 +110,7 @@ def measured(measure: Measure, read: Callable[[str], Array]) -> list[dict[str, A
             continue
         words = f"{column} with the other sign" if measure.sign < 0 else column
         if measure.error:
-            words += ": peak of the mean curve over the strides, not the mean of each stride's peak"
+            words += ": mean of each stride's peak"
         error = measure.error.format(side)
         known_error = bool(error) and bool(np.isfinite(read(error)).any())
         leg = (
@@ -211,6 +212,10 @@ def _content(
     tables: Mapping[str, Path], people: Sequence[CohortPerson], common: CommonSettings, causes: _Causes
 ) -> Iterator[str]:
     with pq.ParquetFile(tables["people"]) as table:
+
+        def read(name: str) -> Array:
+            return np.asarray(table.read(columns=[name]).column(0).to_numpy(), dtype=np.float64)
+
         about = {
             "people": len({person.name for person in people}),
             "sessions": len(people),
@@ -218,15 +223,7 @@ def _content(
             "version": package_version("gaitcal"),
             "settings": json.loads(common.calibration.model_dump_json(exclude_unset=True)),
         }
-        yield f'{{"about":{_text(about)},"usual":{_text(USUAL)},"every":{EVERY},"columns":['
-
-        def read(name: str) -> Array:
-            return np.asarray(table.read(columns=[name]).column(0).to_numpy(), dtype=np.float64)
-
-        comma = ""
-        for column in _columns(table, read):
-            yield comma + _text(column)
-            comma = ","
+        content = {"about": about, "usual": USUAL, "every": EVERY, "columns": list(_columns(table, read))}
         sizes = [read(name) if table.metadata.num_rows else np.array([]) for name in ("mass_kg", "height_m")]
         mass, height = (
             float(np.nanmean(values)) if np.isfinite(values).any() else usual
@@ -234,8 +231,8 @@ def _content(
         )
     with tables["failures"].open(encoding="utf-8", newline="") as stream:
         failures = list(csv.DictReader(stream))
-    yield f'],"reasons":{_text(causes.content)},"ranked":{_text(causes.ranked(failures))},'
-    yield f'"curves":{_text(_variables(common, mass, height))},"failures":{_text(failures)}}}'
+    content |= {"reasons": causes.content, "ranked": causes.ranked(failures)}
+    yield _text(content | {"curves": _variables(common, mass, height), "failures": failures})
 
 
 def _columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[dict[str, Any]]:

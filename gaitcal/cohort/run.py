@@ -14,7 +14,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,18 +36,8 @@ from gaitcal.cohort.outcome import (
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import Cohort, CohortPerson
 from gaitcal.errors import InputError
+from gaitcal.io import result_folder
 from gaitcal.io.atomic import UNFINISHED, real_path
-from gaitcal.io.result_folder import (
-    FILES,
-    HASHES,
-    MANIFEST,
-    SELF,
-    ResultKind,
-    amended,
-    read_object,
-    self_hash,
-    sha256_of,
-)
 from gaitcal.io.toml import package_version
 from gaitcal.published.workers import LocalProcesses, Workers, alone
 
@@ -68,25 +57,6 @@ _ARROW = {str: pa.string(), int: pa.int64(), float: pa.float64()}
 _GROUPED = STRIDES.insert(STRIDES.get_field_index("session") + 1, pa.field("group", pa.string()))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ended:
-    """One person has ended, and how far the cohort is."""
-
-    outcome: Outcome
-    done: int
-    todo: int
-    remaining_s: float | None
-    """None until somebody was computed."""
-
-
-@dataclass(frozen=True)
-class Written:
-    """What the tables are of."""
-
-    verdicts: Mapping[str, int]
-    """`trustworthy`, `doubtful`, `refused`, `failed` -> people."""
-
-
 def run_cohort(
     cohort: Cohort,
     out: Path,
@@ -94,9 +64,11 @@ def run_cohort(
     *,
     engine: Workers | None = None,
     retry: bool = False,
-    told: Callable[[Ended], None] = lambda ended: None,
-) -> Written:
+    told: Callable[[Outcome, int, float | None], None] = lambda outcome, done, remaining_s: None,
+) -> Counter[str]:
     """Calibrate everyone of a cohort into `out/people`, and write its tables.
+
+    Returns `trustworthy`, `doubtful`, `refused`, `failed` -> people.
 
     Parameters
     ----------
@@ -105,7 +77,7 @@ def run_cohort(
     common : settings of everyone.
     engine : who computes; processes of this machine unless given.
     retry : try again who failed before though nothing changed.
-    told : called whenever somebody has ended.
+    told : called whenever somebody has ended: how, how many have, seconds that are left (None: nobody was computed).
 
     Raises
     ------
@@ -130,7 +102,7 @@ def run_cohort(
                     failed[outcome.key] = outcome
                 left = len(cohort.people) - done
                 remaining = left * (time.monotonic() - began) / computed if computed else None
-                told(Ended(outcome=outcome, done=done, todo=len(cohort.people), remaining_s=remaining))
+                told(outcome, done, remaining)
         return write_tables(cohort.people, cohort.source, Outcomes(out, failed), common)
 
 
@@ -156,7 +128,10 @@ def require_cohort(out: Path) -> None:
     if not out.is_dir():
         raise InputError("is a file; the output needs a folder", source=out, code=Code.FOLDER_TAKEN)
     names = sorted(p.name for p in out.iterdir() if not p.name.startswith("."))
-    if names and read_object(out / MANIFEST).get("kind") != ResultKind.COHORT.value:
+    if (
+        names
+        and result_folder.read_object(out / result_folder.MANIFEST).get("kind") != result_folder.ResultKind.COHORT.value
+    ):
         raise InputError(
             f"holds '{names[0]}', and is no cohort; name a new or an empty folder", source=out, code=Code.FOLDER_TAKEN
         )
@@ -164,40 +139,42 @@ def require_cohort(out: Path) -> None:
 
 def mark(out: Path) -> None:
     """Mark a folder as a cohort's, before anything is in it."""
-    if not (out / MANIFEST).is_file():
-        with amended(out) as stage:
-            (stage / MANIFEST).write_text(_text({"kind": ResultKind.COHORT.value}), encoding="utf-8")
+    if not (out / result_folder.MANIFEST).is_file():
+        with result_folder.amended(out) as stage:
+            (stage / result_folder.MANIFEST).write_text(
+                _text({"kind": result_folder.ResultKind.COHORT.value}), encoding="utf-8"
+            )
 
 
 def _text(content: Mapping[str, object]) -> str:
     made = {"gaitcal": package_version("gaitcal"), **content}
-    return json.dumps({**made, SELF: self_hash(made)}, indent=1, ensure_ascii=False) + "\n"
+    return json.dumps({**made, result_folder.SELF: result_folder.self_hash(made)}, indent=1, ensure_ascii=False) + "\n"
 
 
 def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Path) -> str:
     names = sorted(path.name for path in stage.iterdir() if path.name != TIMES)
     settings: dict[str, object] = json.loads(common.calibration.model_dump_json(exclude_unset=True))
     if common.normal is not None:
-        settings |= {"normal": common.normal.name, "normal_sha256": sha256_of(common.normal)}
+        settings |= {"normal": common.normal.name, "normal_sha256": result_folder.sha256_of(common.normal)}
     if common.priors is not None:
-        settings |= {"priors": common.priors.name, "priors_sha256": sha256_of(common.priors)}
+        settings |= {"priors": common.priors.name, "priors_sha256": result_folder.sha256_of(common.priors)}
     return _text(
         {
-            "kind": ResultKind.COHORT.value,
+            "kind": result_folder.ResultKind.COHORT.value,
             "people": len({person.name for person in people}),
             "sessions": len(people),
             "settings": settings,
-            FILES: sorted([*names, TIMES]),
-            HASHES: {name: sha256_of(stage / name) for name in names},
+            result_folder.FILES: sorted([*names, TIMES]),
+            result_folder.HASHES: {name: result_folder.sha256_of(stage / name) for name in names},
         }
     )
 
 
-def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, common: CommonSettings) -> Written:
+def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, common: CommonSettings) -> Counter[str]:
     """Write all tables of a cohort into its folder, together. `source`: where the people's folders are."""
     verdicts = Counter[str]()
     schema, home = pa.schema([(column.name, _ARROW[column.kind]) for column in COLUMNS]), source.resolve()
-    with amended(ended.out) as stage:
+    with result_folder.amended(ended.out) as stage:
         with ExitStack() as stack:
             table, failed, times = (
                 _csv(stack, stage / name, columns)
@@ -233,8 +210,8 @@ def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, 
             meanings.writerows((column.name, column.unit, column.meaning) for column in COLUMNS)
         written = {"people": stage / PEOPLE_PARQUET, "failures": stage / FAILURES}
         write_page(stage / PAGE, written, people, ended, common)
-        (stage / MANIFEST).write_text(_manifest(people, common, stage), encoding="utf-8")
-    return Written(verdicts)
+        (stage / result_folder.MANIFEST).write_text(_manifest(people, common, stage), encoding="utf-8")
+    return verdicts
 
 
 def _rows(waiting: Sequence[Mapping[str, Cell]], schema: pa.Schema) -> pa.Table:

@@ -131,7 +131,7 @@ class Difference:
     side: str  # `r`, `l`; empty for what belongs to neither leg
     name: str  # Variable of `cycles.csv` or `spatiotemporal.csv`, or joint parameter
     measure: str
-    """Which figure of a curve: `largest in swing`, `range`; `mean` of a measure of strides; empty for a parameter."""
+    """Which figure of a curve: `highest in swing`; `mean` of a measure of strides; empty for a parameter."""
     unit: str
     a: float
     b: float
@@ -245,7 +245,7 @@ def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]
 
 
 def sentence(d: Difference) -> str:
-    """`right knee flexion, largest in swing: 8.1 deg less (52.3 against 60.4), 3.2 times what ... could miss`."""
+    """`right knee flexion, highest in swing: 8.1 deg less (52.3 against 60.4), 3.2 times what ... could miss`."""
     digits = 3 if d.unit == "m" or d.unit == "m/s" else 2 if d.unit == "s" else 1
     below = max(d.a, d.b) < 0.0  # of a negative moment, a larger number is less
     way = ("less negative" if below else "more") if d.difference > 0 else ("more negative" if below else "less")
@@ -256,7 +256,7 @@ def sentence(d: Difference) -> str:
 
 
 def subject(d: Difference) -> str:
-    """`right knee flexion, largest in swing`; `left stance, % of the stride`; `right hip centre in the pelvis, up`."""
+    """`right knee flexion, highest in swing`; `left stance, % of the stride`; `right hip centre in the pelvis, up`."""
     side = f"{SIDE_WORDS[d.side]} " if d.side else ""
     if d.kind in _PARAMETERS:
         return f"{side}{parameter_words(d.name)}"

@@ -1,14 +1,24 @@
-"""Two sessions of one person side by side: what differs, and whether the recordings could have missed it."""
+"""Two sessions of one person side by side: what differs, and whether the recordings could have missed it.
+
+Curves and steps of two sessions: how far apart they are at every percent, in peaks and ranges, and in means of
+steps.
+
+A peak is that of a phase (`gait/peaks.py`), found in every stride by itself and averaged: the peak of a mean curve is
+flatter than those of its strides. The error that strides share is taken where each has its peak.
+Strikes are known to a frame or so, heels to some millimetres: strides vary by at least `LEAST_SD`, however alike a few
+of them happen to be.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
-from gaitcal.compare.curve_differences import curve_figures, curve_table, measure_differences
-from gaitcal.compare.difference import Difference, difference_table, lines_of, parameter_differences, ranked
+from gaitcal.arrays import Array
+from gaitcal.compare import difference
 from gaitcal.compare.stride_sets import (
     Common,
     Key,
@@ -17,9 +27,14 @@ from gaitcal.compare.stride_sets import (
     StrideSet,
     common_to,
     identity,
+    mean_over,
     stride_sets,
 )
+from gaitcal.gait.cycles import POINTS, kind_of, unit_of
 from gaitcal.gait.moments import counted
+from gaitcal.gait.peaks import PEAKS, stride_peaks
+from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES
+from gaitcal.gait.strides import TURNING
 from gaitcal.model.subject_model import Subject
 
 
@@ -32,13 +47,15 @@ class SessionComparison:
     common: Common
     warnings: tuple[str, ...]  # What to know before any figure: refused or doubtful results, signs of another person
     notes: tuple[str, ...] = ()  # What else was done, a sentence each
-    found: tuple[Difference, ...]  # Those that exceed what could be missed first, the largest of them before others
+    found: tuple[
+        difference.Difference, ...
+    ]  # Those that exceed what could be missed first, the largest of them before others
     curves: pd.DataFrame  # `curve_differences.csv`: every percent of every curve
 
     @property
     def differences(self) -> pd.DataFrame:
         """`differences.csv`: one row a figure."""
-        return difference_table(self.found)
+        return difference.difference_table(self.found)
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -48,7 +65,7 @@ class SessionComparison:
     @property
     def words(self) -> tuple[str, ...]:
         """The same without warnings."""
-        return (*self.notes, *lines_of(self.names, self.common, self.found))
+        return (*self.notes, *difference.lines_of(self.names, self.common, self.found))
 
 
 def compare_sessions(a: Session, b: Session, common: Common | None = None) -> SessionComparison:
@@ -72,14 +89,14 @@ def compare_sessions(a: Session, b: Session, common: Common | None = None) -> Se
     found = (
         *curve_figures(*curves, common),
         *measure_differences(a, b),
-        *(parameter_differences(a, b, common) if joints_differ else ()),
+        *(difference.parameter_differences(a, b, common) if joints_differ else ()),
     )
     return SessionComparison(
         names=(a.name, b.name),
         subjects=(a.model.subject, b.model.subject),
         common=common,
         warnings=(*_verdicts(a, b), *(f"of one person? {doubt}" for doubt in person.doubts), *_kinds(a, b, curves)),
-        found=ranked(found),
+        found=difference.ranked(found),
         curves=curve_table(*curves, common),
     )
 
@@ -105,3 +122,159 @@ def _kinds(a: Session, b: Session, curves: Sequence[Mapping[Key, StrideSet]]) ->
         if not found
     ]
     return tuple(out)
+
+
+CURVE_COLUMNS = (
+    *("kind", "side", "variable", "percent", "unit", "a", "b", "difference", "se", "mdc95", "exceeds"),
+    *("strides_a", "strides_b"),
+)
+CURVE_HEADER = (
+    "mean curves of two sessions over the stride of each foot, b - a; variables and units as in cycles.csv",
+    "se, mdc95 and exceeds: as in differences.csv, at every percent by itself",
+)
+"""Comment lines of `curve_differences.csv`."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of n strides, and the errors at the place where each stride has it."""
+
+    values: Array  # (n,); NaN where not known
+    shared: Array  # (n,)
+    frames: Array  # (n,)
+
+
+def curve_table(a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet], common: Common) -> pd.DataFrame:
+    """`curve_differences.csv`: every percent of every variable that both sessions have, with `CURVE_COLUMNS`."""
+    parts = []
+    for key in (key for key in a if key in b):
+        both = a[key], b[key]
+        n_a, n_b = (np.isfinite(s.values).sum(axis=0) for s in both)
+        mean_a, mean_b = (mean_over(s.values) for s in both)
+        spread = difference.spread_of(
+            [s.values for s in both], _beside(key, [{k: s.values for k, s in c.items()} for c in (a, b)])
+        )
+        by_strides = difference.stride_part(spread, n_a, n_b)
+        shared = _shared(common, *both)
+        se = np.sqrt(np.nan_to_num(by_strides) + np.nan_to_num(shared))
+        apart = mean_b - mean_a
+        known = np.isfinite(by_strides) & np.isfinite(apart)
+        part = {
+            "kind": kind_of(key[1]).words,
+            "side": key[0],
+            "variable": key[1],
+            "percent": np.arange(POINTS),
+            "unit": unit_of(key[1]),
+            "a": mean_a,
+            "b": mean_b,
+            "difference": apart,
+            "se": np.where(np.isfinite(apart), se, np.nan),
+            "mdc95": np.where(np.isfinite(apart), difference.MDC * se, np.nan),
+            "exceeds": (known & (np.abs(apart) > difference.MDC * se)).astype(int),
+            "strides_a": n_a,
+            "strides_b": n_b,
+        }
+        parts.append(pd.DataFrame(part))
+    table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(CURVE_COLUMNS))
+    return table.round(dict.fromkeys(("a", "b", "difference", "se", "mdc95"), difference.DIGITS))
+
+
+def curve_figures(
+    a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet], common: Common
+) -> Iterator[difference.Difference]:
+    """Peaks, ranges and means of every variable that both sessions have."""
+    figures = [{key: _figures(key[1], found) for key, found in sets.items()} for sets in (a, b)]
+    for key in (key for key in a if key in b):
+        for measure in figures[0][key]:
+            both = figures[0][key][measure], figures[1][key][measure]
+            if not all(np.isfinite(f.values).any() for f in both):
+                continue
+            beside = [{k: of[measure].values for k, of in sets.items() if measure in of} for sets in figures]
+            values, shared = [f.values for f in both], _shared(common, *both)
+            yield _difference(kind_of(key[1]).words, key, measure, unit_of(key[1]), values, beside, shared=shared)
+
+
+def _shared(common: Common, a: StrideSet | Figure, b: StrideSet | Figure) -> Array:
+    """c^2 of the means over strides that count."""
+    return difference.shared_variance(
+        common, (_mean(a, a.shared), _mean(b, b.shared)), (_mean(a, a.frames), _mean(b, b.frames))
+    )
+
+
+def _beside(key: Key, sessions: Sequence[Mapping[Key, Array]]) -> list[Array]:
+    """The values of the other leg, in the sessions that have them."""
+    other = ("l" if key[0] == "r" else "r", key[1])
+    return [values[other] for values in sessions if other in values]
+
+
+def _difference(
+    kind: str,
+    key: Key,
+    measure: str,
+    unit: str,
+    both: Sequence[Array],
+    sessions: Sequence[Mapping[Key, Array]],
+    *,
+    shared: Array | float = 0.0,
+    least: float = 0.0,
+) -> difference.Difference:
+    """Of figures of strides (n,) in A and in B; `shared`: variance; `least`: standard deviation of strides at least."""
+    spread = difference.spread_of(
+        [values[:, None] for values in both], [values[:, None] for values in _beside(key, sessions)]
+    )
+    spread = difference.Spread(variance=np.maximum(spread.variance, least**2), freedom=spread.freedom)
+    n_a, n_b = (int(np.isfinite(values).sum()) for values in both)
+    return difference.Difference(
+        kind=kind,
+        side=key[0],
+        name=key[1],
+        measure=measure,
+        unit=unit,
+        a=float(np.nanmean(both[0])),
+        b=float(np.nanmean(both[1])),
+        se_strides=float(np.sqrt(difference.stride_part(spread, np.array([n_a]), np.array([n_b])))[0]),
+        se_shared=float(np.sqrt(np.nan_to_num(shared))),
+        strides_a=n_a,
+        strides_b=n_b,
+    )
+
+
+def _mean(found: StrideSet | Figure, errors: Array) -> Array:
+    """(m,) of curves, () of figures: mean of errors over strides whose value counts."""
+    wide = np.where(np.isfinite(found.values), errors, np.nan)
+    return mean_over(wide) if wide.ndim == 2 else np.asarray(mean_over(wide[:, None])[0])
+
+
+def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
+    """Measure -> the figure of every stride: `highest in swing`, `at initial contact`."""
+    own, out = np.zeros(POINTS), {}
+    of_strides = [
+        [stride_peaks({variable: (value, error, own)}, None if np.isnan(off) else float(off)) for error in errors]
+        for value, *errors, off in zip(found.values, found.shared, found.frames, found.stance, strict=True)
+    ]
+    for peak in (peak for peak in PEAKS.values() if peak.variable == variable):
+        rows = [[peaks.get(peak.name, UNKNOWN)[:2] for peaks in both] for both in of_strides]
+        (values, shared), (_, frames) = np.array(rows).transpose(1, 2, 0)
+        out[peak.measure] = Figure(values, shared, frames)
+    return out
+
+
+UNKNOWN = (np.nan,) * 4
+"""Peak of a stride that has none."""
+
+
+def measure_differences(a: Session, b: Session) -> Iterator[difference.Difference]:
+    """Every measure of each leg that both sessions have."""
+    sets = [_values(session.measures) for session in (a, b)]
+    for key in (key for key in sets[0] if key in sets[1]):
+        unit = MEASURES[key[1]]
+        both = [values[key] for values in sets]
+        yield _difference("spatiotemporal", key, "mean", unit, both, sets, least=LEAST_SD[unit])
+
+
+def _values(table: pd.DataFrame) -> dict[Key, Array]:
+    """Side and measure -> the values of its strides that count."""
+    counting = (table["valid"] == 1.0) & table["value"].notna() & ~(table["turn"].abs() > TURNING)
+    rows = table[counting & table["variable"].isin(list(MEASURES))]
+    grouped = rows.groupby(["side", "variable"], sort=False)["value"]
+    return {(str(side), str(name)): values.to_numpy(dtype=np.float64) for (side, name), values in grouped}

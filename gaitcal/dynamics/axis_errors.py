@@ -42,23 +42,12 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, PlacedLinkage
 from gaitcal.dynamics.joint_kinetics import KineticErrors
+from gaitcal.model import linkage
 from gaitcal.model.chain import chain_of
-from gaitcal.model.linkage import (
-    COORDINATE_INDEX,
-    COORDINATES,
-    JOINTS,
-    REACTIONS,
-    SEGMENT_TABLE,
-    SIDES,
-    Source,
-    joint_elements,
-    root_elements,
-    segment_kind,
-)
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 
 PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
-    row.name: row.palpated for row in SEGMENT_TABLE.values() if row.palpated
+    row.name: row.palpated for row in linkage.SEGMENT_TABLE.values() if row.palpated
 }
 """Segment -> deg, standard deviations of turns about its x, y and z axis. A talus has no landmarks, and no error."""
 EXACT: Mapping[str, tuple[float, float, float]] = {}
@@ -81,22 +70,22 @@ class _Crossing:
     @property
     def absorbing(self) -> tuple[str, ...]:
         """Turns that may take others up."""
-        return tuple(name for name in self.turns if name not in REACTIONS)
+        return tuple(name for name in self.turns if name not in linkage.REACTIONS)
 
     @property
     def carried(self) -> tuple[str, ...]:
         """Three turns whose generalised forces are the joint's whole moment; empty where no torque of it moves."""
         for at, name in enumerate(self.turns):
-            if name in REACTIONS:
+            if name in linkage.REACTIONS:
                 return self.turns[at - 1 : at + 2]
-        return self.turns if set(self.turns) <= set(COORDINATES) else ()
+        return self.turns if set(self.turns) <= set(linkage.COORDINATES) else ()
 
 
 CROSSINGS = tuple(
-    _Crossing(parent, child, tuple(e.name for e in elements if e.rotates and e.source is not Source.ZERO_ANGLE))
+    _Crossing(parent, child, tuple(e.name for e in elements if e.rotates and e.source is not linkage.Source.ZERO_ANGLE))
     for parent, child, elements in (
-        (None, "pelvis", root_elements("pelvis")),
-        *((joint.parent, joint.child, joint_elements(joint, reactions=True)) for joint in JOINTS),
+        (None, "pelvis", linkage.root_elements("pelvis")),
+        *((joint.parent, joint.child, linkage.joint_elements(joint, reactions=True)) for joint in linkage.JOINTS),
     )
 )
 _HELD = tuple(name for crossing in CROSSINGS for name in crossing.carried if name in JP_INDEX)
@@ -116,7 +105,7 @@ class AxisErrors:
         self._chain = chain_of(free=_ORIENTATIONS, reactions=True)
         self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
         self._dynamics = Dynamics(parameters, _HELD)
-        each = {s: deviations_deg.get(segment_kind(s).name, ()) for s in self._chain.segments}
+        each = {s: deviations_deg.get(linkage.segment_kind(s).name, ()) for s in self._chain.segments}
         self._deviations = {segment: np.deg2rad(turns) for segment, turns in each.items() if any(turns)}
         self.columns = tuple((segment, axis) for segment in self._deviations for axis in range(3))
 
@@ -133,8 +122,8 @@ class AxisErrors:
         placed, out = self._placed(q), np.zeros((*q.shape, len(self.columns)))
         for _, _, place, _, taken in self._taken(placed):
             for name, by in taken.items():
-                if name in COORDINATE_INDEX:
-                    out[:, COORDINATE_INDEX[name], place] += by
+                if name in linkage.COORDINATE_INDEX:
+                    out[:, linkage.COORDINATE_INDEX[name], place] += by
         return out
 
     def segment_turns(self, q: Array) -> dict[str, Array]:
@@ -238,7 +227,7 @@ class TorqueErrors:
 
     def only(self, coordinates: BoolArray) -> TorqueErrors:
         """The same with NaN for all but some coordinates (nq,), right and left knee's reaction with its knee angle."""
-        knees = coordinates[[COORDINATE_INDEX[f"knee_angle_{side}"] for side in SIDES]]
+        knees = coordinates[[linkage.COORDINATE_INDEX[f"knee_angle_{side}"] for side in linkage.SIDES]]
         kept = np.concatenate([coordinates, knees])
         by_source = {source: np.where(kept, variance, np.nan) for source, variance in self.by_source.items()}
         return TorqueErrors(

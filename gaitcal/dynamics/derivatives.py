@@ -35,26 +35,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross
-from gaitcal.dynamics.inverse_dynamics import (
-    FEET,
-    FORCES,
-    Dynamics,
-    PlacedLinkage,
-    pelvis_axes,
-    pelvis_residual,
-    root_wrench,
-)
-from gaitcal.model.chain import Chain, chain_of
+from gaitcal.dynamics import inverse_dynamics
+from gaitcal.model.chain import chain_of
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
-from gaitcal.model.subject_model import GRAVITY
 
-SKEW = np.zeros((3, 3, 3))
-"""SKEW[i, j, k] x_k is entry (i, j) of the matrix of x x."""
-for _i in range(3):
-    SKEW[_i, (_i + 1) % 3, (_i + 2) % 3], SKEW[_i, (_i + 2) % 3, (_i + 1) % 3] = -1.0, 1.0
-UPWARDS = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
-"""m/s^2, gravity as an acceleration of the ground."""
 FRAMES_AT_ONCE = 128
 """Keeps the working set in the processor's cache."""
 
@@ -95,7 +80,7 @@ def force_derivatives(
     a: Array,
     wrenches: Array,
     held: tuple[str, ...] = (),
-    of: tuple[str, ...] = FORCES,
+    of: tuple[str, ...] = inverse_dynamics.FORCES,
 ) -> ForceDerivatives:
     """Derivatives of `Dynamics.forces` at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6).
 
@@ -109,7 +94,7 @@ def force_derivatives(
     parts = []
     for start in range(0, len(q), FRAMES_AT_ONCE):
         part = slice(start, start + FRAMES_AT_ONCE)
-        placed = PlacedLinkage(chain, constants, q[part])
+        placed = inverse_dynamics.PlacedLinkage(chain, constants, q[part])
         parts.append(_rnea_slopes(placed, parameters.inertial, v[part], a[part], wrenches[part], rows, by))
     by_q, by_v, by_a = (np.concatenate(slopes) for slopes in zip(*parts, strict=True))
     split = len(COORDINATES)
@@ -126,26 +111,32 @@ def root_residual(
     parameters: Parameters, free: tuple[str, ...], q: Array, v: Array, a: Array, wrenches: Array
 ) -> RootResidual:
     """Pelvis residual at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6)."""
-    dynamics = Dynamics(parameters)
-    value = pelvis_residual(q, dynamics.forces(q, v, a, wrenches))
-    slopes = force_derivatives(parameters, free, q, v, a, wrenches, of=FORCES[:6])
-    _, by_tilt, by_list = pelvis_axes(q)
+    dynamics = inverse_dynamics.Dynamics(parameters)
+    value = inverse_dynamics.pelvis_residual(q, dynamics.forces(q, v, a, wrenches))
+    slopes = force_derivatives(parameters, free, q, v, a, wrenches, of=inverse_dynamics.FORCES[:6])
+    _, by_tilt, by_list = inverse_dynamics.pelvis_axes(q)
     by_position = slopes.by_position.copy()
     for k, turned in ((3, by_tilt), (4, by_list)):
         by_position[:, 3:, k] -= np.einsum("fij,fj->fi", turned, value[:, 3:])
     return RootResidual(
         value=value,
-        by_position=root_wrench(q, by_position),
-        by_velocity=root_wrench(q, slopes.by_velocity),
-        by_acceleration=root_wrench(q, slopes.by_acceleration),
-        by_parameter=root_wrench(q, slopes.by_parameter),
+        by_position=inverse_dynamics.root_wrench(q, by_position),
+        by_velocity=inverse_dynamics.root_wrench(q, slopes.by_velocity),
+        by_acceleration=inverse_dynamics.root_wrench(q, slopes.by_acceleration),
+        by_parameter=inverse_dynamics.root_wrench(q, slopes.by_parameter),
         free=slopes.free,
         regressor=dynamics.root_regressor(q, v, a).reshape(len(q), 6, -1),
     )
 
 
 def _rnea_slopes(
-    placed: PlacedLinkage, inertial: Array, v: Array, a: Array, wrenches: Array, rows: IntArray, by: IntArray
+    placed: inverse_dynamics.PlacedLinkage,
+    inertial: Array,
+    v: Array,
+    a: Array,
+    wrenches: Array,
+    rows: IntArray,
+    by: IntArray,
 ) -> tuple[Array, Array, Array]:
     """(nf, n, k) by position, and (nf, n, c) by velocity and acceleration: of the generalised forces of the variables
     `rows` (n,), by the variables `by` (k,), the c coordinates first.
@@ -155,14 +146,16 @@ def _rnea_slopes(
     # whether variable j, [i, j], is i or comes after it on the way to all that it moves
     within = (chain.support[None] <= chain.support[:, None]).all(axis=2)
     after = np.asarray(within & (placed.rank[None] >= placed.rank[:, None]))
-    before, at_segment = _paths(chain)
+    before, at_segment = inverse_dynamics.paths(chain)
     moving, v, a = columns[:, :count], placed.whole(v), placed.whole(a)
     speed = moving * v[:, :, None]
     ahead = before @ speed
-    turned = crossed(ahead, columns)
+    turned = inverse_dynamics.crossed(ahead, columns)
     gained = moving * a[:, :, None] + turned[:, :count] * v[:, :, None]
-    twice = crossed(before @ gained + UPWARDS, columns) + crossed(ahead, turned)
-    matrices, forces = _bodies(placed, inertial, at_segment @ speed, at_segment @ gained + UPWARDS)
+    twice = inverse_dynamics.crossed(before @ gained + inverse_dynamics.UPWARDS, columns) + inverse_dynamics.crossed(
+        ahead, turned
+    )
+    matrices, forces = _bodies(placed, inertial, at_segment @ speed, at_segment @ gained + inverse_dynamics.UPWARDS)
     by_q, by_v, carried, levers = (np.empty_like(columns) for _ in range(4))
     for own in range(len(matrices)):
         of = np.flatnonzero(chain.moved_set == own)
@@ -185,10 +178,10 @@ def _rnea_slopes(
     )
 
 
-def _contact_pulls(placed: PlacedLinkage, wrenches: Array, rows: IntArray) -> Array:
+def _contact_pulls(placed: inverse_dynamics.PlacedLinkage, wrenches: Array, rows: IntArray) -> Array:
     """(nf, n, 6) what, times J_j, is the derivative of -sum_feet J_i^T w by a variable j before i, for i of `rows`."""
     out = np.zeros((len(wrenches), len(rows), 6))
-    for foot, segment in enumerate(FEET):
+    for foot, segment in enumerate(inverse_dynamics.FEET):
         own = np.flatnonzero(placed.moves(segment)[rows])
         force, moment = wrenches[:, None, foot, :3], wrenches[:, None, foot, 3:]
         v, w = placed.columns[:, rows[own], :3], placed.columns[:, rows[own], 3:]
@@ -207,18 +200,9 @@ def _of_pairs(own: Array, after: Array, later: BoolArray, behind: Array, before:
     return out
 
 
-def _paths(chain: Chain) -> tuple[Array, Array]:
-    """(nq + np, nq) 1 where a coordinate comes before a variable, and (ns, nq) 1 where it moves a segment."""
-    count = len(chain.coordinates)
-    frames = np.zeros((count + 1, count))
-    """By frame, 1 for its own coordinate and those before it; the last is the ground."""
-    for k, parent in enumerate(chain.parents):
-        frames[k] = frames[parent]
-        frames[k, k] = 1.0
-    return frames[[*chain.parents, *chain.parameter_frame]], frames[chain.segment_frame]
-
-
-def _bodies(placed: PlacedLinkage, inertial: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+def _bodies(
+    placed: inverse_dynamics.PlacedLinkage, inertial: Array, velocity: Array, acceleration: Array
+) -> tuple[Array, Array]:
     """(n, nf, 12, 6) sums of I and B over each distinct set of segments, and (n, nf, 6) of f; V and A of all segments
     (nf, ns, 6).
     """
@@ -230,7 +214,7 @@ def _bodies(placed: PlacedLinkage, inertial: Array, velocity: Array, acceleratio
     )
     centre = origin + (body[:, None, None, 1:4] @ axes)[:, :, 0]
     shape = axes.swapaxes(2, 3) @ (body[:, None, 4:7, None] * axes)
-    lever = skew(centre)
+    lever = inverse_dynamics.skew(centre)
     both = np.zeros((*v.shape[:2], 12, 6))
     inertia, bias = both[:, :, :6], both[:, :, 6:]
     inertia[..., :3, :3] = mass[..., None] * np.eye(3)
@@ -241,32 +225,19 @@ def _bodies(placed: PlacedLinkage, inertial: Array, velocity: Array, acceleratio
     force = (inertia @ a[..., None])[..., 0] + on_force(v, momentum)
     moves = np.zeros_like(inertia)
     """The matrix of v x; that of v x* is its negative transpose."""
-    moves[..., :3, :3] = moves[..., 3:, 3:] = skew(v[..., 3:])
-    moves[..., :3, 3:] = skew(v[..., :3])
+    moves[..., :3, :3] = moves[..., 3:, 3:] = inverse_dynamics.skew(v[..., 3:])
+    moves[..., :3, 3:] = inverse_dynamics.skew(v[..., :3])
     turned = inertia @ moves
     np.negative(turned + turned.swapaxes(2, 3), out=bias)
-    push = skew(momentum[..., :3])
+    push = inverse_dynamics.skew(momentum[..., :3])
     bias[..., :3, 3:] -= push
     bias[..., 3:, :3] -= push
-    bias[..., 3:, 3:] -= skew(momentum[..., 3:])
+    bias[..., 3:, 3:] -= inverse_dynamics.skew(momentum[..., 3:])
     sums, nf = placed.chain.moved_sets[:, places], len(velocity)
     return (
         (sums @ both.reshape(len(both), -1)).reshape(-1, nf, 12, 6),
         (sums @ force.reshape(len(force), -1)).reshape(-1, nf, 6),
     )
-
-
-def skew(x: Array) -> Array:
-    """(..., 3, 3) matrices of x x, for (..., 3)."""
-    return (x @ SKEW.reshape(9, 3).T).reshape(*x.shape, 3)
-
-
-def crossed(a: Array, b: Array) -> Array:
-    """(..., 6) a x b of motions [v; w]."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., :3] = cross(a[..., 3:], b[..., :3]) + cross(a[..., :3], b[..., 3:])
-    out[..., 3:] = cross(a[..., 3:], b[..., 3:])
-    return out
 
 
 def on_force(m: Array, f: Array) -> Array:

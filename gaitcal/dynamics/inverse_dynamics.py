@@ -1,47 +1,62 @@
 """Inverse dynamics: the generalised forces that the motion and the ground reactions ask for.
 
-    tau = RNEA(q, v, a) - sum_feet J_foot^T w_foot
+    tau_k = J_k . sum_(bodies that k moves) f  -  sum_feet J_foot^T w_foot
 
-with w_foot the wrench of the ground on the foot and J_foot the spatial Jacobian, both about the laboratory origin, so
-that the wrench needs no transformation to the foot. Two locked joints report the knees' internal reaction moment about
+with f the wrench that a body asks for, w_foot that of the ground on the foot, J_k and J_foot spatial velocities per
+unit of a variable: all about the laboratory origin, so that no wrench needs a transformation to the foot. In the axes
+of a body, about its origin o, with its acceleration a_o (gravity as an acceleration upwards), w and al = dw/dt,
+
+    F = m a_o + al x (m c) + w x (w x (m c)),      M = (m c) x a_o + I al + w x I w.
+
+Two locked joints report the knees' internal reaction moment about
 the knee frame's x axis. The six root rows are the pelvis residual, what no ground reaction explains:
 
     F = tau_(tx, ty, tz),   A(q) T = tau_(tilt, list, rotation),
 
 A's rows being the axes of the pelvis rotations in the laboratory, so that T is the moment about the pelvis origin in
 laboratory axes. Without ground reactions tau is linear in the dynamic parameters of the segments (m, m c, I about the
-segment origin); their matrix is the regressor.
+segment origin); their matrix is the regressor. Pinocchio gives the same frame by frame (tested).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
-from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
+from gaitcal.model import linkage
 from gaitcal.model.chain import Chain, ChainConstants, chain_of, forward, jacobian, segment_poses
-from gaitcal.model.linkage import COORDINATES, JOINTS, REACTIONS, is_translation, joint_elements, root_elements
-from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, placed_dynamic_parameters
-from gaitcal.model.subject_model import LinkageModel, SubjectModel, build_linkage
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_parameters
+from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.runtime import with_one_blas_thread
 
 FEET: tuple[str, ...] = ("foot_r", "foot_l")
 """Order of the second axis of every array of foot wrenches."""
-FORCES: tuple[str, ...] = (*COORDINATES, *REACTIONS)
+FORCES: tuple[str, ...] = (*linkage.COORDINATES, *linkage.REACTIONS)
 """Order of the 29 generalised forces of a frame: the 27 coordinates, then the two knee reactions."""
 ORDER = tuple(
-    e.name for part in (root_elements("pelvis"), *(joint_elements(j, reactions=True) for j in JOINTS)) for e in part
+    e.name
+    for part in (linkage.root_elements("pelvis"), *(linkage.joint_elements(j, reactions=True) for j in linkage.JOINTS))
+    for e in part
 )
 """Every turn and slide of the linkage, each after what moves it."""
-NOTHING_HELD: Mapping[str, float] = {}
-"""No joint parameter as a joint."""
+SKEW = np.zeros((3, 3, 3))
+"""SKEW[i, j, k] x_k is entry (i, j) of the matrix of x x."""
+for _i in range(3):
+    SKEW[_i, (_i + 1) % 3, (_i + 2) % 3], SKEW[_i, (_i + 2) % 3, (_i + 1) % 3] = -1.0, 1.0
+OF_INERTIA = np.zeros((3, 6, 3))
+"""OF_INERTIA[i, j, k] x_k is entry (i, j) of I x by the six moments and products I (xx, xy, yy, xz, yz, zz)."""
+for _n, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+    OF_INERTIA[_i, _n, _j] = OF_INERTIA[_j, _n, _i] = 1.0
+BLOCK = 500
+"""Frames at a time: a treadmill's trial may last for minutes."""
+UPWARDS = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
+"""m/s^2, gravity as an acceleration of the ground."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +90,7 @@ class Moments:
         ValueError
             The coordinate is a translation of the pelvis (a force), or none of the 27.
         """
-        if is_translation(coordinate):
+        if linkage.is_translation(coordinate):
             raise ValueError(f"'{coordinate}' is a force, not a torque")
         return 100.0 * self.tau[:, self.coordinates.index(coordinate)] / self.bwh
 
@@ -100,7 +115,9 @@ class PlacedLinkage:
     def whole(self, values: Array) -> Array:
         """(nf, nc) by the coordinates of the chain, from (nf, nq); zero for the reactions."""
         out = np.zeros((len(values), len(self.chain.coordinates)))
-        out[:, [self.chain.coordinates.index(name) for name in COORDINATES]] = values
+        for k, name in enumerate(self.chain.coordinates):
+            if name in linkage.COORDINATE_INDEX:
+                out[:, k] = values[:, linkage.COORDINATE_INDEX[name]]
         return out
 
     @cached_property
@@ -113,6 +130,69 @@ class PlacedLinkage:
         """(nf, ns, 3, 3) axes, one a row, and (nf, ns, 3) m origins of the segments."""
         axes, origins = segment_poses(self.chain, self._constants, self._poses)
         return np.ascontiguousarray(axes.transpose(3, 0, 1, 2)), np.ascontiguousarray(origins.transpose(2, 0, 1))
+
+    def motions(self, v: Array, a: Array) -> tuple[Array, Array]:
+        """(nf, ns, 6) velocity and acceleration of the segments about the laboratory origin, from (nf, nq)."""
+        (before, at_segment), v, a = paths(self.chain), self.whole(v), self.whole(a)
+        moving = self.columns[:, : v.shape[1]]
+        speed = moving * v[:, :, None]
+        gained = moving * a[:, :, None] + crossed(before[: v.shape[1]] @ speed, moving) * v[:, :, None]
+        return at_segment @ speed, at_segment @ gained + UPWARDS
+
+    @cached_property
+    def bodies(self) -> tuple[list[int], list[int]]:
+        """Of the massive segments that the chain has, places among `MASSIVE_SEGMENTS` and among its segments."""
+        found = [(k, self.chain.segments.index(s)) for k, s in enumerate(MASSIVE_SEGMENTS) if s in self.chain.segments]
+        return [k for k, _ in found], [s for _, s in found]
+
+    def _of_bodies(self, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """(nf, bodies, 3) each, in a body's axes: acceleration of its origin, angular velocity and acceleration."""
+        axes, origin = (x[:, self.bodies[1]] for x in self.segments)
+        velocity, gained = (x[:, self.bodies[1]] for x in self.motions(v, a))
+        turn, turning = velocity[..., 3:], gained[..., 3:]
+        pull = gained[..., :3] + cross(turning, origin) + cross(turn, velocity[..., :3] + cross(turn, origin))
+        of_each = (axes @ np.stack([pull, turn, turning], axis=3)).transpose(3, 0, 1, 2)
+        return of_each[0], of_each[1], of_each[2]
+
+    def regressors(self, v: Array, a: Array) -> Array:
+        """(nf, bodies, 6, 10) wrench [F; M] about its origin, in its axes, that each body asks for, per dynamic
+        parameter; v and a (nf, nq).
+        """
+        pull, turn, turning = self._of_bodies(v, a)
+        out, spin = np.zeros((*pull.shape[:2], 6, 10)), skew(turn)
+        out[..., :3, 0] = pull
+        out[..., :3, 1:4] = skew(turning) + spin @ spin
+        out[..., 3:, 1:4] = -skew(pull)
+        of_inertia, of_spin = ((OF_INERTIA @ x[..., None, :, None])[..., 0] for x in (turning, turn))
+        out[..., 3:, 4:] = of_inertia + spin @ of_spin
+        return out
+
+    def unloaded_forces(self, dynamic: Array, v: Array, a: Array) -> Array:
+        """(nf, n) what the motion asks for of every variable without ground reactions; v and a (nf, nq).
+
+        `dynamic`: (12, 10) dynamic parameters of the massive segments.
+        """
+        own, (pull, turn, turning) = dynamic[self.bodies[0]], self._of_bodies(v, a)
+        mass, first, inertia = own[:, :1], own[:, 1:4], own[:, [[4, 5, 7], [5, 6, 8], [7, 8, 9]]]
+        axes, origin = (x[:, self.bodies[1]] for x in self.segments)
+        force = mass * pull + cross(turning, first) + cross(turn, cross(turn, first))
+        angular, rate = ((inertia @ x[..., None])[..., 0] for x in (turn, turning))
+        moment = cross(first, pull) + rate + cross(turn, angular)
+        force, moment = np.moveaxis(np.stack([force, moment], axis=2) @ axes, 2, 0)
+        wrench = np.concatenate([force, moment + cross(origin, force)], axis=2)
+        moved = np.ascontiguousarray(self.chain.support[:, self.bodies[1]], dtype=float)
+        return np.asarray((self.columns * (moved @ wrench)).sum(axis=2))
+
+    def regressor(self, rows: IntArray, v: Array, a: Array) -> Array:
+        """(nf, nr, 12, 10) the variables `rows` of `unloaded_forces` per dynamic parameter of each massive segment."""
+        axes, origin = (x[:, self.bodies[1]] for x in self.segments)
+        columns = self.columns[:, None, rows]
+        turn = columns[..., 3:] @ axes.swapaxes(2, 3)
+        slide = (columns[..., :3] + cross(columns[..., 3:], origin[:, :, None])) @ axes.swapaxes(2, 3)
+        moved = np.asarray(self.chain.support[rows][:, self.bodies[1]] > 0).T[:, :, None]
+        out = np.zeros((len(columns), len(MASSIVE_SEGMENTS), len(rows), 10))
+        out[:, self.bodies[0]] = (np.concatenate([slide, turn], axis=3) * moved) @ self.regressors(v, a)
+        return out.swapaxes(1, 2)
 
     def axis(self, name: str) -> Array:
         """(nf, 3) about which a variable turns what comes after it."""
@@ -135,97 +215,82 @@ class Dynamics:
     """
 
     def __init__(self, parameters: Parameters, held: tuple[str, ...] = ()) -> None:
-        self.linkage = build_linkage(parameters, held, reactions=True)
-        self._held = {name: float(parameters.joint[JP_INDEX[name]]) for name in held}
+        self.dynamic = dynamic_parameters(parameters.inertial)
+        """(12, 10) of the massive segments: of bodies with any axes, if others are put here."""
         self._chain = chain_of(free=held, reactions=True)
         self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
-        self._data = self.linkage.model.createData()
         names = (*self._chain.coordinates, *self._chain.free)
-        self._rows = np.array([self.linkage.index(name) for name in (*FORCES, *held)])
-        self._chain_rows = np.array([names.index(name) for name in (*FORCES, *held)])
+        self._rows = np.array([names.index(name) for name in (*FORCES, *held)])
+
+    def placed(self, q: Array) -> PlacedLinkage:
+        """The linkage at coordinates (nf, nq)."""
+        return PlacedLinkage(self._chain, self._constants, q)
 
     def forces(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, nt) generalised forces for coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6).
 
         Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
         """
-        return self._unloaded(q, v, a) + self.of_ground(q, wrenches[..., None])[..., 0]
+        parts = []
+        for part in _blocks(len(q)):
+            placed = self.placed(q[part])
+            unloaded = placed.unloaded_forces(self.dynamic, v[part], a[part])[:, self._rows]
+            parts.append(unloaded + self._of_ground(placed, wrenches[part, ..., None])[..., 0])
+        return np.concatenate(parts)
 
     def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
-        return self._unloaded(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
-
-    def _unloaded(self, q: Array, v: Array, a: Array) -> Array:
-        state = (with_reactions(self.linkage, q, self._held), *(with_reactions(self.linkage, x) for x in (v, a)))
-        return unloaded_forces(self.linkage, self._data, *state)[:, self._rows]
+        return self.forces(q, v, a, np.zeros_like(wrenches))[:, :3] - wrenches[:, :, :3].sum(axis=1)
 
     def of_ground(self, q: Array, wrenches: Array) -> Array:
         """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
-        placed = PlacedLinkage(self._chain, self._constants, q)
-        out = np.zeros((len(q), len(placed.names), wrenches.shape[3]))
+        return self._of_ground(self.placed(q), wrenches)
+
+    def _of_ground(self, placed: PlacedLinkage, wrenches: Array) -> Array:
+        out = np.zeros((len(wrenches), len(placed.names), wrenches.shape[3]))
         for foot, name in enumerate(FEET):
             moved = np.flatnonzero(placed.moves(name))
             out[:, moved] -= placed.columns[:, moved] @ wrenches[:, foot]
-        return out[:, self._chain_rows]
+        return out[:, self._rows]
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
         """(nf, nt, 12, 10) generalised forces per dynamic parameter of each massive segment, without the ground's."""
-        return in_segment_frames(self.linkage, joint_regressor(self.linkage, self._rows, q, v, a, held=self._held))
+        return self.placed(q).regressor(self._rows, v, a)
 
     def root_regressor(self, q: Array, v: Array, a: Array) -> Array:
         """(nf, 6, 12, 10): force and moment about the pelvis origin per dynamic parameter of each massive segment.
 
         Contracted with `dynamic_parameters` it gives the root wrench without ground reactions, laboratory axes.
         """
-        rows = joint_regressor(self.linkage, self._rows[:6], q, v, a)
-        return in_segment_frames(self.linkage, root_wrench(q, rows.reshape(len(q), 6, -1)).reshape(rows.shape))
+        rows = self.placed(q).regressor(self._rows[:6], v, a)
+        return root_wrench(q, rows.reshape(len(q), 6, -1)).reshape(rows.shape)
 
 
-def with_reactions(linkage: LinkageModel, values: Array, held: Mapping[str, float] = NOTHING_HELD) -> Array:
-    """(nf, nt) in the order of the linkage, with zeros for the locked reaction joints, from (nf, nq).
-
-    `held`: joint parameter -> m, rad, of those that the linkage has as joints.
-    """
-    out = np.zeros((len(values), linkage.model.nv))
-    out[:, [linkage.index(name) for name in COORDINATES]] = values
-    for name, value in held.items():
-        out[:, linkage.index(name)] = value
-    return out
+def _blocks(frames: int) -> list[slice]:
+    return [slice(k, k + BLOCK) for k in range(0, max(frames, 1), BLOCK)]
 
 
-def unloaded_forces(linkage: LinkageModel, data: pin.Data, q: Array, v: Array, a: Array) -> Array:
-    """(nf, nv) RNEA frame by frame: what the motion asks for without ground reactions; q, v, a (nf, nv)."""
-    model, rnea = linkage.model, pin.rnea
-    tau = np.empty_like(q)
-    for f in range(len(q)):
-        tau[f] = rnea(model, data, q[f], v[f], a[f])
-    return tau
+def paths(chain: Chain) -> tuple[Array, Array]:
+    """(nq + np, nq) 1 where a coordinate comes before a variable, and (ns, nq) 1 where it moves a segment."""
+    count = len(chain.coordinates)
+    frames = np.zeros((count + 1, count))
+    """By frame, 1 for its own coordinate and those before it; the last is the ground."""
+    for k, parent in enumerate(chain.parents):
+        frames[k] = frames[parent]
+        frames[k, k] = 1.0
+    return frames[[*chain.parents, *chain.parameter_frame]], frames[chain.segment_frame]
 
 
-def joint_regressor(
-    linkage: LinkageModel, rows: IntArray, q: Array, v: Array, a: Array, *, held: Mapping[str, float] = NOTHING_HELD
-) -> Array:
-    """(nf, nr, 12, 10) some rows of RNEA per dynamic parameter of each massive segment, from coordinates (nf, nq).
-
-    Parameters are those in the frame of the joint that carries the segment, as Pinocchio has them: a block of ten
-    columns for each of its joints.
-    """
-    model, data = linkage.model, linkage.model.createData()
-    columns = np.array([10 * (linkage.segment_joint[s] - 1) + k for s in MASSIVE_SEGMENTS for k in range(10)])
-    chosen = np.ix_(rows, columns)
-    q, v, a = with_reactions(linkage, q, held), with_reactions(linkage, v), with_reactions(linkage, a)
-    out = np.empty((len(q), len(rows), len(columns)))
-    for f in range(len(q)):
-        out[f] = pin.computeJointTorqueRegressor(model, data, q[f], v[f], a[f])[chosen]
-    return out.reshape(len(q), len(rows), len(MASSIVE_SEGMENTS), 10)
+def skew(x: Array) -> Array:
+    """(..., 3, 3) matrices of x x, for (..., 3)."""
+    return (x @ SKEW.reshape(9, 3).T).reshape(*x.shape, 3)
 
 
-def in_segment_frames(linkage: LinkageModel, regressor: Array) -> Array:
-    """(..., 12, 10) `joint_regressor` by the parameters that each segment has in its own frame."""
-    out = np.empty_like(regressor)
-    for k, segment in enumerate(MASSIVE_SEGMENTS):
-        place = linkage.segment_placement[segment]
-        out[..., k, :] = regressor[..., k, :] @ placed_dynamic_parameters(place.rotation, place.translation)
+def crossed(a: Array, b: Array) -> Array:
+    """(..., 6) a x b of motions [v; w]."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., :3] = cross(a[..., 3:], b[..., :3]) + cross(a[..., :3], b[..., 3:])
+    out[..., 3:] = cross(a[..., 3:], b[..., 3:])
     return out
 
 
@@ -260,10 +325,10 @@ def moments_of(parameters: Parameters, motion: Motion, wrenches: Array, bwh: flo
     forces = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, wrenches)
     residual = pelvis_residual(motion.q, forces)
     return Moments(
-        coordinates=COORDINATES,
+        coordinates=linkage.COORDINATES,
         time=motion.time,
-        tau=forces[:, : len(COORDINATES)],
-        knee_adduction=forces[:, len(COORDINATES) :],
+        tau=forces[:, : len(linkage.COORDINATES)],
+        knee_adduction=forces[:, len(linkage.COORDINATES) :],
         residual_force=residual[:, :3],
         residual_moment=residual[:, 3:],
         bwh=bwh,
@@ -289,8 +354,10 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
     ValueError
         The motion is of a part of the body only, or there is not one row of forces for every frame.
     """
-    if motion.coordinates != COORDINATES:
-        raise ValueError(f"inverse dynamics needs a motion of the whole body, with all {len(COORDINATES)} coordinates")
+    if motion.coordinates != linkage.COORDINATES:
+        raise ValueError(
+            f"inverse dynamics needs a motion of the whole body, with all {len(linkage.COORDINATES)} coordinates"
+        )
     if not isinstance(forces, np.ndarray):
         raise InputError(
             f"found {type(forces).__name__}; allowed: an array (frames, 2, 6) of the forces on right and left foot, as "

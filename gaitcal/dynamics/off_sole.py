@@ -34,19 +34,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import (
-    HEEL_M,
-    LANDING,
-    LEAVING,
-    SHAPE,
-    FootPoints,
-    Loading,
-    SoleCells,
-    Step,
-    meeting,
-    near,
-    sole_of,
-)
+from gaitcal.dynamics import foot_contact
 from gaitcal.dynamics.plate_errors import outline_known
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
@@ -115,7 +103,7 @@ def _note(code: Code, cause: str, found: str, leg: str = "") -> Finding:
     )
 
 
-def sole_edge(feet: FootPoints, foot: int, frames: slice) -> Array:
+def sole_edge(feet: foot_contact.FootPoints, foot: int, frames: slice) -> Array:
     """(n, m, 2) m, x and z of the edge of a foot's sole (0 right, 1 left), as `sole_of` shapes it.
 
     Toes stay on the ground when the heel has left it: the part before the toe marker keeps its length.
@@ -125,8 +113,8 @@ def sole_edge(feet: FootPoints, foot: int, frames: slice) -> Array:
     back = np.linalg.norm(line, axis=1)
     forward = line / np.maximum(back, 1e-9)[:, None]
     length = back + np.linalg.norm(tip - toe, axis=1)
-    begin = np.minimum(HEEL_M, 0.5 * length)
-    part, share = np.array(SHAPE)
+    begin = np.minimum(foot_contact.HEEL_M, 0.5 * length)
+    part, share = np.array(foot_contact.SHAPE)
     ahead = begin[:, None] + (length - begin)[:, None] * part
     across = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     middle = heel[:, None, [0, 2]] + ahead[:, :, None] * forward[:, None]
@@ -151,27 +139,31 @@ def outside_hull(point: Array, edge: Array) -> tuple[Array, Array]:
     return away, ways[farthest]
 
 
-def places_of(loadings: Sequence[Loading], feet: FootPoints, time: Array) -> list[Place]:
+def places_of(loadings: Sequence[foot_contact.Loading], feet: foot_contact.FootPoints, time: Array) -> list[Place]:
     """Where the centre of pressure of each loading lies."""
     return [_place_of(one, [x for x in loadings if x.plate is not one.plate], feet, time) for one in loadings]
 
 
-def _place_of(loading: Loading, others: Sequence[Loading], feet: FootPoints, time: Array) -> Place:
+def _place_of(
+    loading: foot_contact.Loading, others: Sequence[foot_contact.Loading], feet: foot_contact.FootPoints, time: Array
+) -> Place:
     """`others`: those of the other plates of the trial."""
     point, frames = loading.point[:, [0, 2]], loading.frames
     away, way = outside_hull(point, sole_edge(feet, loading.foot, frames))
     presses = _other_foot_presses(loading, others, feet, len(time))
-    shared = near(_marked(frames, len(time), presses), time)[frames]
+    shared = foot_contact.near(_marked(frames, len(time), presses), time)[frames]
     if shared.any():
         both = np.concatenate([sole_edge(feet, foot, frames)[shared] for foot in (0, 1)], axis=1)
         away[shared], way[shared] = outside_hull(point[shared], both)
     return Place(away=away, way=way, allowed=OUTLINE_M + MOMENT_NM / np.maximum(loading.load, LOADED_N))
 
 
-def _other_foot_presses(loading: Loading, others: Sequence[Loading], feet: FootPoints, count: int) -> BoolArray:
+def _other_foot_presses(
+    loading: foot_contact.Loading, others: Sequence[foot_contact.Loading], feet: foot_contact.FootPoints, count: int
+) -> BoolArray:
     """(n,) the foot that the loading was not given to rests where this plate may be, and no other plate carries it."""
     foot = 1 - loading.foot
-    sole = sole_of(feet, foot, loading.frames)
+    sole = foot_contact.sole_of(feet, foot, loading.frames)
     here = sole.resting.copy()
     if outline_known(loading.plate, LOADED_N):
         here &= ~sole.beside([loading.plate])
@@ -184,7 +176,7 @@ def _other_foot_presses(loading: Loading, others: Sequence[Loading], feet: FootP
     return np.asarray(here.any(axis=1))
 
 
-def one_centre(one: Loading, other: Loading, count: int) -> BoolArray:
+def one_centre(one: foot_contact.Loading, other: foot_contact.Loading, count: int) -> BoolArray:
     """(nf,) of `count` frames in which two plates report one centre of pressure; none unless they do as a rule.
 
     Two feet cannot: it is outside of one of them, if not of both. Nor can one foot across two plates, to the
@@ -201,7 +193,9 @@ def one_centre(one: Loading, other: Loading, count: int) -> BoolArray:
     return _marked(slice(first, last), count, np.asarray((same | ~pressed) & as_a_rule))
 
 
-def divided_frames(one: Loading, other: Loading, places: tuple[Place, Place], count: int) -> BoolArray:
+def divided_frames(
+    one: foot_contact.Loading, other: foot_contact.Loading, places: tuple[Place, Place], count: int
+) -> BoolArray:
     """(nf,) of `count` frames: a total force was divided between two plates, by their common centre of pressure."""
     same = one_centre(one, other, count)
     if one.foot != other.foot:
@@ -214,7 +208,9 @@ def divided_cause(plates: Sequence[str]) -> str:
     return f"{DIVIDED} (plates {' and '.join(plates)})"
 
 
-def off_sole_frames(steps: Sequence[Step], time: Array, feet: FootPoints) -> tuple[BoolArray, list[Finding]]:
+def off_sole_frames(
+    steps: Sequence[foot_contact.Step], time: Array, feet: foot_contact.FootPoints
+) -> tuple[BoolArray, list[Finding]]:
     """(nf, 2) frames in which what a plate says is not the force on its foot, and what to say of them."""
     places, count = places_of(steps, feet, time), len(time)
     off, causes = np.zeros((count, 2), dtype=bool), dict[tuple[str, str], BoolArray]()
@@ -243,7 +239,11 @@ def off_sole_frames(steps: Sequence[Step], time: Array, feet: FootPoints) -> tup
 
 
 def beside_plates(
-    steps: Sequence[Step], plates: Sequence[ForcePlate], time: Array, feet: FootPoints, loaded: BoolArray
+    steps: Sequence[foot_contact.Step],
+    plates: Sequence[ForcePlate],
+    time: Array,
+    feet: foot_contact.FootPoints,
+    loaded: BoolArray,
 ) -> tuple[BoolArray, list[Finding]]:
     """(nf, 2) frames in which a foot rests partly beside its plates, and what to say of them.
 
@@ -257,12 +257,12 @@ def beside_plates(
     down: BoolArray = loaded | feet.resting
     for foot, side in enumerate(SIDES):
         for contact in runs(down[:, foot]):
-            carriers = meeting(steps, foot, contact)
+            carriers = foot_contact.meeting(steps, foot, contact)
             unknown = [step for step in carriers if not outline_known(step.plate, LOADED_N)]
             findings += [_no_outline(step) for step in unknown if step.plate.corners is not None]
             if unknown or not carriers:
                 continue
-            sole = sole_of(feet, foot, contact)
+            sole = foot_contact.sole_of(feet, foot, contact)
             beside = sole.beside(surface)
             lost = _bears_beside(sole, beside, loaded[contact, foot]) | _reached(sole, beside, carriers, contact)
             if lost.any():
@@ -279,12 +279,12 @@ def beside_plates(
     return partly, findings
 
 
-def _no_outline(step: Step) -> Finding:
+def _no_outline(step: foot_contact.Step) -> Finding:
     found = f"{step.words}: the centre of pressure leaves the plate's corners; corners not used"
     return _note(Code.PLATE_CORNERS, f"the corners of plate {step.plate.name} do not hold its forces", found)
 
 
-def _bears_beside(sole: SoleCells, beside: BoolArray, loaded: BoolArray) -> BoolArray:
+def _bears_beside(sole: foot_contact.SoleCells, beside: BoolArray, loaded: BoolArray) -> BoolArray:
     """(nf,) what rests beside the plates may bear much, judged by motion; before and after resting as next to it."""
     resting = beside & sole.resting
     lost = (sole.share_of_halves(resting) > MOST_BESIDE).any(axis=1)
@@ -300,13 +300,15 @@ def _around(lost: BoolArray, contact: slice, time: Array) -> BoolArray:
     out = np.zeros(len(time), dtype=bool)
     out[contact] = lost
     if lost[0]:
-        out |= (time < time[contact.start]) & (time > time[contact.start] - LANDING)
+        out |= (time < time[contact.start]) & (time > time[contact.start] - foot_contact.LANDING)
     if lost[-1]:
-        out |= (time >= time[contact.stop - 1]) & (time < time[contact.stop - 1] + LEAVING)
+        out |= (time >= time[contact.stop - 1]) & (time < time[contact.stop - 1] + foot_contact.LEAVING)
     return out
 
 
-def _reached(sole: SoleCells, beside: BoolArray, carriers: Sequence[Step], frames: slice) -> BoolArray:
+def _reached(
+    sole: foot_contact.SoleCells, beside: BoolArray, carriers: Sequence[foot_contact.Step], frames: slice
+) -> BoolArray:
     """(nf,) the centre of pressure comes near to a part of the sole that lies beside the plates."""
     wrench = np.sum([step.wrench_in(frames) for step in carriers], axis=0)
     pressed = wrench[:, 1] > LOADED_N
@@ -320,7 +322,11 @@ def _reached(sole: SoleCells, beside: BoolArray, carriers: Sequence[Step], frame
 
 
 def shared_plates(
-    steps: Sequence[Step], plates: Sequence[ForcePlate], time: Array, feet: FootPoints, on_floor: BoolArray
+    steps: Sequence[foot_contact.Step],
+    plates: Sequence[ForcePlate],
+    time: Array,
+    feet: foot_contact.FootPoints,
+    on_floor: BoolArray,
 ) -> tuple[BoolArray, list[Finding]]:
     """(nf,) frames in which one plate carries both feet, and what to say of them.
 
@@ -335,11 +341,11 @@ def shared_plates(
         other, own = 1 - step.foot, _marked(step.frames, len(time))
         if outline_known(step.plate, LOADED_N):
             # resting on this plate, and on no other one: an edge between two is not known to the millimetre
-            sole = sole_of(feet, other, step.frames)
+            sole = foot_contact.sole_of(feet, other, step.frames)
             here = sole.resting & ~sole.beside([step.plate])
             here &= sole.beside([plate for plate in surface if plate is not step.plate])
             much = np.asarray((sole.share_of_halves(here) > MOST_BESIDE).any(axis=1))
-            both = own & near(_marked(step.frames, len(time), much), time)
+            both = own & foot_contact.near(_marked(step.frames, len(time), much), time)
         else:
             both = own & on_floor[:, other] & _leaves_sole(step, steps, feet, on_floor[:, other])
         if both.any():
@@ -351,14 +357,16 @@ def shared_plates(
     return shared, findings
 
 
-def _leaves_sole(step: Step, steps: Sequence[Step], feet: FootPoints, floor: BoolArray) -> bool:
+def _leaves_sole(
+    step: foot_contact.Step, steps: Sequence[foot_contact.Step], feet: foot_contact.FootPoints, floor: BoolArray
+) -> bool:
     """Whether the centre of pressure is not under the foot alone while the other one stands somewhere."""
     frames = step.frames
-    wrench = np.sum([other.wrench_in(frames) for other in meeting(steps, step.foot, frames)], axis=0)
+    wrench = np.sum([other.wrench_in(frames) for other in foot_contact.meeting(steps, step.foot, frames)], axis=0)
     chosen = floor[frames] & (wrench[:, 1] > LOADED_N)
     if not chosen.any():
         return False
     centre = centre_on_ground(wrench[chosen])
-    cells = sole_of(feet, step.foot, frames).cells[chosen]
+    cells = foot_contact.sole_of(feet, step.foot, frames).cells[chosen]
     away = np.linalg.norm((cells - centre[:, None])[:, :, [0, 2]], axis=2).min(axis=1)
     return bool(np.mean(away > OFF_SOLE_M) > OFF_SOLE_SHARE)

@@ -21,9 +21,6 @@ stood: 0.5 to 2.3 mm on the first four plates, less than 4 mm in four laboratori
 10.1016/j.gaitpost.2016.08.017). Two corners 0.5 m apart, each known to 5 mm along each axis, tell the turn to 0.8 deg,
 taken as 1. The same four plates' forces were 3 to 5 N wrong, up to 1 % of a person's weight. The clock has no such
 source: 2 ms is a fifth of a frame at 100 Hz.
-
-Whether a foot rests beside its plate is told by geometry alone, never by the forces: where an end of a foot is outside
-the outlines of all plates that carry it, the measured force is only a part of the true one.
 """
 
 from __future__ import annotations

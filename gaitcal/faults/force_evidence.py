@@ -37,7 +37,7 @@ from gaitcal.arrays import Array, BoolArray, IntArray, cross
 from gaitcal.dynamics.expected_residual import BASELINE, TAU
 from gaitcal.dynamics.foot_contact import SHORTEST, UNDER_FOOT, FootPoints, distance_to_line
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, reactions_of_motion
-from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual, with_reactions
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.faults.plate_forces import EMPTY_N, PlateForces, Sole, empty_reading, soles_of, under_feet
 from gaitcal.io.axes import ABOUT_Y
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, filter_plate, filterable, resample_wrench
@@ -45,7 +45,7 @@ from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.io.still import duration, runs
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_jacobian, table
-from gaitcal.model.subject_model import GRAVITY, SubjectModel
+from gaitcal.model.subject_model import GRAVITY, SubjectModel, build_linkage
 from gaitcal.motion.motion import Motion
 from gaitcal.study.study_trial import Trial
 
@@ -249,7 +249,7 @@ def force_evidence(
     q, v, a = motion.q[frames], motion.velocity[frames], motion.acceleration[frames]
     dynamics = Dynamics(parameters)
     required = pelvis_residual(q, dynamics.forces(q, v, a, np.zeros((len(q), len(FEET), 6))))
-    linkage, placed = dynamics.linkage.model, with_reactions(dynamics.linkage, q)
+    linkage = build_linkage(parameters).model
     data = linkage.createData()
     spread, trunk = inertial_spread(dynamics.root_regressor(q, v, a), parameters.inertial, model.subject.height)
     return ForceEvidence(
@@ -260,7 +260,7 @@ def force_evidence(
         parameters=parameters,
         pelvis=q[:, :3],
         required_wrench=required,
-        mass_centre=np.array([pin.centerOfMass(linkage, data, row) for row in placed]) - q[:, :3],
+        mass_centre=np.array([pin.centerOfMass(linkage, data, row) for row in q]) - q[:, :3],
         spread=spread,
         trunk=trunk,
         trunk_seen=not any(name.startswith("lumbar") for name in motion.guessed),

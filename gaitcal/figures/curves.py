@@ -3,32 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gaitcal.arrays import Array
-from gaitcal.figures.chart import (
-    FAINT,
-    INK,
-    NOMINAL,
-    SIDE_COLOURS,
-    SIDE_DASHES,
-    SIDE_KEYS,
-    STANCE,
-    STANCE_ALPHA,
-    STANCE_KEY,
-    TRUTH_DASHES,
-    TRUTH_WORDS,
-    Chart,
-    Key,
-    Panel,
-    dress,
-    limits,
-    line_style,
-)
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.figures import chart
 from gaitcal.gait.moments import SIDE_WORDS, capitalised
 from gaitcal.gait.strides import Layout
 from gaitcal.model.coordinates import coordinate_words, split_side
@@ -43,37 +25,52 @@ TRUTH_WIDTH = 1.1
 
 @dataclass(frozen=True)
 class Trace:
-    """One side of one signal over all frames of the trial."""
+    """One side of one variable over all frames of the trial, (nf,) each."""
 
+    base: str
     side: str
-    value: Array  # (nf,); NaN where it must not be drawn
-    nominal: Array | None = None  # (nf,) with the nominal model
-    error: Array | None = None  # (nf,) standard error
-    truth: Array | None = None  # (nf,) where it is known; in frames that are not valid, too
+    kind: str
+    value: Array
+    valid: BoolArray
+    error: Array | None
+    nominal: Array | None
+    truth: Array | None
+
+    @property
+    def name(self) -> str:
+        """`hip_flexion_r`."""
+        return f"{self.base}_{self.side}" if self.side else self.base
+
+    def scaled(self, factor: float) -> Trace:
+        """As it is drawn, with gaps where values do not count; the truth is drawn there, too."""
+        error, nominal, truth = (None if x is None else factor * x for x in (self.error, self.nominal, self.truth))
+        value = np.where(self.valid, factor * self.value, np.nan)
+        nominal = None if nominal is None else np.where(self.valid, nominal, np.nan)
+        return replace(self, value=value, error=error, nominal=nominal, truth=truth)
 
 
 NORMAL_COLOUR = "#CC79A7"
 """Okabe and Ito's purple, with dotted edges: the stance is grey."""
-NORMAL_KEY = Key(label="normal band (mean ±1 SD, dotted edges)", colour=NORMAL_COLOUR, kind="band")
-NOMINAL_KEY = Key(label="nominal model", colour=NOMINAL, width=0.9)
-BAND_KEY = Key(label="±1 standard error", colour=SIDE_COLOURS["r"], kind="band")
+NORMAL_KEY = chart.Key(label="normal band (mean ±1 SD, dotted edges)", colour=NORMAL_COLOUR, kind="band")
+NOMINAL_KEY = chart.Key(label="nominal model", colour=chart.NOMINAL, width=0.9)
+BAND_KEY = chart.Key(label="±1 standard error", colour=chart.SIDE_COLOURS["r"], kind="band")
 
 
-def _keys(middle: str, curves: Curves) -> tuple[Key, ...]:
+def _keys(middle: str, curves: Curves) -> tuple[chart.Key, ...]:
     """The legend; `middle` says what the curves without a side are of."""
     traces = curves.traces.values()
     known = (
-        Key(label=TRUTH_WORDS, colour=INK, dashes=TRUTH_DASHES["r"], width=TRUTH_WIDTH),
-        Key(label="truth, left", colour=INK, dashes=TRUTH_DASHES["l"], width=TRUTH_WIDTH),
+        chart.Key(label=chart.TRUTH_WORDS, colour=chart.INK, dashes=chart.TRUTH_DASHES["r"], width=TRUTH_WIDTH),
+        chart.Key(label="truth, left", colour=chart.INK, dashes=chart.TRUTH_DASHES["l"], width=TRUTH_WIDTH),
     )
     return (
-        *SIDE_KEYS,
-        Key(label=middle, colour=SIDE_COLOURS[""]),
+        *chart.SIDE_KEYS,
+        chart.Key(label=middle, colour=chart.SIDE_COLOURS[""]),
         *((BAND_KEY,) if any(trace.error is not None for trace in traces) else ()),
         *((NORMAL_KEY,) if curves.bands else ()),
         *((NOMINAL_KEY,) if any(trace.nominal is not None for trace in traces) else ()),
         *(known if curves.truth else ()),
-        Key(label="stance (toe-off: thin line)", colour=STANCE_KEY, kind="area"),
+        chart.Key(label="stance (toe-off: thin line)", colour=chart.STANCE_KEY, kind="area"),
     )
 
 
@@ -111,7 +108,7 @@ class CurveKind(Enum):
         return {CurveKind.ANGLE: words.angle, CurveKind.MOMENT: words.moment}.get(self, "generated")
 
 
-def curve_chart(curves: Curves, kind: CurveKind, stem: str) -> Chart:
+def curve_chart(curves: Curves, kind: CurveKind, stem: str) -> chart.Chart:
     """One panel a coordinate, right and left together; frames that are not valid stay empty."""
     ending, title, unit, least, middle = kind.value
     sides: dict[str, list[Trace]] = {}
@@ -129,7 +126,7 @@ def curve_chart(curves: Curves, kind: CurveKind, stem: str) -> Chart:
         )
         for base, traces in sides.items()
     )
-    return Chart(name=f"{stem}_{ending}", title=title, panels=panels, keys=_keys(middle, curves))
+    return chart.Chart(name=f"{stem}_{ending}", title=title, panels=panels, keys=_keys(middle, curves))
 
 
 def normal_band(axes: Axes, mean: Array, sd: Array) -> tuple[Array, Array]:
@@ -149,10 +146,10 @@ def _panel(
     layout: Layout,
     least: float,
     normal: tuple[Array, Array] | None,
-) -> Panel:
+) -> chart.Panel:
     def draw(axes: Axes) -> None:
-        dress(axes, xlabel=layout.xlabel, ylabel=f"{unit} ({positive} +)", title=title)
-        axes.axhline(0.0, color=FAINT, linewidth=0.5)
+        chart.dress(axes, xlabel=layout.xlabel, ylabel=f"{unit} ({positive} +)", title=title)
+        axes.axhline(0.0, color=chart.FAINT, linewidth=0.5)
         drawn: list[Array] = []
         for trace in traces:
             if layout.has(trace.side):
@@ -163,26 +160,26 @@ def _panel(
             if layout.has(trace.side):
                 drawn += _trace(axes, layout, trace)
         axes.set_xlim(*layout.xlimits)
-        axes.set_ylim(*limits(drawn, least))
+        axes.set_ylim(*chart.limits(drawn, least))
         if layout.by_cycle:
             axes.set_xticks([0, 20, 40, 60, 80, 100])
         if not any(np.isfinite(d).any() for d in drawn):
-            axes.text(0.5, 0.5, "no valid frames", transform=axes.transAxes, ha="center", fontsize=7, color=FAINT)
+            axes.text(0.5, 0.5, "no valid frames", transform=axes.transAxes, ha="center", fontsize=7, color=chart.FAINT)
 
     sides = " and ".join(SIDE_WORDS[t.side] or "whole body" for t in traces)
-    return Panel(f"{title}, {sides}, {unit} over {layout.xlabel}", draw)
+    return chart.Panel(f"{title}, {sides}, {unit} over {layout.xlabel}", draw)
 
 
 def _trace(axes: Axes, layout: Layout, trace: Trace) -> list[Array]:
     """Draw one side; the values that the vertical axis must hold."""
-    colour, dashes = SIDE_COLOURS[trace.side], line_style(SIDE_DASHES[trace.side])
+    colour, dashes = chart.SIDE_COLOURS[trace.side], chart.line_style(chart.SIDE_DASHES[trace.side])
     for x, y in layout.others(trace.side, trace.value):
         axes.plot(x, y, color=colour, linewidth=0.6, alpha=0.35)
     x, y = layout.lay(trace.side, trace.value)
     drawn = [y]
     if trace.nominal is not None:
         x, nominal = layout.lay(trace.side, trace.nominal)
-        axes.plot(x, nominal, color=NOMINAL, linewidth=0.9, linestyle=dashes)
+        axes.plot(x, nominal, color=chart.NOMINAL, linewidth=0.9, linestyle=dashes)
         drawn.append(nominal)
     if trace.error is not None:
         spread = layout.lay(trace.side, trace.error)[1]
@@ -191,13 +188,17 @@ def _trace(axes: Axes, layout: Layout, trace: Trace) -> list[Array]:
     axes.plot(x, y, color=colour, linewidth=1.5, linestyle=dashes)
     if trace.truth is not None:
         x, true = layout.lay(trace.side, trace.truth)
-        axes.plot(x, true, color=INK, linewidth=TRUTH_WIDTH, linestyle=line_style(TRUTH_DASHES[trace.side]))
+        axes.plot(
+            x, true, color=chart.INK, linewidth=TRUTH_WIDTH, linestyle=chart.line_style(chart.TRUTH_DASHES[trace.side])
+        )
         drawn.append(true)
     return drawn
 
 
 def _stance(axes: Axes, layout: Layout, side: str) -> None:
     for start, stop in layout.stances(side):
-        axes.axvspan(start, stop, color=STANCE, alpha=STANCE_ALPHA, linewidth=0)
+        axes.axvspan(start, stop, color=chart.STANCE, alpha=chart.STANCE_ALPHA, linewidth=0)
         if layout.by_cycle and side:
-            axes.axvline(stop, color=SIDE_COLOURS[side], linewidth=0.7, linestyle=line_style(SIDE_DASHES[side]))
+            axes.axvline(
+                stop, color=chart.SIDE_COLOURS[side], linewidth=0.7, linestyle=chart.line_style(chart.SIDE_DASHES[side])
+            )

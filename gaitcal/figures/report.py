@@ -19,16 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.figures import fit
 from gaitcal.figures.chart import Chart, chart_figure
 from gaitcal.figures.curves import CurveKind, Curves, Trace, curve_chart
-from gaitcal.figures.fit import (
-    FitSummary,
-    fit_chart,
-    forces_chart,
-    moment_change_chart,
-    parameters_chart,
-    residuals_chart,
-)
 from gaitcal.gait.cycles import GROUND_REACTION, FootEvents, GaitCycle, Kind, coordinate_of, kind_of, stances
 from gaitcal.gait.moments import parameter_direction, parameter_place, parameter_words, segment_words
 from gaitcal.gait.strides import Layout
@@ -48,30 +41,6 @@ def unpacked(packed: Mapping[str, Any]) -> Array:
     values: Array = packed["low"] + packed["step"] * (numbers + FULL)
     values[numbers == GAP] = np.nan
     return values
-
-
-@dataclass(frozen=True)
-class SheetCurve:
-    """One variable of a trial, (nf,) each."""
-
-    base: str
-    side: str
-    kind: str
-    value: Array
-    valid: BoolArray
-    error: Array | None
-    nominal: Array | None
-    truth: Array | None
-
-    @property
-    def name(self) -> str:
-        """`hip_flexion_r`."""
-        return f"{self.base}_{self.side}" if self.side else self.base
-
-    def masked(self, values: Array) -> Array:
-        """`values` (nf,) with gaps where they do not count."""
-        out: Array = np.where(self.valid, values, np.nan)
-        return out
 
 
 @dataclass(frozen=True)
@@ -97,7 +66,7 @@ class SheetRecording:
         return np.asarray(seconds + float(self.content["start"]))
 
     @cached_property
-    def curves(self) -> tuple[SheetCurve, ...]:
+    def curves(self) -> tuple[Trace, ...]:
         """All of them."""
         masks = [np.frombuffer(base64.b64decode(mask), dtype="<u1") == 1 for mask in self.content["masks"]]
 
@@ -105,7 +74,7 @@ class SheetRecording:
             return None if curve[key] is None else unpacked(curve[key])
 
         return tuple(
-            SheetCurve(
+            Trace(
                 curve["base"],
                 curve["side"],
                 curve["kind"],
@@ -116,7 +85,7 @@ class SheetRecording:
             for curve in self.content["curves"]
         )
 
-    def of(self, *kinds: str) -> list[SheetCurve]:
+    def of(self, *kinds: str) -> list[Trace]:
         """The curves of these kinds."""
         return [curve for curve in self.curves if curve.kind in kinds]
 
@@ -209,7 +178,7 @@ def stem(number: int, name: str) -> str:
 def report_charts(told: Told) -> list[Chart]:
     """All of them, in order; nothing is drawn yet."""
     trials = [SheetRecording(content) for content in told.sheet["trials"]]
-    charts = [fit_chart(_fits(told, trials)), parameters_chart(_groups(told.parameters), told.truth)]
+    charts = [fit.fit_chart(_fits(told, trials)), fit.parameters_chart(_groups(told.parameters), told.truth)]
     for number, trial in enumerate(trials, start=1):
         if not trial.isolated:
             charts += _of_walk(told, trial, stem(number, trial.name))
@@ -226,31 +195,17 @@ def _of_walk(told: Told, trial: SheetRecording, name: str) -> Iterator[Chart | N
     yield _forces(told, trial, name)
     yield _residuals(trial, name)
     if changes := told.about(trial.name).get("torque_change_bwh"):
-        yield moment_change_chart({c.name: float(changes[c.name]) for c in moments if c.name in changes}, name)
+        yield fit.moment_change_chart({c.name: float(changes[c.name]) for c in moments if c.name in changes}, name)
 
 
-def _curves(told: Told, trial: SheetRecording, curves: list[SheetCurve], kind: Kind, factor: float) -> Curves:
-    """Gaps where a value does not count; the whole body is drawn over the right stride, as healthy people are."""
-
-    def scaled(values: Array | None) -> Array | None:
-        return None if values is None else factor * values
-
-    traces = {
-        c.name: Trace(
-            c.side,
-            factor * c.masked(c.value),
-            None if c.nominal is None else factor * c.masked(c.nominal),
-            scaled(c.error),
-            scaled(c.truth),
-        )
-        for c in curves
-    }
+def _curves(told: Told, trial: SheetRecording, curves: list[Trace], kind: Kind, factor: float) -> Curves:
+    """The whole body is drawn over the right stride, as healthy people are."""
     normal = {
         coordinate_of(name): (factor * sides["r"][0], factor * sides["r"][1])
         for name, sides in told.healthy.items()
         if kind_of(name) is kind
     }
-    return Curves(layout=trial.layout, traces=traces, normal=normal)
+    return Curves(layout=trial.layout, traces={c.name: c.scaled(factor) for c in curves}, normal=normal)
 
 
 def _forces(told: Told, trial: SheetRecording, name: str) -> Chart | None:
@@ -262,7 +217,7 @@ def _forces(told: Told, trial: SheetRecording, name: str) -> Chart | None:
     # Packed to 1/65534 of its range, no force is exactly none.
     unloaded = np.abs(force[:, :, 1]) <= np.abs(force[:, :, 1]).max() / 2**16
     force[np.broadcast_to(unloaded[:, :, None], force.shape)] = 0.0
-    return forces_chart(trial.time, force / told.mass, legs, name)
+    return fit.forces_chart(trial.time, force / told.mass, legs, name)
 
 
 def _residuals(trial: SheetRecording, name: str) -> Chart | None:
@@ -273,10 +228,10 @@ def _residuals(trial: SheetRecording, name: str) -> Chart | None:
     stages = [("calibrated model", force.value, moment.value)]
     if force.nominal is not None and moment.nominal is not None:
         stages.insert(0, ("nominal model", force.nominal, moment.nominal))
-    return residuals_chart(trial.time, force.valid, stages, trial.limit(), name)
+    return fit.residuals_chart(trial.time, force.valid, stages, trial.limit(), name)
 
 
-def _fits(told: Told, trials: list[SheetRecording]) -> list[FitSummary]:
+def _fits(told: Told, trials: list[SheetRecording]) -> list[fit.FitSummary]:
     """Marker errors as `summary.json` has them."""
     out = []
     for trial in trials:
@@ -288,7 +243,7 @@ def _fits(told: Told, trials: list[SheetRecording]) -> list[FitSummary]:
         }
         legs = tuple(errors for name, errors in segments.items() if name in LOWER_BODY)
         rest = tuple(errors for name, errors in segments.items() if name not in LOWER_BODY)
-        out.append(FitSummary(_errors(trial.name, about), trial.isolated, legs, rest))
+        out.append(fit.FitSummary(_errors(trial.name, about), trial.isolated, legs, rest))
     return out
 
 

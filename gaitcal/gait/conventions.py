@@ -135,14 +135,6 @@ class Convention:
             title = f"{title.split()[0]} {positive}"
         return title if kind is Kind.ANGLE else f"{title} moment"
 
-    def positive_moment(self, name: str) -> str:
-        """What a positive moment means: `internal, abduction`; of the trunk in a stride of the right side."""
-        return f"{self.acting.key}, {self.senses(f'{name}{Kind.MOMENT.ending}', 'r')[0]}"
-
-    def positive_angle(self, name: str, side: str) -> str:
-        """What a positive angle means: `dorsiflexion`; of pelvis and trunk in a stride of one side (`r`, `l`)."""
-        return self.senses(name, side)[0]
-
     @property
     def lines(self) -> tuple[str, ...]:
         """What it is in words, for the head of a file."""

@@ -61,7 +61,12 @@ class Peak:
             return f"{title.split()[0]} {(senses_of(name) or ('', ''))[low != external]} moment, {self.phase}"
         if kind is Kind.POWER:
             return f"{title.capitalize()} power {'absorbed' if low else 'generated'}, {self.phase}"
-        return f"{title}, {'at' if self.figure is Figure.STRIKE else f'{self.figure.value} in'} {self.phase}"
+        return f"{title}, {self.measure}"
+
+    @property
+    def measure(self) -> str:
+        """What is taken where: `highest in swing`, `at initial contact`."""
+        return f"{'at' if self.figure is Figure.STRIKE else f'{self.figure.value} in'} {self.phase}"
 
     @property
     def words(self) -> str:

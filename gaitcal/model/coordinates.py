@@ -204,12 +204,6 @@ def senses_of(name: str) -> tuple[str, str] | None:
     return COMPONENT_SENSES.get(split_side(name)[0]) or coordinate_words(name).senses
 
 
-def is_of_leg(name: str) -> bool:
-    """Whether a coordinate, reaction or moment component, with or without its side, is one of a leg."""
-    base = split_side(name)[0]
-    return base in COMPONENT_SENSES or base in LEG_COORDINATES
-
-
 @dataclass(frozen=True, kw_only=True)
 class JointWords:
     """What a joint of the linkage is called."""

@@ -128,39 +128,6 @@ def dynamic_jacobian(inertial: Array) -> Array:
     return jac
 
 
-def placed_dynamic_parameters(rotation: Array, translation: Array) -> Array:
-    """(10, 10): dynamic parameters in a frame F from those in a frame S placed in it by (rotation, translation).
-
-    With the pseudo-inertia J = [[sum x x^T, m c], [m c^T, m]] of point masses, J_F = X J_S X^T, X homogeneous.
-    """
-    x = np.eye(4)
-    x[:3, :3], x[:3, 3] = rotation, translation
-    return _FROM_PSEUDO @ np.kron(x, x) @ _TO_PSEUDO
-
-
-_SYMMETRIC = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
-"""Where the ten dynamic parameters hold each entry of the inertia about the origin."""
-
-
-def _to_pseudo(p: Array) -> Array:
-    """(16,) pseudo-inertia of dynamic parameters (10,): sum x x^T = tr(I) / 2 - I."""
-    inertia = p[_SYMMETRIC]
-    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    return np.block([[second, p[1:4, None]], [p[1:4], p[0]]]).ravel()
-
-
-def _from_pseudo(j: Array) -> Array:
-    """(10,) dynamic parameters of a pseudo-inertia (16,): I = tr(S) - S, S the sum of x x^T."""
-    second, out = j.reshape(4, 4)[:3, :3], np.empty(10)
-    out[0], out[1:4] = j[15], j[3:12:4]
-    out[_SYMMETRIC] = np.trace(second) * np.eye(3) - second
-    return out
-
-
-_TO_PSEUDO = np.stack([_to_pseudo(unit) for unit in np.eye(10)], axis=1)
-_FROM_PSEUDO = np.stack([_from_pseudo(unit) for unit in np.eye(16)], axis=1)
-
-
 def is_physical(inertial: Array) -> BoolArray:
     """(ns,) whether mass and moments are positive and moments obey the triangle inequality (pseudo-inertia > 0)."""
     rows = table(inertial)

@@ -35,7 +35,7 @@ from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.motion.spline import spline_basis
 from gaitcal.published.inertial_recovery import pelvis_width
 from gaitcal.published.protocol import SIDE
-from gaitcal.published.tables import RESIDUALS, SCALES, Cell, TableRow
+from gaitcal.published.tables import RESIDUALS, SCALES, TableRow
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration, Loads, Stage, TrialResult
@@ -311,7 +311,7 @@ def _marker_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
             (f"{name}, phase 1: marker distance RMS", 1e3 * calibrated, "mm"),
             (f"{name}: fall of marker distance", 100.0 * (1.0 - calibrated / nominal), "%"),
         ):
-            yield Cell("I", row, column, unit).filled(None, value, NOTE, "markers of pelvis and legs")
+            yield TableRow("I", row, column, unit).filled(None, value, NOTE, "markers of pelvis and legs")
 
 
 def _residual_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
@@ -320,7 +320,7 @@ def _residual_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
         frames = f"{int(np.sum(valid))} of {len(valid)} frames"
         for stage, moments in loads.moments.items():
             for (column, unit, _), value in zip(RESIDUALS, moments.residual_rms(valid), strict=True):
-                yield Cell("III", f"{name}, {STAGES[stage]}", column, unit).filled(None, value, NOTE, frames)
+                yield TableRow("III", f"{name}, {STAGES[stage]}", column, unit).filled(None, value, NOTE, frames)
 
 
 def _loaded(calibration: Calibration) -> list[tuple[TrialResult, Loads]]:
@@ -341,5 +341,5 @@ def _scale_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
         fit = fit_published(equations, nominal.parameters.inertial, symmetric_set())
         possible = "" if is_physical(fit.inertial).all() else "some bodies could not exist"
         for (column, unit, _), value in zip(RESIDUALS, (fit.rms_force, fit.rms_moment), strict=True):
-            cell = Cell("discussion", f"{name}, torque divided by {words}", column, unit)
+            cell = TableRow("discussion", f"{name}, torque divided by {words}", column, unit)
             yield cell.filled(None, value, NOTE, possible, "published cost")

@@ -2,11 +2,6 @@
 
 What depends on the noise is judged by medians over the draws; how many draws agree is told beside. Limits for words
 such as "far smaller" or "nearly" are ours.
-
-The published conclusions, put to the test with our own numbers, for either frame of the ground reactions.
-
-All compare mean RMS torque errors of one leg at the highest level studied (%BW*H). Limits are ours, except where the
-paper names one. Fewer than `FEWEST` draws are not judged, nor is a difference that chance alone could bring about.
 """
 
 from __future__ import annotations

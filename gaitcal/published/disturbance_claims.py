@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,15 +32,13 @@ SAMPLING = 3.0
 cannot tell an interaction from chance."""
 
 
-@dataclass(frozen=True)
-class PublishedFigure:
-    """A figure that the paper gives in prose."""
+class PublishedFigure(NamedTuple):
+    """A figure that the paper gives in prose: mean RMS at 100 %, %BW*H."""
 
     varied: Varied
     torque: str
     inertial_percent: float
     value: float
-    """%BW*H, mean RMS at 100 %."""
 
 
 PUBLISHED = (

@@ -6,21 +6,14 @@ number), so that draws can be made in any order and anywhere. Disturbances are u
 sinusoid per marker coordinate (method, sections 5 and 6).
 
 The motion follows the joint parameters by  dN/dp = -H_qq^-1 H_qp,  exact where the markers fit exactly, as they do in
-the undisturbed case: it starts every re-fit. Torques are linear in the dynamic parameters phi of the segments
-(Pinocchio's regressor Y): inertial parameters alone change them by Y (phi - phi_0), without a re-fit.
+the undisturbed case: it starts every re-fit. Torques are linear in the dynamic parameters phi of the segments, by the
+regressor Y: inertial parameters alone change them by Y (phi - phi_0), without a re-fit.
 
-Torques of a leg, with the ground reaction in either frame:
-
-    tau_k = RNEA_k(q, v, a) - J_k . w,
-
-w the wrench of the ground on the foot, J_k the joint's spatial velocity, both about the laboratory origin
-(`dynamics/inverse_dynamics.py`). Fixed in the laboratory w stays as it was measured; carried along with the foot it
-turns and moves as the foot frame did, by (R, o) from the undisturbed (R0, o0) at the same instant:
+Torques of a leg (`dynamics/inverse_dynamics.py`) are those of pelvis and legs alone, with the ground reaction in either
+frame. Fixed in the laboratory the wrench w stays as it was measured; carried along with the foot it turns and moves as
+the foot frame did, by (R, o) from the undisturbed (R0, o0) at the same instant:
 
     force' = R R0^T force,      moment' = R R0^T (moment - o0 x force) + o x force'.
-
-The Pinocchio model is built once. A disturbance changes joint placements and inertias in place: the chain's constant
-C_k between the joint frames of the model, which make a half turn where a coordinate turns about a negative axis.
 """
 
 from __future__ import annotations
@@ -28,23 +21,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.inverse_dynamics import FEET, in_segment_frames, joint_regressor, unloaded_forces, with_reactions
+from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, PlacedLinkage
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain, ChainConstants, Poses, forward, jacobian, segment_poses
+from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
-from gaitcal.model.linkage import COORDINATES, LOWER_BODY, SIDES, joint_elements, joints_above
-from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, dynamic_parameters, symmetric_set, table
-from gaitcal.model.subject_model import SubjectModel, build_linkage
+from gaitcal.model.linkage import LOWER_BODY, SIDES, joint_elements, joints_above
+from gaitcal.model.parameters import JP_INDEX, Parameters, dynamic_parameters, symmetric_set
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings, Ending
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, RefitSettings, Varied
+from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import marker_noise, synthetic_markers
 
@@ -61,113 +53,55 @@ OF_FOOT = tuple(
 LEG_SEGMENTS: tuple[str, ...] = LOWER_BODY[1:]
 
 
-@dataclass(frozen=True)
-class FootPose:
-    """Poses of both feet."""
-
-    axes: Array
-    """(2, 3, 3, nf): axes[s, j] is the j-th unit axis of foot s in the laboratory."""
-    origin: Array
-    """(2, 3, nf) m."""
+FootPose = tuple[Array, Array]
+"""(nf, 2, 3, 3) axes of both feet in the laboratory, one a row, and (nf, 2, 3) m, their origins."""
+_CHAIN = Chain("pelvis", ("pelvis", *LEG_SEGMENTS), reactions=True)
+_ROWS = np.array([_CHAIN.coordinates.index(name) for name in LEG_TORQUES])
+_IN_BODY = np.array([chain_of(reactions=True).coordinates.index(name) for name in LEG_TORQUES])
+_FEET = [_CHAIN.segments.index(foot) for foot in FEET]
 
 
-class LegTorques:
-    """Inverse dynamics of both legs. Holds a Pinocchio model that it changes: one instance for one thread."""
+def placed_legs(parameters: Parameters, q: Array) -> PlacedLinkage:
+    """Pelvis and legs at coordinates (nf, 27)."""
+    return PlacedLinkage(_CHAIN, _CHAIN.constants(parameters.joint, parameters.zero_angles), q)
 
-    def __init__(self, parameters: Parameters) -> None:
-        self.linkage = build_linkage(parameters, reactions=True)
-        self._data = self.linkage.model.createData()
-        self._chain = Chain("pelvis", ("pelvis", *LEG_SEGMENTS), reactions=True)
-        coordinates = self._chain.coordinates
-        self._joint = [self.linkage.model.getJointId(name) for name in coordinates]
-        self._half_turn = [
-            pin.SE3(np.eye(3) if e.sign > 0 else _half_turn(e.axis), np.zeros(3)) for e in self._chain.elements
-        ]
-        self.rows = np.array([self.linkage.index(name) for name in LEG_TORQUES])
-        """Places of the torques among the coordinates of the linkage."""
-        self._moved = np.array([coordinates.index(name) for name in LEG_TORQUES])
-        self._foot = [self._chain.segments.index(foot) for foot in FEET]
-        free = [name for name in coordinates if name in COORDINATES]  # all but the locked reaction joints
-        self._of_chain = [coordinates.index(name) for name in free]
-        self._of_body = [COORDINATES.index(name) for name in free]
 
-    def disturb(self, parameters: Parameters) -> ChainConstants:
-        """Put other parameters of the legs into the model; returns the constants of its chain."""
-        constants = self._chain.constants(parameters.joint, parameters.zero_angles)
-        placements, inertias = self.linkage.model.jointPlacements, self.linkage.model.inertias
-        turns = self._half_turn
-        for k, parent in enumerate(self._chain.parents):
-            offset = pin.SE3(constants.offset_rotation[k], constants.offset_translation[k]) * turns[k]
-            placements[self._joint[k]] = offset if parent < 0 else turns[parent].actInv(offset)
-        for segment, row in zip(MASSIVE_SEGMENTS, table(parameters.inertial), strict=True):
-            if segment not in LEG_SEGMENTS:
-                continue
-            s = self._chain.segments.index(segment)
-            frame = int(self._chain.segment_frame[s])
-            place = turns[frame].actInv(pin.SE3(constants.segment_rotation[s], constants.segment_translation[s]))
-            inertia = pin.Inertia(float(row[0]), row[1:4], np.diag(row[4:7]))
-            inertias[self._joint[frame]] = place.act(inertia)
-        return constants
+def pose_of_feet(placed: PlacedLinkage) -> FootPose:
+    """Where both feet are."""
+    axes, origins = placed.segments
+    return axes[:, _FEET], origins[:, _FEET]
 
-    def feet(self, constants: ChainConstants, q: Array) -> FootPose:
-        """Poses of the feet for coordinates (nf, 27)."""
-        return self._feet(constants, self._frames(constants, q))
 
-    def _frames(self, constants: ChainConstants, q: Array) -> Poses:
-        """Where the joints of the legs are, for coordinates (nf, 27)."""
-        coordinates = np.zeros((len(q), len(self._chain.coordinates)))
-        coordinates[:, self._of_chain] = q[:, self._of_body]
-        return forward(self._chain, constants, coordinates)
+def leg_torques(
+    parameters: Parameters, basis: SplineBasis, nodes: Array, wrench: Array, undisturbed: FootPose
+) -> tuple[Array, Array]:
+    """(nf, 14) N·m with the wrenches (nf, 2, 6) fixed in the laboratory, and carried along with the feet."""
+    q, v, a = (basis.evaluate(nodes, k) for k in range(3))
+    placed = placed_legs(parameters, q)
+    unloaded, columns = (
+        placed.unloaded_forces(dynamic_parameters(parameters.inertial), v, a)[:, _ROWS],
+        placed.columns[:, _ROWS],
+    )
 
-    def _feet(self, constants: ChainConstants, frames: Poses) -> FootPose:
-        axes, origins = segment_poses(self._chain, constants, frames)
-        return FootPose(axes[self._foot], origins[self._foot])
+    def loaded(wrenches: Array) -> Array:
+        tau = unloaded.copy()
+        for foot, joints in enumerate(OF_FOOT):
+            tau[:, joints] -= (columns[:, joints] @ wrenches[:, foot, :, None])[..., 0]
+        return tau
 
-    def torques(
-        self, constants: ChainConstants, basis: SplineBasis, nodes: Array, wrench: Array, undisturbed: FootPose
-    ) -> tuple[Array, Array]:
-        """(nf, 14) N·m with the wrenches (nf, 2, 6) fixed in the laboratory, and carried along with the feet.
-
-        The model must hold the parameters that `constants` belong to (`disturb`).
-        """
-        q, v, a = (basis.evaluate(nodes, k) for k in range(3))
-        states = (with_reactions(self.linkage, values) for values in (q, v, a))
-        unloaded = unloaded_forces(self.linkage, self._data, *states)[:, self.rows]
-        frames = self._frames(constants, q)
-        columns = jacobian(self._chain, constants, frames)[self._moved]
-        laboratory = wrench.transpose(1, 2, 0)
-        carried = carry(laboratory, undisturbed, self._feet(constants, frames))
-
-        def loaded(wrenches: Array) -> Array:
-            tau = unloaded.copy()
-            for foot, joints in enumerate(OF_FOOT):
-                tau[:, joints] -= np.einsum("kif,if->fk", columns[joints], wrenches[foot])
-            return tau
-
-        return loaded(laboratory), loaded(carried)
+    return loaded(wrench), loaded(carry(wrench, undisturbed, pose_of_feet(placed)))
 
 
 def carry(wrench: Array, before: FootPose, after: FootPose) -> Array:
-    """(2, 6, nf) wrenches about the laboratory origin, carried along from one pose of the feet to another."""
-    out = np.empty_like(wrench)
-    force = wrench[:, :3]
-    moment = wrench[:, 3:] - np.cross(before.origin, force, axis=1)
-    for turned, vector in ((out[:, :3], force), (out[:, 3:], moment)):
-        local = np.einsum("sjif,sif->sjf", before.axes, vector)
-        turned[:] = np.einsum("sjif,sjf->sif", after.axes, local)
-    out[:, 3:] += np.cross(after.origin, out[:, :3], axis=1)
-    return out
-
-
-def _half_turn(axis: int) -> Array:
-    """(3, 3) a half turn that reverses an axis."""
-    diagonal = -np.ones(3)
-    diagonal[(axis + 1) % 3] = 1.0
-    return np.diag(diagonal)
+    """(nf, 2, 6) wrenches about the laboratory origin, carried along from one pose of the feet to another."""
+    force = wrench[..., :3]
+    local = before[0] @ np.stack([force, wrench[..., 3:] - np.cross(before[1], force)], axis=3)
+    force, moment = np.moveaxis(after[0].swapaxes(2, 3) @ local, 3, 0)
+    return np.concatenate([force, moment + np.cross(after[1], force)], axis=2)
 
 
 class MonteCarloContext:
-    """A case made ready for draws. One for each thread: draws change the model in `legs`, and nothing else."""
+    """A case made ready for draws."""
 
     @with_one_blas_thread
     def __init__(self, case: MonteCarloCase, settings: MonteCarloSettings) -> None:
@@ -180,7 +114,6 @@ class MonteCarloContext:
         self.problem = _undisturbed_problem(case)
         """The undisturbed motion fits its markers exactly."""
         self.basis, self.data = self.problem.basis, self.problem.data
-        q = self.basis.evaluate(case.nodes)
         constants = self.problem.constants(case.parameters)
         band = self.problem.equations(case.nodes, constants).band
         self.undisturbed_factor = BandFactor(band)
@@ -194,14 +127,12 @@ class MonteCarloContext:
         solved = -BandFactor(equations.band).solve(equations.mixed)
         moving = [self.names.index(name) for name in opened.chain.free]
         self.sensitivity[:, :, moving] = solved.reshape(*case.nodes.shape, len(moving))
-        self.legs = LegTorques(case.parameters)
-        states = (self.basis.evaluate(case.nodes, k) for k in range(3))
-        rows = in_segment_frames(self.legs.linkage, joint_regressor(self.legs.linkage, self.legs.rows, *states))
+        states = [self.basis.evaluate(case.nodes, k) for k in range(3)]
+        rows = Dynamics(case.parameters).placed(states[0]).regressor(_IN_BODY, *states[1:])
         self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
         """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own frames."""
-        leg_constants = self.legs.disturb(case.parameters)
-        self.feet = self.legs.feet(leg_constants, q)
-        self.torques, _ = self.legs.torques(leg_constants, self.basis, case.nodes, case.wrench, self.feet)
+        self.feet = pose_of_feet(placed_legs(case.parameters, states[0]))
+        self.torques, _ = leg_torques(case.parameters, self.basis, case.nodes, case.wrench, self.feet)
         """(nf, 14) N·m of the undisturbed case."""
         segments = np.array([self.problem.chain.segments[s] for s in self.data.segment])
         pulling = self.data.weight.any(axis=1)
@@ -294,7 +225,7 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
             phi = dynamic_parameters(inertial) - dynamic_parameters(undisturbed)
             errors = (context.regressor @ phi.ravel()).reshape(-1, len(LEG_TORQUES))
             return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
-        fitted = refit(model.problem, model.constants, model.start, context.settings.refit, model.factor)
+        fitted = refit(model.problem, model.constants, model.start, context.settings, model.factor)
         return DrawResult(errors_of(context, model, fitted.nodes), fitted.evaluations, fitted.failure)
     except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
         return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
@@ -316,7 +247,7 @@ def refit(
     problem: MotionProblem,
     constants: ChainConstants,
     start: Array,
-    settings: RefitSettings,
+    settings: MonteCarloSettings,
     known: BandFactor | None = None,
 ) -> Refit:
     """Minimise the weighted sum of squared marker distances over the nodes, starting at `start` (nn, nq).
@@ -333,8 +264,8 @@ def refit(
     """
     rule = DescentSettings(
         gain=0.0,
-        shortest_step=settings.tolerance,
-        most_steps=settings.most_evaluations,
+        shortest_step=settings.refit_tolerance,
+        most_steps=settings.refit_most_evaluations,
         keep_within=np.inf,
         curved=True,
     )
@@ -378,8 +309,7 @@ def disturbed_model(context: MonteCarloContext, change: Disturbance) -> Disturbe
 def errors_of(context: MonteCarloContext, model: DisturbedModel, nodes: Array) -> Array:
     """(60,) in the order of `COLUMNS`: what a disturbed model in a motion (nn, nq) says wrongly."""
     placed = model.problem.positions(nodes, model.constants)
-    leg_constants = context.legs.disturb(model.parameters)
-    torques = context.legs.torques(leg_constants, context.basis, nodes, context.case.wrench, context.feet)
+    torques = leg_torques(model.parameters, context.basis, nodes, context.case.wrench, context.feet)
     errors = (torques[0] - context.torques, torques[1] - context.torques)
     apart = placed - model.problem.data.measured
     return _record(context, errors, np.sqrt((apart * apart).sum(axis=1)))

@@ -49,7 +49,7 @@ from gaitcal.published.draw import (
 from gaitcal.published.protocol import PUBLISHED_LEVELS, SIDE, MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.published.statistics import statistics
 from gaitcal.published.study import Chunk, in_order, run_chunk
-from gaitcal.published.tables import SENSITIVITY, Cell, TableRow
+from gaitcal.published.tables import SENSITIVITY, TableRow
 from gaitcal.runtime import with_one_blas_thread
 
 SETS = (Varied.JP, Varied.NOISE)
@@ -213,12 +213,12 @@ def refit_rows(stopped: StoppedRefits) -> list[TableRow]:
             continue  # the same draws
         note, averages = f"mean of {stopped.draws} draws, from the undisturbed motion", _averages(table)
         for varied, level, printed in PRINTED_MM:
-            cell = Cell(SENSITIVITY, f"Monte Carlo, {varied.title} {level} %: {end}", "marker distance RMS", "mm")
+            cell = TableRow(SENSITIVITY, f"Monte Carlo, {varied.title} {level} %: {end}", "marker distance RMS", "mm")
             rows.append(cell.filled(printed, averages[varied.value, level, f"markers_{SIDE}", ""], note))
         for figure in _FIGURES:
             for frame, words in FRAMES.items():
                 column = f"{TORQUE_WORDS[figure.torque]}, {words}"
-                cell = Cell(SENSITIVITY, f"Monte Carlo, JP 100 %: {end}", column, "%BW*H")
+                cell = TableRow(SENSITIVITY, f"Monte Carlo, JP 100 %: {end}", column, "%BW*H")
                 ours = averages[Varied.JP.value, 100, f"{figure.torque}_{SIDE}", frame.value]
                 rows.append(cell.filled(figure.value, ours, note))
     return rows
@@ -343,7 +343,7 @@ def pressure_centre_rows(centres: PressureCentres) -> list[TableRow]:
         for frame in of_frame:
             for torque, error in zip(TORQUES, centres.errors(centre, frame), strict=True):
                 words = f"Monte Carlo, JP {LEVEL} %, centre of pressure {centre}: {FRAMES[frame]}"
-                cell = Cell(SENSITIVITY, words, TORQUE_WORDS[torque], "%BW*H")
+                cell = TableRow(SENSITIVITY, words, TORQUE_WORDS[torque], "%BW*H")
                 rows.append(cell.filled(printed.get(torque), float(error), f"mean of {centres.draws} draws"))
     return rows
 

@@ -20,29 +20,13 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
+from gaitcal.calibration import inertial_calibration
 from gaitcal.calibration.combined import CombinedProblem, combined_fit
-from gaitcal.calibration.inertial_calibration import (
-    LoadedMotion,
-    RootEquations,
-    TorqueScale,
-    equations_of,
-    fit_consistent,
-    fit_published,
-)
 from gaitcal.model.parameters import IP_INDEX, IP_TO_SI, MASSIVE_SEGMENTS, Parameters, is_physical, symmetric_set, table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import motion_of
 from gaitcal.motion.trial_problem import MotionProblem
-from gaitcal.published.joint_recovery import (
-    JointRecovery,
-    free_parameters,
-    joint_errors,
-    joint_rms,
-    recover_joints,
-    synthetic_problem,
-    true_model,
-    true_motion,
-)
+from gaitcal.published import joint_recovery
 from gaitcal.published.protocol import PROBLEMS
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import residual_free_wrench
@@ -122,16 +106,24 @@ class ThirdStep:
 @cache
 def true_wrench() -> Array:
     """(208, 2, 6) ground reactions on the feet that leave the true model no residual."""
-    return residual_free_wrench(true_model().parameters, true_motion("full leg"))
+    return residual_free_wrench(joint_recovery.true_model().parameters, joint_recovery.true_motion("full leg"))
 
 
-def gait_equations(parameters: Parameters, nodes: Array, scale: TorqueScale = TorqueScale.BODY_HEIGHT) -> RootEquations:
+def gait_equations(
+    parameters: Parameters,
+    nodes: Array,
+    scale: inertial_calibration.TorqueScale = inertial_calibration.TorqueScale.BODY_HEIGHT,
+) -> inertial_calibration.RootEquations:
     """The pelvis residual of the gait trial for joint parameters and nodes (20, 27)."""
-    basis = true_motion("full leg").basis
+    basis = joint_recovery.true_motion("full leg").basis
     q, v, a = (basis.evaluate(nodes, k) for k in range(3))
     valid = np.ones(len(q), dtype=bool)
-    motion = LoadedMotion(name="gait", q=q, velocity=v, acceleration=a, wrench=true_wrench(), valid=valid)
-    return equations_of([motion], parameters, true_model().subject, scale, pelvis_width(true_model()))
+    motion = inertial_calibration.LoadedMotion(
+        name="gait", q=q, velocity=v, acceleration=a, wrench=true_wrench(), valid=valid
+    )
+    return inertial_calibration.equations_of(
+        [motion], parameters, joint_recovery.true_model().subject, scale, pelvis_width(joint_recovery.true_model())
+    )
 
 
 def pelvis_width(model: SubjectModel) -> float:
@@ -141,7 +133,7 @@ def pelvis_width(model: SubjectModel) -> float:
 
 def random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
     """(84,) the true inertial parameters, each of the 36 (with `with_held` also `foot.com.sup`) up to 50 % off."""
-    truth, which = true_model().parameters.inertial, symmetric_set()
+    truth, which = joint_recovery.true_model().parameters.inertial, symmetric_set()
     factors = rng.uniform(-SEED_RANGE, SEED_RANGE, len(which.names) + 1)
     seed = truth * (1.0 + which.selection @ factors[:-1])
     if with_held:
@@ -151,11 +143,11 @@ def random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
 
 
 def recover_inertia(
-    equations: RootEquations, seed: Array, *, reseed: bool = True, decay: float = 1.0
+    equations: inertial_calibration.RootEquations, seed: Array, *, reseed: bool = True, decay: float = 1.0
 ) -> InertialRecovery:
     """The published cost from a seed (84,)."""
-    began, truth = time.process_time(), true_model().parameters.inertial
-    fit = fit_published(equations, seed, symmetric_set(), reseed=reseed, decay=decay)
+    began, truth = time.process_time(), joint_recovery.true_model().parameters.inertial
+    fit = inertial_calibration.fit_published(equations, seed, symmetric_set(), reseed=reseed, decay=decay)
     return InertialRecovery(
         force=fit.rms_force,
         torque=fit.rms_moment,
@@ -169,21 +161,25 @@ def recover_inertia(
     )
 
 
-def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
+def third_step(markers: MotionProblem, gait: joint_recovery.JointRecovery) -> ThirdStep:
     """The third step of `gaitcal calibrate`, after phase 1 and physically consistent inertial parameters.
 
     Before: phases 1 and 2, as the third step finds them. Bodies must be possible, hence `fit_consistent`.
     """
-    free, began = free_parameters("full leg"), time.process_time()
+    free, began = joint_recovery.free_parameters("full leg"), time.process_time()
     equations = gait_equations(gait.parameters, gait.nodes)
-    inertial = fit_consistent(equations, true_model().parameters.inertial, symmetric_set())
+    inertial = inertial_calibration.fit_consistent(
+        equations, joint_recovery.true_model().parameters.inertial, symmetric_set()
+    )
     trial = CombinedProblem(markers, gait.nodes, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
     start = gait.parameters.with_inertial(inertial.inertial)
-    fit = combined_fit([trial], start, free, symmetric_set(), true_model().subject)
+    fit = combined_fit([trial], start, free, symmetric_set(), joint_recovery.true_model().subject)
     force, torque = gait_equations(fit.parameters, fit.nodes[0]).rms(fit.parameters.inertial)
     distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
     positions = [
-        joint_rms(joint_errors(p, true_model().parameters, free), free)[0] or 0.0 for p in (start, fit.parameters)
+        joint_recovery.joint_rms(joint_recovery.joint_errors(p, joint_recovery.true_model().parameters, free), free)[0]
+        or 0.0
+        for p in (start, fit.parameters)
     ]
     return ThirdStep(
         force=(inertial.rms_force, force),
@@ -199,7 +195,7 @@ def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
 class SeedResult:
     """Phases 1 to 3 for one draw of the noise."""
 
-    joints: dict[str, JointRecovery]
+    joints: dict[str, joint_recovery.JointRecovery]
     """By problem."""
     residual_before: tuple[float, float]
     """N, N·m: true inertial parameters with the joints and motion of phase 1."""
@@ -209,7 +205,7 @@ class SeedResult:
     """The same without re-seeding."""
     random: tuple[InertialRecovery, ...]
     """Phase 2 from random seeds."""
-    scales: dict[TorqueScale, InertialRecovery]
+    scales: dict[inertial_calibration.TorqueScale, InertialRecovery]
     """Phase 2 from the correct seed, for each normalisation of torques."""
     third: ThirdStep | None
     """Only with noise."""
@@ -244,11 +240,15 @@ def noisy_draws(seed: int, draws: int, jobs: int = -1, random_seeds: int = RANDO
 
 def _run(noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSequence, random_seeds: int) -> SeedResult:
     """Phases 1 to 3; `noise`: a generator for each of `PROBLEMS`, or none."""
-    problems = {p: synthetic_problem(p, noise[k] if noise is not None else None) for k, p in enumerate(PROBLEMS)}
-    joints = recover_joints(problems)
-    gait, truth = joints["full leg"], true_model().parameters.inertial
-    equations = {scale: gait_equations(gait.parameters, gait.nodes, scale) for scale in TorqueScale}
-    usual = equations[TorqueScale.BODY_HEIGHT]
+    problems = {
+        p: joint_recovery.synthetic_problem(p, noise[k] if noise is not None else None) for k, p in enumerate(PROBLEMS)
+    }
+    joints = joint_recovery.recover_joints(problems)
+    gait, truth = joints["full leg"], joint_recovery.true_model().parameters.inertial
+    equations = {
+        scale: gait_equations(gait.parameters, gait.nodes, scale) for scale in inertial_calibration.TorqueScale
+    }
+    usual = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY
     streams = map(np.random.default_rng, seeds.spawn(random_seeds))
     starts = [random_seed(rng, with_held=noise is not None) for rng in streams]
@@ -256,7 +256,7 @@ def _run(noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSeque
     return SeedResult(
         joints=joints,
         residual_before=usual.rms(truth),
-        correct=scales[TorqueScale.BODY_HEIGHT],
+        correct=scales[inertial_calibration.TorqueScale.BODY_HEIGHT],
         single_pass=recover_inertia(usual, truth, reseed=False),
         random=tuple(recover_inertia(usual, start, decay=decay) for start in starts),
         scales=scales,

@@ -42,18 +42,11 @@ from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.published import joint_recovery
 from gaitcal.published.claims import Claim, Verdict
 from gaitcal.published.inertial_recovery import generators
-from gaitcal.published.joint_recovery import (
-    JointRecovery,
-    free_parameters,
-    recover_joints,
-    synthetic_problem,
-    true_model,
-    true_motion,
-)
 from gaitcal.published.protocol import PROBLEMS, table_one
-from gaitcal.published.tables import JOINT_FIGURES, SENSITIVITY, Cell, TableRow
+from gaitcal.published.tables import JOINT_FIGURES, SENSITIVITY, TableRow
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import ISOLATED_FRAMES, NOISE_AMPLITUDE, RATE, marker_noise
 
@@ -159,7 +152,7 @@ class LengthDraws:
 
     rate: float
     """Hz."""
-    problems: list[dict[str, JointRecovery]]
+    problems: list[dict[str, joint_recovery.JointRecovery]]
     """Draw by draw."""
 
     @property
@@ -197,9 +190,11 @@ def trial_lengths(seed: int, draws: int = DRAWS, jobs: int = -1, rates: Iterable
 
 
 @with_one_blas_thread
-def _found(seed: int, draw: int, rate: float) -> dict[str, JointRecovery]:
+def _found(seed: int, draw: int, rate: float) -> dict[str, joint_recovery.JointRecovery]:
     noise, _ = generators(seed, draw)
-    return recover_joints({p: synthetic_problem(p, noise[k], rate) for k, p in enumerate(PROBLEMS)}, compare=False)
+    return joint_recovery.recover_joints(
+        {p: joint_recovery.synthetic_problem(p, noise[k], rate) for k, p in enumerate(PROBLEMS)}, compare=False
+    )
 
 
 def trial_length_rows(lengths: Sequence[LengthDraws]) -> list[TableRow]:
@@ -211,7 +206,9 @@ def trial_length_rows(lengths: Sequence[LengthDraws]) -> list[TableRow]:
             for problem, published in _printed(key).items():
                 values = length.values(problem, key)
                 share = f"{np.mean(values <= published):.0%} of the draws are at or below it"
-                rows.append(Cell(SENSITIVITY, f"{words}: {title}", problem, unit).over_draws(published, values, share))
+                rows.append(
+                    TableRow(SENSITIVITY, f"{words}: {title}", problem, unit).over_draws(published, values, share)
+                )
         stuck = sum(not f.converged for found in length.problems for f in found.values())
         for column, found_place, meaning in (
             ("p by distance", length.joint, "as far from their mean"),
@@ -222,7 +219,7 @@ def trial_length_rows(lengths: Sequence[LengthDraws]) -> list[TableRow]:
                 f"share of {len(length.problems)} noise draws and the printed one that are {meaning}",
                 f"{stuck} of {len(length.problems) * len(PROBLEMS)} searches did not converge" if stuck else "",
             )
-            cell = Cell(SENSITIVITY, f"{words}: the seven parameter rows together", column, "")
+            cell = TableRow(SENSITIVITY, f"{words}: the seven parameter rows together", column, "")
             rows.append(cell.filled(None, found_place.p, *notes))
     return rows
 
@@ -285,8 +282,12 @@ def absorbed_noise(seed: int, draws: int = ABSORPTION_DRAWS, jobs: int = -1) -> 
 @with_one_blas_thread
 def absorbed(problem: str, seed: int, draws: int = ABSORPTION_DRAWS) -> Absorbed:
     """What one of `PROBLEMS` absorbs."""
-    exact, truth, nodes = synthetic_problem(problem, None), true_model().parameters, true_motion(problem).nodes
-    opened = exact.with_free(free_parameters(problem))
+    exact, truth, nodes = (
+        joint_recovery.synthetic_problem(problem, None),
+        joint_recovery.true_model().parameters,
+        joint_recovery.true_motion(problem).nodes,
+    )
+    opened = exact.with_free(joint_recovery.free_parameters(problem))
     rng = np.random.default_rng(np.random.SeedSequence([seed, 2, PROBLEMS.index(problem)]))
     noise = [marker_noise(exact.basis.time, len(exact.labels), rng).transpose(1, 2, 0) for _ in range(draws)]
     size = np.array([(n**2).sum() for n in noise])
@@ -340,8 +341,8 @@ def absorbed_rows(shares: Mapping[str, Absorbed]) -> list[TableRow]:
             ("motion of 20 nodes", share.motion, draws),
             ("motion and joint parameters", share.whole, draws),
         ):
-            rows.append(Cell(SENSITIVITY, f"{title}: {words}", problem, "%").filled(None, 100.0 * value, note))
-        cell = Cell(SENSITIVITY, f"{title}: marker distance RMS that is left", problem, "mm")
+            rows.append(TableRow(SENSITIVITY, f"{title}: {words}", problem, "%").filled(None, 100.0 * value, note))
+        cell = TableRow(SENSITIVITY, f"{title}: marker distance RMS that is left", problem, "mm")
         rows.append(cell.over_draws(_DISTANCES[problem], share.left_mm, "to first order"))
     return rows
 

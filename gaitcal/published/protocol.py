@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from enum import Enum
 from functools import cache
 from importlib.resources import files
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -85,16 +86,6 @@ class ParameterChoice(Enum):
         return tuple(name for side in SIDES for name in of_leg(side))
 
 
-@dataclass(frozen=True)
-class RefitSettings:
-    """When the re-fit of a motion ends."""
-
-    tolerance: float = 1e-6
-    """Largest change of a node (m, rad) in the last step; the error left is smaller by the rate of convergence."""
-    most_evaluations: int = 80
-    """Evaluations of the gradient after which a draw counts as failed."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class MonteCarloSettings:
     """Everything that a draw depends on besides the model, its set, its level and its number."""
@@ -105,7 +96,10 @@ class MonteCarloSettings:
     orientation_deg: float = 10.0
     inertial_percent: float = 10.0
     noise_mm: float = 10.0
-    refit: RefitSettings = field(default_factory=RefitSettings)
+    refit_tolerance: float = 1e-6
+    """Largest change of a node (m, rad) in the last step; the error left is smaller by the rate of convergence."""
+    refit_most_evaluations: int = 80
+    """Evaluations of the gradient after which a draw counts as failed."""
 
     @property
     def joint_bounds(self) -> Array:
@@ -116,9 +110,7 @@ class MonteCarloSettings:
 
     def as_json(self) -> Mapping[str, float]:
         """Flat and plain, for the store and for comparison with it."""
-        plain = asdict(self) | {"parameters": self.parameters.value}
-        refit = {f"refit_{name}": value for name, value in plain.pop("refit").items()}
-        return plain | refit
+        return asdict(self) | {"parameters": self.parameters.value}
 
 
 @dataclass(frozen=True)
@@ -147,37 +139,6 @@ SIDE = "l"
 """The paper's leg is the left one: only then do the signs of Table II fit frames with z to the right."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointParameterRow:
-    """A row of Table II: difference from the true (synthetic) and from the nominal (experimental) value, mm or deg."""
-
-    name: str
-    """Of the joint parameter, left leg."""
-    title: str
-    """As the paper has it."""
-    unit: str
-    single_joint: tuple[float, float]
-    """Synthetic and experimental."""
-    full_leg: tuple[float, float]
-    """Synthetic and experimental."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class InertialParameterRow:
-    """A row of Table IV: difference from the true (synthetic) or nominal (experimental) value, kg, mm, kg mm^2."""
-
-    name: str
-    """Of the symmetric inertial parameter: `thigh.com.sup`."""
-    title: str
-    """As the paper has it."""
-    unit: str
-    correct_seed: float
-    random_seeds: tuple[float, float]
-    """Mean and standard deviation."""
-    experimental: float
-    note: str = ""
-
-
 @cache
 def _content() -> dict[str, Any]:
     path = files("gaitcal.published") / "published_results.json"
@@ -192,9 +153,11 @@ def table_one(row: str, quantity: str) -> dict[str, float | None]:
     return dict(zip(PROBLEMS, _content()["table_I"][row][quantity], strict=True))
 
 
-def table_two() -> tuple[JointParameterRow, ...]:
-    """Table II, 27 rows."""
-    return tuple(JointParameterRow(**row) for row in _content()["table_II"])
+def table_two() -> list[Any]:
+    """Table II, 27 rows: name of the joint parameter (left leg), title, unit (mm, deg); single_joint, full_leg: pairs
+    of the difference from the true (synthetic) and from the nominal (experimental) value.
+    """
+    return [SimpleNamespace(**row) for row in _content()["table_II"]]
 
 
 def table_three(row: str) -> list[Any]:
@@ -203,9 +166,11 @@ def table_three(row: str) -> list[Any]:
     return figures
 
 
-def table_four() -> tuple[InertialParameterRow, ...]:
-    """Table IV, 37 rows; `foot.com.sup` was held and is no variable."""
-    return tuple(InertialParameterRow(**row) for row in _content()["table_IV"])
+def table_four() -> list[Any]:
+    """Table IV, 37 rows: name of the symmetric parameter, title, unit (kg, mm, kg mm^2), note; difference from the true
+    (correct_seed, and random_seeds: mean and SD) or nominal value (experimental). `foot.com.sup` was held.
+    """
+    return [SimpleNamespace(**{"note": ""} | row) for row in _content()["table_IV"]]
 
 
 def cpu_seconds(problem: str) -> tuple[float, float]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -50,51 +51,26 @@ class SensitivityDraws:
     """Of the Monte Carlo study, for each division of the ground reactions."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sensitivities:
-    """All of them, shown beside the printed rows; nothing is chosen by it."""
-
-    lengths: list[phase_one.LengthDraws]
-    absorbed: dict[str, phase_one.Absorbed]
-    stopped: refits.StoppedRefits
-    centres: refits.PressureCentres
-
-    @property
-    def rows(self) -> list[TableRow]:
-        """Of `tables.csv`."""
-        return [
-            *phase_one.trial_length_rows(self.lengths),
-            *phase_one.absorbed_rows(self.absorbed),
-            *refits.refit_rows(self.stopped),
-            *refits.pressure_centre_rows(self.centres),
-        ]
-
-
-def sensitivities(
-    seed: int, draws: SensitivityDraws | None = None, jobs: int = -1, progress: Progress = silent
-) -> Sensitivities:
-    """Compute all; the results do not depend on the number of processes (-1: one for every core)."""
-    draws = draws or SensitivityDraws()
-    progress("sensitivity to the length of isolated trials")
-    lengths = phase_one.trial_lengths(seed, draws.noise, jobs)
-    progress("noise that a motion can absorb")
-    absorbed = phase_one.absorbed_noise(seed, draws.absorbed, jobs)
-    progress("sensitivity to the end of re-fits")
-    stopped = refits.stopped_refits(seed, draws.stopped, jobs)
-    progress("sensitivity to the centre of pressure")
-    centres = refits.pressure_centres(seed, draws.centres, jobs)
-    return Sensitivities(lengths=lengths, absorbed=absorbed, stopped=stopped, centres=centres)
-
-
-def sensitivity_claims(found: Sensitivities | None) -> list[Claim]:
-    """Of `claims.csv`; without a run they are there as not run."""
-    claims = [
-        *phase_one.trial_length_claims(found.lengths if found else None),
-        *phase_one.absorbed_claims(found.absorbed if found else None),
-        *refits.refit_claims(found.stopped if found else None),
-        *refits.pressure_centre_claims(found.centres if found else None),
-    ]
-    return [replace(claim, kind=Kind.SENSITIVITY) for claim in claims]
+_SENSITIVITIES: tuple[tuple[str, str, Callable[..., Any], Callable[..., Any], Callable[..., Any]], ...] = (
+    (
+        *("noise", "sensitivity to the length of isolated trials"),
+        *(phase_one.trial_lengths, phase_one.trial_length_rows, phase_one.trial_length_claims),
+    ),
+    (
+        *("absorbed", "noise that a motion can absorb"),
+        *(phase_one.absorbed_noise, phase_one.absorbed_rows, phase_one.absorbed_claims),
+    ),
+    (
+        *("stopped", "sensitivity to the end of re-fits"),
+        *(refits.stopped_refits, refits.refit_rows, refits.refit_claims),
+    ),
+    (
+        *("centres", "sensitivity to the centre of pressure"),
+        *(refits.pressure_centres, refits.pressure_centre_rows, refits.pressure_centre_claims),
+    ),
+)
+"""Name in `SensitivityDraws`; what it is; how it is computed (seed, draws, processes); its rows of `tables.csv`; its
+claims, not run where it is None. Shown beside the printed rows; nothing is chosen by it."""
 
 
 NOISE_SEEDS = 20
@@ -130,7 +106,8 @@ class Reproduction:
     claims: list[Claim]
     disturbances: pd.DataFrame | None
     """Statistics of the Monte Carlo study; see `montecarlo.statistics`."""
-    sensitivities: Sensitivities | None
+    stopped: refits.StoppedRefits | None
+    """Of the sensitivities, what `iterations.csv` tells of."""
 
 
 @with_one_blas_thread
@@ -161,10 +138,14 @@ def reproduce(
         *discussion_rows(noisy),
     ]
     lap("tables")
-    found = disturbances = None
-    if settings.sensitivities is not None:
-        found = sensitivities(settings.seed, settings.sensitivities, settings.jobs, progress)
-        rows += found.rows
+    disturbances, found, claims = None, dict[str, Any](), list[Claim]()
+    for name, words, compute, rows_of, claims_of in _SENSITIVITIES:
+        if settings.sensitivities is not None:
+            progress(words)
+            found[name] = compute(settings.seed, getattr(settings.sensitivities, name), settings.jobs)
+            rows += rows_of(found[name])
+        claims += (replace(claim, kind=Kind.SENSITIVITY) for claim in claims_of(found.get(name)))
+    if found:
         lap("sensitivities")
     if settings.data is not None:
         rows += people_rows(settings.data, progress)
@@ -178,9 +159,9 @@ def reproduce(
         noisy=noisy,
         tables=rows,
         times=[*time_rows([clean, *noisy]), *run_time_rows(laps)],
-        claims=[*table_claims(clean, noisy), *disturbance_claims(disturbances), *sensitivity_claims(found)],
+        claims=[*table_claims(clean, noisy), *disturbance_claims(disturbances), *claims],
         disturbances=disturbances.table if disturbances else None,
-        sensitivities=found,
+        stopped=found.get("stopped"),
     )
 
 
@@ -219,7 +200,7 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
         "draws": draw_frame(reproduction.noisy),
         "times": table_frame(reproduction.times),
         "montecarlo": reproduction.disturbances,
-        "iterations": refits.iteration_frame(found.stopped) if (found := reproduction.sensitivities) else None,
+        "iterations": refits.iteration_frame(reproduction.stopped) if reproduction.stopped else None,
     }
     for name, frame in tables.items():
         if frame is not None:

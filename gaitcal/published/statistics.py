@@ -31,20 +31,11 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import force_derivatives
-from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.model.chain import Chain, forward, jacobian
+from gaitcal.dynamics.inverse_dynamics import FEET, PlacedLinkage
+from gaitcal.model.chain import Chain
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
 from gaitcal.model.parameters import dynamic_jacobian, leg_parameters
-from gaitcal.published.draw import (
-    LEG_TORQUES,
-    MEASURES,
-    OF_FOOT,
-    TORQUES,
-    MonteCarloContext,
-    disturb,
-    marker_column,
-    torque_column,
-)
+from gaitcal.published import draw
 from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
 
@@ -96,13 +87,13 @@ def _cell(cell: pd.DataFrame) -> list[dict[str, object]]:
     failed = len(cell) - len(good)
     rows = []
     for frame in ReactionFrame:
-        for torque in LEG_TORQUES:
-            for measure in (*MEASURES, "abs_mean"):
-                values = good[torque_column(torque, frame, measure.removeprefix("abs_"))].to_numpy()
+        for torque in draw.LEG_TORQUES:
+            for measure in (*draw.MEASURES, "abs_mean"):
+                values = good[draw.torque_column(torque, frame, measure.removeprefix("abs_"))].to_numpy()
                 rows.append({"quantity": torque, "grf": frame.value, **_distribution(measure, "%BW*H", values, failed)})
     for side in SIDES:
-        for measure in MEASURES:
-            values = good[marker_column(side, measure)].to_numpy()
+        for measure in draw.MEASURES:
+            values = good[draw.marker_column(side, measure)].to_numpy()
             rows.append({"quantity": f"markers_{side}", "grf": "", **_distribution(measure, "mm", values, failed)})
     return rows
 
@@ -178,28 +169,20 @@ def _cause(table: pd.DataFrame, varied: Varied, rms_mm: float, side: str) -> Cau
     level = float(np.interp(rms_mm, distance, levels))
     rows = []
     for frame in ReactionFrame:
-        for torque in TORQUES:
+        for torque in draw.TORQUES:
             errors = levels_of(table, varied, f"{torque}_{side}", frame)
             values = {c: float(np.interp(level, levels, [0.0, *errors[c]])) for c in EXPECTED}
             rows.append({"torque": f"{torque}_{side}", "grf": frame.value, **values})
     return CauseOfMarkerError(varied, level, beyond, pd.DataFrame(rows))
 
 
-_ROWS = [(*COORDINATES, *REACTIONS).index(name) for name in LEG_TORQUES]
+_ROWS = [(*COORDINATES, *REACTIONS).index(name) for name in draw.LEG_TORQUES]
 
 
-@dataclass(frozen=True)
-class LinearTorques:
-    """Derivatives of the 14 torques by what the study varies."""
-
-    by_joint: dict[ReactionFrame, Array]
-    """(nf, 14, np) N·m per m or rad."""
-    by_inertial: Array
-    """(nf, 14, 36) N·m per relative change of each symmetric inertial parameter."""
-
-
-def linear_torques(context: MonteCarloContext) -> LinearTorques:
-    """Derivatives at the undisturbed case."""
+def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame, Array], Array]:
+    """Derivatives of the 14 torques at the undisturbed case: by joint parameters (nf, 14, np) N·m per m or rad, in
+    either frame, and (nf, 14, 36) N·m per relative change of each symmetric inertial parameter.
+    """
     case, basis = context.case, context.basis
     q, v, a = (basis.evaluate(case.nodes, k) for k in range(3))
     slopes = force_derivatives(case.parameters, context.names, q, v, a, case.wrench)
@@ -212,64 +195,66 @@ def linear_torques(context: MonteCarloContext) -> LinearTorques:
     carried = laboratory - _carried(context, q, motion[0])
     inertial = case.parameters.inertial
     relative = block_diag(*dynamic_jacobian(inertial)) @ (inertial[:, None] * context.inertial_set.selection)
-    by_inertial = (context.regressor @ relative).reshape(nf, len(LEG_TORQUES), -1)
-    return LinearTorques({ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, by_inertial)
+    by_inertial = (context.regressor @ relative).reshape(nf, len(draw.LEG_TORQUES), -1)
+    return {ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, by_inertial
 
 
 @with_one_blas_thread
 def linear_agreement(
-    context: MonteCarloContext, draws: pd.DataFrame, cell: tuple[Varied, int], frame: ReactionFrame, most: int = 300
+    context: draw.MonteCarloContext,
+    draws: pd.DataFrame,
+    cell: tuple[Varied, int],
+    frame: ReactionFrame,
+    most: int = 300,
 ) -> Array:
     """(14,) R^2 of the linearised RMS errors as a prediction of those of at most `most` draws of a set at a level."""
     varied, level = cell
     of = draws[(draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")].head(most)
-    linear, valid, to_percent = linear_torques(context), context.case.valid, 100.0 / context.case.subject.bwh
-    predicted = np.empty((len(of), len(LEG_TORQUES)))
+    by_joint, by_inertial = linear_torques(context)
+    valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
+    predicted = np.empty((len(of), len(draw.LEG_TORQUES)))
     for row, number in enumerate(of["draw"]):
-        change = disturb(context, varied, level, int(number))
+        change = draw.disturb(context, varied, level, int(number))
         error = np.zeros(context.torques.shape)
         if change.joint is not None:
-            error += linear.by_joint[frame] @ change.joint
+            error += by_joint[frame] @ change.joint
         if change.inertial is not None:
-            error += linear.by_inertial @ change.inertial
+            error += by_inertial @ change.inertial
         predicted[row] = to_percent * np.sqrt((error[valid] ** 2).mean(axis=0))
-    drawn = of[[torque_column(torque, frame, "rms") for torque in LEG_TORQUES]].to_numpy()
+    drawn = of[[draw.torque_column(torque, frame, "rms") for torque in draw.LEG_TORQUES]].to_numpy()
     residual = ((drawn - predicted) ** 2).sum(axis=0)
     out: Array = 1.0 - residual / ((drawn - drawn.mean(axis=0)) ** 2).sum(axis=0)
     return out
 
 
-def _carried(context: MonteCarloContext, q: Array, change: Array) -> Array:
+def _carried(context: draw.MonteCarloContext, q: Array, change: Array) -> Array:
     """(nf, 14, np) change of J_k . w where the wrenches move with the feet."""
     case = context.case
     chain = Chain(free=context.names, reactions=True)
-    place = [chain.coordinates.index(name) for name in COORDINATES]
-    expanded = np.zeros((len(q), len(chain.coordinates)))
-    expanded[:, place] = q
-    constants = chain.constants(case.parameters.joint, case.parameters.zero_angles)
-    columns = jacobian(chain, constants, forward(chain, constants, expanded)).transpose(2, 1, 0)
-    nk = len(chain.coordinates)
-    out = np.zeros((len(q), len(LEG_TORQUES), len(context.names)))
+    place, nk = [chain.coordinates.index(name) for name in COORDINATES], len(chain.coordinates)
+    placed = PlacedLinkage(chain, chain.constants(case.parameters.joint, case.parameters.zero_angles), q)
+    columns = placed.columns.transpose(0, 2, 1)
+    out = np.zeros((len(q), len(draw.LEG_TORQUES), len(context.names)))
     for foot, segment in enumerate(FEET):
-        after = chain.support[:, chain.segments.index(segment)]
+        after = placed.moves(segment)
         twist = (columns[:, :, place] * after[place]) @ change + columns[:, :, nk:] * after[nk:]
         velocity, turn = twist[:, :3].transpose(0, 2, 1), twist[:, 3:].transpose(0, 2, 1)
         force, moment = case.wrench[:, foot, None, :3], case.wrench[:, foot, None, 3:]
         moved = np.concatenate([np.cross(turn, force), np.cross(turn, moment) + np.cross(velocity, force)], axis=2)
-        names = [LEG_TORQUES[k] for k in OF_FOOT[foot]]
+        names = [draw.LEG_TORQUES[k] for k in draw.OF_FOOT[foot]]
         axes = columns[:, :, [chain.coordinates.index(name) for name in names]]
-        out[:, OF_FOOT[foot]] = axes.transpose(0, 2, 1) @ moved.transpose(0, 2, 1)
+        out[:, draw.OF_FOOT[foot]] = axes.transpose(0, 2, 1) @ moved.transpose(0, 2, 1)
     return out
 
 
 @with_one_blas_thread
-def variance_contributions(context: MonteCarloContext) -> pd.DataFrame:
+def variance_contributions(context: draw.MonteCarloContext) -> pd.DataFrame:
     """One row per torque, ground-reaction frame and parameter, at 100 % of the bounds.
 
     Columns: `torque`, `grf`, `parameter`, `kind` (`jp` or `ip`), `rms` (%BW*H, the RMS error that this parameter alone
     causes), `share` (per cent of the variance of the torque when joint and inertial parameters vary together).
     """
-    linear, settings = linear_torques(context), context.settings
+    (by_joint, by_inertial), settings = linear_torques(context), context.settings
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     inertial_bound = np.full(len(context.inertial_set.names), settings.inertial_percent / 100.0)
     bounds = np.concatenate([settings.joint_bounds, inertial_bound])
@@ -277,9 +262,9 @@ def variance_contributions(context: MonteCarloContext) -> pd.DataFrame:
     kinds = np.array(["jp"] * len(context.names) + ["ip"] * len(inertial_bound))
     parts = []
     for frame in ReactionFrame:
-        slopes = np.concatenate([linear.by_joint[frame], linear.by_inertial], axis=2)[valid]
+        slopes = np.concatenate([by_joint[frame], by_inertial], axis=2)[valid]
         variance = (bounds**2 / 3.0) * ((to_percent * slopes) ** 2).mean(axis=0)
-        for k, torque in enumerate(LEG_TORQUES):
+        for k, torque in enumerate(draw.LEG_TORQUES):
             share = 100.0 * variance[k] / variance[k].sum()
             columns = {"parameter": names, "kind": kinds, "rms": np.sqrt(variance[k]), "share": share}
             parts.append(pd.DataFrame({"torque": torque, "grf": frame.value, **columns}))
@@ -300,7 +285,7 @@ def variance_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str
     """
     rows = contributions[contributions["grf"] == frame.value]
     wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
-    wide = wide[[f"{torque}_{side}" for torque in TORQUES]]
+    wide = wide[[f"{torque}_{side}" for torque in draw.TORQUES]]
     inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
     of_leg = [name for name in wide.index if name in leg_parameters(side)]
     rest = {

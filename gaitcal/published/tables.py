@@ -8,7 +8,7 @@ the processor; the published ones are of a 3.4 GHz Pentium 4 with Matlab.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,19 +61,6 @@ STOP = "grows with the number of re-seeds, hence with where exactly 0.1 % is rea
 WEAK = "31 of the 36 directions are seen by the pelvis residual; the others keep the seed's values"
 
 
-@dataclass(frozen=True, kw_only=True)
-class TableRow:
-    """One published figure, and ours; None where there is none."""
-
-    table: str
-    row: str
-    column: str
-    published: float | None
-    ours: float | None
-    unit: str
-    note: str = ""
-
-
 @dataclass(frozen=True)
 class Spread:
     """A figure over the draws of the noise."""
@@ -97,17 +84,20 @@ def spread(values: Iterable[float]) -> Spread:
 
 
 @dataclass(frozen=True)
-class Cell:
-    """A place in the tables, and how it is filled."""
+class TableRow:
+    """A place in the tables, one published figure, and ours; None where there is none."""
 
     table: str
     row: str
     column: str
     unit: str
+    published: float | None = None
+    ours: float | None = None
+    note: str = ""
 
     def filled(self, published: float | None, ours: float | None, *notes: str) -> TableRow:
         """With one figure of ours, or none."""
-        return TableRow(**asdict(self), published=published, ours=ours, note="; ".join(filter(None, notes)))
+        return replace(self, published=published, ours=ours, note="; ".join(filter(None, notes)))
 
     def over_draws(self, published: float | None, values: Iterable[float], note: str = "") -> TableRow:
         """With a figure that depends on the noise: its median, with range and place of the printed one in the note."""
@@ -126,25 +116,25 @@ def table_one_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Table
     rows: list[TableRow] = []
     for key, title, unit, figure in JOINT_FIGURES:
         for problem, published in table_one("synthetic_without_noise", key).items():
-            cell, recovery = Cell("I", f"synthetic without noise: {title}", problem, unit), clean.joints[problem]
+            cell, recovery = TableRow("I", f"synthetic without noise: {title}", problem, unit), clean.joints[problem]
             if (ours := figure(recovery)) is not None:
                 rows.append(cell.filled(published, ours, f"from absolute zero in {recovery.steps} steps"))
     for key, title, unit, figure in JOINT_FIGURES:
         for problem, published in table_one("synthetic_with_noise", key).items():
-            cell = Cell("I", f"synthetic with noise: {title}", problem, unit)
+            cell = TableRow("I", f"synthetic with noise: {title}", problem, unit)
             values = [v for draw in draws if (v := figure(draw.joints[problem])) is not None]
             if values and published is not None:
                 rows.append(cell.over_draws(published, values, _why(key, problem)))
-    cell = Cell("I", "synthetic with noise: largest marker distance", "any", "mm")
+    cell = TableRow("I", "synthetic with noise: largest marker distance", "any", "mm")
     peaks = [max(r.largest_mm for r in draw.joints.values()) for draw in draws]
     rows.append(cell.over_draws(float(text("largest_marker_distance_mm")["single"]), peaks))
     for printed, row in (("experimental_phase1", "phase 1"), ("experimental_anatomical", "anatomical")):
         for problem, published in table_one(printed, "marker_distance_mm").items():
             if published is not None:
-                cell = Cell("I", f"experimental, {row}: marker distance RMS", problem, "mm")
+                cell = TableRow("I", f"experimental, {row}: marker distance RMS", problem, "mm")
                 rows.append(cell.experiment(published))
     for problem, fall in zip(PROBLEMS, text("jp_reduction_marker_error_pct"), strict=True):
-        rows.append(Cell("I", "experimental: fall of marker distance", problem, "%").experiment(fall))
+        rows.append(TableRow("I", "experimental: fall of marker distance", problem, "%").experiment(fall))
     return [*rows, *_minimum_rows(draws)]
 
 
@@ -153,7 +143,7 @@ def _minimum_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
     rows = []
     for problem in PROBLEMS:
         same = [d.joints[problem].cost <= SAME_COST * d.joints[problem].cost_from_truth for d in draws]
-        cell = Cell("I", "synthetic with noise: same minimum from zero as from the truth", problem, "%")
+        cell = TableRow("I", "synthetic with noise: same minimum from zero as from the truth", problem, "%")
         rows.append(cell.filled(None, 100.0 * float(np.mean(same)), f"of {len(same)} noise draws; cost within 0.01 %"))
     return rows
 
@@ -178,9 +168,9 @@ def table_two_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
             recovered = [draw.joints[problem] for draw in draws]
             values = np.array([r.errors[r.names.index(printed.name)] for r in recovered])
             size = f"median size {np.median(np.abs(values)):.3g}"
-            cell = Cell("II", printed.title, f"{column}, synthetic", printed.unit)
+            cell = TableRow("II", printed.title, f"{column}, synthetic", printed.unit)
             rows.append(cell.over_draws(published, values, size))
-            cell = Cell("II", printed.title, f"{column}, experimental", printed.unit)
+            cell = TableRow("II", printed.title, f"{column}, experimental", printed.unit)
             rows.append(cell.experiment(experiment))
     return rows
 
@@ -193,9 +183,9 @@ def table_three_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Tab
     random = table_three("synthetic_with_noise_random_seeds")
     passes = f"penalty times {NOISELESS_DECAY} at every re-seed, up to {max(r.seeds for r in clean.random)} seeds"
     for k, (column, unit, figure) in enumerate(INERTIAL_FIGURES):
-        cell = Cell("III", "synthetic without noise, correct seed", column, unit)
+        cell = TableRow("III", "synthetic without noise, correct seed", column, unit)
         rows.append(cell.filled(without[k], figure(clean.correct)))
-        cell = Cell("III", "synthetic without noise, random seeds: mean", column, unit)
+        cell = TableRow("III", "synthetic without noise, random seeds: mean", column, unit)
         values = [figure(r) for r in clean.random]
         note = f"mean of {len(values)} seeds, range {min(values):.3g} to {max(values):.3g}"
         rows.append(cell.filled(None, float(np.mean(values)), note, passes, WEAK if k >= len(RESIDUALS) else ""))
@@ -208,16 +198,16 @@ def table_three_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Tab
             ("random seeds: mean", random[k][0], [float(c.mean()) for c in cases], why),
             ("random seeds: standard deviation", random[k][1], [float(c.std(ddof=1)) for c in cases], ""),
         ):
-            cell = Cell("III", f"synthetic with noise, {row}", column, unit)
+            cell = TableRow("III", f"synthetic with noise, {row}", column, unit)
             rows.append(cell.over_draws(published, values, note))
     for k, (column, unit, _) in enumerate(RESIDUALS):
         for printed, row in (("experimental_phase2", "phase 2"), ("experimental_anatomical", "anatomical")):
-            rows.append(Cell("III", f"experimental, {row}", column, unit).experiment(table_three(printed)[k]))
+            rows.append(TableRow("III", f"experimental, {row}", column, unit).experiment(table_three(printed)[k]))
     for (column, _, _), key in zip(RESIDUALS, ("force", "torque"), strict=True):
         for words, name in (("phase 2", "ip_reduction_residual_pct"), ("third step", "third_step_reduction_pct")):
-            cell = Cell("III", f"experimental, {words}: fall of residual", column, "%")
+            cell = TableRow("III", f"experimental, {words}: fall of residual", column, "%")
             rows.append(cell.experiment(text(name)[key]))
-    cell = Cell("III", "synthetic with noise, random seeds: bodies that could exist", "solutions", "%")
+    cell = TableRow("III", "synthetic with noise, random seeds: bodies that could exist", "solutions", "%")
     possible = 100.0 * float(np.mean([r.physical for d in draws for r in d.random]))
     return [*rows, cell.filled(None, possible, "the published cost does not ask for it")]
 
@@ -233,9 +223,9 @@ def table_four_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
             ("random seeds: mean", p.random_seeds[0], [float(c.mean()) for c in cases]),
             ("random seeds: standard deviation", p.random_seeds[1], [float(c.std(ddof=1)) for c in cases]),
         ):
-            rows.append(Cell("IV", p.title, column, p.unit).over_draws(published, values, held))
-        rows.append(Cell("IV", p.title, "experimental", p.unit).experiment(p.experimental, p.note))
-    cell = Cell("IV", "mass, whole body", "correct seed", "kg")
+            rows.append(TableRow("IV", p.title, column, p.unit).over_draws(published, values, held))
+        rows.append(TableRow("IV", p.title, "experimental", p.unit).experiment(p.experimental, p.note))
+    cell = TableRow("IV", "mass, whole body", "correct seed", "kg")
     return [*rows, cell.over_draws(text("mass_sum_kg"), [d.correct.total_mass for d in draws])]
 
 
@@ -246,7 +236,7 @@ def discussion_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
     for scale, (key, words) in SCALES.items():
         for k, (column, unit, figure) in enumerate(RESIDUALS):
             cell, printed = (
-                Cell("discussion", f"torque divided by {words}", column, unit),
+                TableRow("discussion", f"torque divided by {words}", column, unit),
                 text("torque_weighting")[key],
             )
             values = [figure(d.scales[scale]) for d in draws]
@@ -259,7 +249,7 @@ def discussion_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
         ("position error RMS of the 17", "mm", [t.position_mm for t in third], [None, None]),
     ):
         for k, when in enumerate(("before", "after")):
-            cell = Cell("discussion", f"third step, {when}", column, unit)
+            cell = TableRow("discussion", f"third step, {when}", column, unit)
             rows.append(cell.over_draws(figures[k], [pair[k] for pair in pairs], other))
     return rows
 
@@ -275,7 +265,7 @@ def time_rows(results: Sequence[SeedResult]) -> list[TableRow]:
             ("median", None, np.median(seconds)),
             ("longest", longest, seconds.max()),
         ):
-            cell = Cell("time", row, column, "s")
+            cell = TableRow("time", row, column, "s")
             rows.append(cell.filled(published, float(ours), f"processor time of {len(seconds)} problems"))
     return rows
 
@@ -283,7 +273,7 @@ def time_rows(results: Sequence[SeedResult]) -> list[TableRow]:
 def run_time_rows(laps: Mapping[str, float]) -> list[TableRow]:
     """Seconds by the clock of each part of this run, and of all."""
     parts = {**laps, "everything": sum(laps.values())}
-    return [Cell("time", RUN, part, "s").filled(None, seconds, "by the clock") for part, seconds in parts.items()]
+    return [TableRow("time", RUN, part, "s").filled(None, seconds, "by the clock") for part, seconds in parts.items()]
 
 
 def speed_factor(results: Sequence[SeedResult]) -> float:

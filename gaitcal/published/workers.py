@@ -25,7 +25,7 @@ from joblib.externals.loky import ProcessPoolExecutor, cpu_count
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from gaitcal.codes import Code
-from gaitcal.errors import GaitcalError, InputError
+from gaitcal.errors import GaitcalError, InputError, UsageError
 from gaitcal.io.atomic import disk_errors
 from gaitcal.io.result_folder import locked
 
@@ -229,6 +229,15 @@ class Cluster(_Executing):
             yield _Crew(
                 "the cluster", executor, room, death, CLUSTER_TRIES, lambda e: f"error: {type(e).__name__}: {e}"
             )
+
+
+def workers_of(jobs: int, cluster: str | None, local: Callable[[int], Workers] = LocalProcesses) -> Workers:
+    """Who computes by the options `--jobs` and `--cluster`; UsageError where these cannot be."""
+    if cluster is not None:
+        return Cluster(cluster)
+    if jobs == 0 or jobs < -1:
+        raise UsageError(f"found {jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
+    return local(jobs)
 
 
 @contextmanager

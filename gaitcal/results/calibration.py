@@ -34,20 +34,11 @@ from gaitcal.page.scene_file import load_scene, save_scene
 from gaitcal.page.view import BodyText, Shown, body_text, data_text, joined_page, with_trials
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import mean_speed, means_summary, profile_summary, write_profile, write_stride_files
-from gaitcal.results.summary import subject_summary, summary, write_kinetics, write_truth
+from gaitcal.results.summary import subject_summary, summary, table_of, write_kinetics, write_truth
 from gaitcal.results.table_file import Json, columns_of, refused_lines, write_csv
-from gaitcal.results.verdict import table_of
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.session import tables
 from gaitcal.session.result import Calibration, Loads, TrialResult
-from gaitcal.session.tables import (
-    COORDINATE_HEADER,
-    MOMENT_HEADER,
-    coordinate_table,
-    marker_error_table,
-    moment_table,
-    parameter_rows,
-    relative_header,
-)
 
 PAGE: Final = "result.html"
 SCENE: Final = "scene.npz"
@@ -175,7 +166,7 @@ def write_results(
     with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
         if drafted is not None:
             (out / "study.toml").write_text(drafted, encoding="utf-8")
-        write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
+        write_csv(columns_of(tables.parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
         body = write_body(out, scene_of(calibration))
@@ -258,12 +249,16 @@ def write_trial(
         (out / name).mkdir(exist_ok=True)
     body, refused = trial.body, refused_lines(trial)
     write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
-    header = COORDINATE_HEADER if relative_to is None else (*COORDINATE_HEADER, *relative_header(relative_to))
-    coordinates = coordinate_table(body, trial.coordinate_errors, relative_to)
+    header = (
+        tables.COORDINATE_HEADER
+        if relative_to is None
+        else (*tables.COORDINATE_HEADER, *tables.relative_header(relative_to))
+    )
+    coordinates = tables.coordinate_table(body, trial.coordinate_errors, relative_to)
     write_csv(coordinates, out / "motion" / f"{trial.name}.csv", (*refused, *header))
     part = "the segments of its joint alone" if trial.joint else "the whole body"
     write_csv(
-        marker_error_table(trial),
+        tables.marker_error_table(trial),
         out / "marker_errors" / f"{trial.name}.csv",
         (f"distance between measured and model marker, mm, fit of {part}; empty: not seen",),
     )
@@ -276,13 +271,13 @@ def _write_loads(trial: TrialResult, loads: Loads, model: SubjectModel, out: Pat
     for name in ("moments", "forces"):
         (out / name).mkdir(exist_ok=True)
     body, refused = trial.body, refused_lines(trial)
-    write_csv(moment_table(loads), out / "moments" / f"{trial.name}.csv", (*refused, *MOMENT_HEADER))
+    write_csv(tables.moment_table(loads), out / "moments" / f"{trial.name}.csv", (*refused, *tables.MOMENT_HEADER))
     write_sto_moments(
         out / "moments" / f"{trial.name}.sto",
         body.time,
         loads.final.tau,
         body.coordinates,
-        comments=(*refused, *(line for line in MOMENT_HEADER if line.startswith("valid"))),
+        comments=(*refused, *(line for line in tables.MOMENT_HEADER if line.startswith("valid"))),
     )
     write_external_loads(out / "forces", body.time, loads.reactions.wrench, stem=trial.name)
     write_kinetics(trial, model, out)

@@ -26,18 +26,8 @@ from gaitcal.errors import InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, Kind, gait_cycles, kind_of, normalise
 from gaitcal.gait.events import times_of
+from gaitcal.io import result_folder
 from gaitcal.io.labels import FootMoment
-from gaitcal.io.result_folder import (
-    HASHES,
-    MANIFEST,
-    SELF,
-    ResultKind,
-    files_of,
-    listed,
-    read_object,
-    self_hash,
-    sha256_of,
-)
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version, read_toml
 from gaitcal.model.linkage import SIDES
@@ -45,9 +35,8 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.calibration import json_text
 from gaitcal.results.cycles import CYCLES, DIGITS
 from gaitcal.results.saved import saved_events
-from gaitcal.results.summary import VECTOR_FOLDER, read_vectors
+from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, entries_of, read_vectors, table_of
 from gaitcal.results.table_file import VERDICT, Json, read_csv, write_csv
-from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 from gaitcal.session.tables import told_components, vector_column
 
 MOMENT = Kind.MOMENT.ending
@@ -111,13 +100,13 @@ def _read_whole(folder: Path, frame: MomentFrame, model: SubjectModel) -> tuple[
 
 def made_with_another_model(folder: Path, digest: str | None) -> tuple[str, ...]:
     """Further trials in `folder` that were made with another model than that of this SHA-256."""
-    made = table_of(read_object(folder / MANIFEST), "model_sha256")
+    made = table_of(result_folder.read_object(folder / result_folder.MANIFEST), "model_sha256")
     return tuple(trial for trial, of in made.items() if of != digest)
 
 
 def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
     table, comments = read_csv(folder / CYCLES)
-    trials = table_of(read_object(folder / SUMMARY), "trials")
+    trials = table_of(result_folder.read_object(folder / SUMMARY), "trials")
     strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
     vectors = {}
     for name in dict.fromkeys(table["trial"]):
@@ -244,15 +233,17 @@ def write_export_manifest(
     InputError
         The earlier manifest is damaged.
     """
-    earlier = read_object(folder / MANIFEST)
-    if earlier and earlier.get("kind") != ResultKind.EXPORT.value:
+    earlier = result_folder.read_object(folder / result_folder.MANIFEST)
+    if earlier and earlier.get("kind") != result_folder.ResultKind.EXPORT.value:
         return
     if "result" in earlier and not isinstance(earlier.get("written"), dict):
         raise InputError(
-            "is damaged; move it away and export again", source=folder / MANIFEST, code=Code.DAMAGED_RESULT
+            "is damaged; move it away and export again",
+            source=folder / result_folder.MANIFEST,
+            code=Code.DAMAGED_RESULT,
         )
-    hashes = {name: digest for name, digest in listed(folder).items() if (folder / name).is_file()}
-    hashes |= {name: sha256_of(stage / name) or "" for name in files_of(stage)}
+    hashes = {name: digest for name, digest in result_folder.listed(folder).items() if (folder / name).is_file()}
+    hashes |= {name: result_folder.sha256_of(stage / name) or "" for name in result_folder.files_of(stage)}
     about = {
         **cast(dict[str, Json], earlier.get("written", {})),
         **{name: dict(words) for name, words in written.items()},
@@ -262,13 +253,13 @@ def write_export_manifest(
         about[name] = {**cast(dict[str, Json], about[name]), "result": result}
     manifest: dict[str, Json] = {
         "gaitcal": package_version("gaitcal"),
-        "kind": ResultKind.EXPORT.value,
+        "kind": result_folder.ResultKind.EXPORT.value,
         "written": {name: about[name] for name in sorted(about) if name in hashes},
         "files": list[Json](sorted(hashes)),
-        HASHES: dict[str, Json](sorted(hashes.items())),
+        result_folder.HASHES: dict[str, Json](sorted(hashes.items())),
     }
-    manifest[SELF] = self_hash(manifest)
-    (stage / MANIFEST).write_text(json_text(manifest), encoding="utf-8")
+    manifest[result_folder.SELF] = result_folder.self_hash(manifest)
+    (stage / result_folder.MANIFEST).write_text(json_text(manifest), encoding="utf-8")
 
 
 STUDY = "study.toml"
@@ -282,11 +273,11 @@ def trial_files(folder: Path) -> dict[str, dict[str, str]]:
     InputError
         It is no result.
     """
-    trials = read_object(folder / MANIFEST).get("trials")
+    trials = result_folder.read_object(folder / result_folder.MANIFEST).get("trials")
     if not isinstance(trials, dict):
         raise InputError(
             "found no list of its trials' files; calibrate again",
-            source=folder / MANIFEST,
+            source=folder / result_folder.MANIFEST,
             field="trials",
             code=Code.CHANGED_FILE,
         )
@@ -304,13 +295,13 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
     InputError
         There is none, or it has changed.
     """
-    hashes = read_object(folder / MANIFEST).get("inputs_sha256")
+    hashes = result_folder.read_object(folder / result_folder.MANIFEST).get("inputs_sha256")
     wanted = hashes.get(name) if isinstance(hashes, Mapping) else None
     changed: Path | None = None
     for path, is_its_place in _places(folder, name, inputs):
         if not path.is_file():
             continue
-        if wanted is not None and sha256_of(path) == wanted:
+        if wanted is not None and result_folder.sha256_of(path) == wanted:
             return path
         changed = changed or (path if is_its_place else None)
     if changed is not None:

@@ -37,7 +37,7 @@ from gaitcal.results.cycles import read_cycles
 from gaitcal.results.cycles_export import strides_in_convention
 from gaitcal.results.saved import load_result_model
 from gaitcal.results.stride_files import mean_speed
-from gaitcal.results.verdict import SUMMARY, entries_of, table_of
+from gaitcal.results.summary import SUMMARY, entries_of, table_of
 
 CLINICAL: Final = Convention(signs=Signs.CLINICAL, unit=MomentUnit.NM_PER_KG)
 HINGE: Final = "{} is not told: the knee is a hinge in this model."

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +33,7 @@ from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.results.cycles_export import find_original, trial_files
 from gaitcal.results.saved import MODEL, SPLINES, SavedWalk, load_trial, moving_trials
-from gaitcal.results.verdict import SUMMARY
+from gaitcal.results.summary import SUMMARY
 
 PREFIX = "gc"
 """Before our names where the file has points of such names already."""
@@ -45,22 +45,12 @@ SAME_PLACE = 1e-6
 """m, between a marker of the file and of the result: both are the same number, turned by quarters."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class WrittenRecording:
-    """One C3D file that was written."""
-
-    trial: str
-    file: str
-    source: str
-    """The input that it is a copy of, as the manifest names it."""
-    source_sha256: str
-    notes: tuple[str, ...]
-
-
 def write_recordings(
     folder: Path, inputs: Path | None, out: Path, *, instead: bool = False
-) -> tuple[tuple[WrittenRecording, ...], Snapshot]:
-    """Write a C3D file for every moving trial of the result in `folder` into the folder `out`.
+) -> tuple[dict[str, tuple[str, str, tuple[str, ...]]], Snapshot]:
+    """Write a C3D file `TRIAL.c3d` for every moving trial of the result in `folder` into the folder `out`.
+
+    Returns trial -> input that it is a copy of, as the manifest names it, its SHA-256, and notes.
 
     `inputs`: where the recordings lie, if not beside the result. `instead`: what another program computed under our
     names makes room for ours; else ours have names of their own beside it.
@@ -79,17 +69,15 @@ def write_recordings(
         (MODEL, SPLINES, SUMMARY, *tables),
         lambda: [load_trial(folder, k, name) for k, name in enumerate(names)],
     )
-    written = []
+    written = {}
     for trial in saved:
         if "file" not in files.get(trial.name, {}):
             raise InputError(f"trial '{trial.name}' was not made from a file", source=folder, code=Code.CHANGED_FILE)
         paths = {kind: find_original(folder, name, inputs) for kind, name in files[trial.name].items()}
         notes = _write(trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d", instead=instead)
         source = files[trial.name]["file"]
-        digest = sha256_of(paths["file"]) or ""
-        file = f"{trial.name}.c3d"
-        written.append(WrittenRecording(trial=trial.name, file=file, source=source, source_sha256=digest, notes=notes))
-    return tuple(written), snapshot
+        written[trial.name] = source, sha256_of(paths["file"]) or "", notes
+    return written, snapshot
 
 
 def _write(

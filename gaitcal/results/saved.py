@@ -30,8 +30,7 @@ from gaitcal.model.model_file import load_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
-from gaitcal.results.summary import STATIC_ANGLES
-from gaitcal.results.verdict import SUMMARY, entries_of, of_the_model, table_of
+from gaitcal.results.summary import STATIC_ANGLES, SUMMARY, entries_of, of_the_model, table_of
 from gaitcal.session.result import Uncertainty
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.synthetic.motion import synthetic_markers

@@ -12,9 +12,8 @@ import pandas as pd
 
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.codes import Code
-from gaitcal.compare.curve_differences import CURVE_HEADER
 from gaitcal.compare.difference import DIFFERENCES_HEADER, MDC
-from gaitcal.compare.sessions import SessionComparison, compare_sessions
+from gaitcal.compare.sessions import CURVE_HEADER, SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Session
 from gaitcal.errors import InputError
 from gaitcal.figures.comparison import comparison_page, figure_rows, paper_panels
@@ -37,9 +36,8 @@ from gaitcal.results.cycles_export import made_with_another_model, trial_files
 from gaitcal.results.gait_report import CLINICAL, KINEMATICS, KINETICS
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty, settings_of
 from gaitcal.results.stride_files import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
-from gaitcal.results.summary import JOINT_PRIOR
+from gaitcal.results.summary import JOINT_PRIOR, SUMMARY, entries_of, table_of
 from gaitcal.results.table_file import Json, read_csv, write_csv
-from gaitcal.results.verdict import SUMMARY, entries_of, table_of
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.trial_result import axis_deviations
 

@@ -8,7 +8,7 @@ On one static trial the joints of the legs are fitted to all trials together; wi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ from gaitcal.results.cycles_export import STUDY
 from gaitcal.results.saved import UNCERTAINTY, load_uncertainty
 from gaitcal.results.sessions import load_session, named_apart
 from gaitcal.results.stride_files import spatiotemporal_table
-from gaitcal.results.verdict import table_of
+from gaitcal.results.summary import table_of
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.result import Uncertainty
@@ -41,20 +41,13 @@ from gaitcal.study.study_trial import Role
 DIGITS = 6
 
 
-@dataclass(frozen=True, kw_only=True)
-class SharedComparison:
-    """Two sessions with one set of joints."""
-
-    comparison: SessionComparison
-    parameters: pd.DataFrame
-    """`shared_parameters.csv`: of each session, alone and shared, with standard errors."""
-
-
 @with_one_blas_thread
 def compare_with_shared_model(
     a: Path | str, b: Path | str, studies: Sequence[Path | str] = (), progress: Progress = silent
-) -> SharedComparison:
+) -> tuple[SessionComparison, pd.DataFrame]:
     """Fit one set of joints to two result folders of one person, and compare their walks with it.
+
+    Returns the comparison, and `shared_parameters.csv`: of each session, alone and shared, with standard errors.
 
     Parameters
     ----------
@@ -93,9 +86,7 @@ def compare_with_shared_model(
     now = Common.SHARED_FRAMES if common is Common.STATIC else Common.SHARED_JOINTS
     found = compare_sessions(anew[0], anew[1], common=now)
     words = _words(one, other, shared, plain, found)
-    return SharedComparison(
-        comparison=replace(found, warnings=plain.warnings, notes=words), parameters=_table(one, other, shared)
-    )
+    return replace(found, warnings=plain.warnings, notes=words), _table(one, other, shared)
 
 
 def fitted_together(a: Study, b: Study) -> SharedJoints:

@@ -5,9 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,16 +145,10 @@ PEAKS_HEADER: Final = (
 """Comment lines above the header."""
 
 
-@dataclass(frozen=True)
-class EarlierStrides:
-    """Rows of trials that a folder holds already, as text."""
-
-    cycles: pd.DataFrame | None
-    """None where there are none, as of `spatiotemporal`."""
-    cycle_lines: tuple[str, ...]
-    """Comment lines about these trials."""
-    spatiotemporal: pd.DataFrame | None
-    spatiotemporal_lines: tuple[str, ...]
+EarlierStrides: TypeAlias = "Mapping[str, tuple[pd.DataFrame | None, tuple[str, ...]]]"
+"""File of `STRIDE_FILES` -> rows of trials that a folder holds already, as text (None: none), and comment lines about
+them."""
+NO_STRIDES: Final[EarlierStrides] = dict.fromkeys(STRIDE_FILES, (None, ()))
 
 
 def write_stride_files(
@@ -163,24 +156,24 @@ def write_stride_files(
     model: SubjectModel,
     trials: Sequence[TrialResult],
     relative_to: Mapping[str, float] | None = None,
-    earlier: EarlierStrides | None = None,
+    earlier: EarlierStrides = NO_STRIDES,
 ) -> Mapping[str, Column]:
     """Write all files of strides of gait trials, those of earlier ones before them; returns columns of `cycles.csv`.
 
     `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted.
     """
-    before = earlier or EarlierStrides(None, (), None, ())
-    cycles = write_cycles(folder / CYCLES, model, trials, relative_to, before.cycles, before.cycle_lines)
+    cycles = write_cycles(folder / CYCLES, model, trials, relative_to, *earlier[CYCLES])
+    rows, lines = earlier[SPATIOTEMPORAL]
     strides = cycles if isinstance(cycles, Mapping) else _numbers(cycles)
     write_csv(_mean_curves(strides), folder / ENSEMBLE, (*_turning_lines(strides), *ENSEMBLE_HEADER))
     table: Table = spatiotemporal_columns(model.subject, trials)
-    if before.spatiotemporal is not None and len(before.spatiotemporal):
+    if rows is not None and len(rows):
         import pandas as pd
 
-        table = pd.concat([before.spatiotemporal, pd.DataFrame(table, dtype=object)], ignore_index=True)
+        table = pd.concat([rows, pd.DataFrame(table, dtype=object)], ignore_index=True)
     refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
     write_csv(peak_columns(_peaks(strides, table)), folder / PEAKS, (*_turning_lines(strides), *PEAKS_HEADER))
-    write_csv(table, folder / SPATIOTEMPORAL, (*before.spatiotemporal_lines, *refused, *SPATIOTEMPORAL_HEADER))
+    write_csv(table, folder / SPATIOTEMPORAL, (*lines, *refused, *SPATIOTEMPORAL_HEADER))
     return strides
 
 
@@ -270,8 +263,7 @@ def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str]
 
     `hashes`: file -> SHA-256 as it was written.
     """
-    names = tuple(kept)
-    out = []
+    names, out = tuple(kept), {}
     for file in STRIDE_FILES:
         table, lines = None, tuple[str, ...]()
         if file in hashes and sha256_of(folder / file) == hashes[file]:
@@ -279,6 +271,5 @@ def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str]
             # with the word that follows: a trial may be called `se`, of which the head speaks as well
             lines = tuple(line for line in comments if line.startswith(tuple(f"{name}: {VERDICT}" for name in names)))
             table = table[table["trial"].isin(names)]
-        out.append((table, lines))
-    (cycles, cycle_lines), (spatiotemporal, spatiotemporal_lines) = out
-    return EarlierStrides(cycles, cycle_lines, spatiotemporal, spatiotemporal_lines)
+        out[file] = table, lines
+    return out

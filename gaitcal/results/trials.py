@@ -31,9 +31,8 @@ from gaitcal.page.view import Shown, after_trials
 from gaitcal.results.calibration import AGAIN, OTHER_MODEL, SCENE, json_text, read_page, write_page, write_trial
 from gaitcal.results.saved import MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
-from gaitcal.results.summary import trial_summary
+from gaitcal.results.summary import SUMMARY, entries_of, table_of, trial_summary, verdict_summary
 from gaitcal.results.table_file import Json
-from gaitcal.results.verdict import SUMMARY, entries_of, table_of, verdict_summary
 from gaitcal.session.result import TrialResult
 
 

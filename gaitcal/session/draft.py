@@ -205,6 +205,8 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
         )
     if found.missing:
         lines.append(f"# No marker of the files gives: {', '.join(found.missing)}")
+    if choice.further is not None:
+        lines += _followers(choice.further)
     return [*lines, ""]
 
 
@@ -220,14 +222,19 @@ def _proposed(proposal: LabelProposal) -> list[str]:
     ]
     for label, name in sorted(proposal.rename.items(), key=lambda item: item[1]):
         lines.append(f"{toml_value({label: name})[1:-1].strip()}  # {proposal.evidence[label]}")
-    lines.append("[markers.tracking]  # segment = further markers that move with it")
+    return lines + _followers(proposal)
+
+
+def _followers(proposal: LabelProposal) -> list[str]:
+    """Markers that move with segments, each with its evidence, and labels that are nowhere."""
+    lines = ["[markers.tracking]  # segment = further markers that move with it"] if proposal.tracking else []
     for segment, labels in proposal.tracking.items():
         lines.append(f"{segment} = [")
         lines += [f"    {toml_value(label)},  # {proposal.evidence[label]}" for label in labels]
         lines.append("]")
     if proposal.weights:
         lines.append(
-            "[markers.weights]  # 0: shown, but pulls nothing; on the head, which the neck moves, or likely only"
+            "[markers.weights]  # 0: shown only; the neck moves the head, the toes bend, skin glides over knees"
         )
         lines += [f"{toml_value({label: weight})[1:-1].strip()}" for label, weight in proposal.weights.items()]
     return lines + [f"# not used: {_one_line(label)}: {why}" for label, why in proposal.unused.items()]
@@ -376,6 +383,12 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
             out.append(f"{LIKELY}{field} = {known.value}: {known.reason}")
     if "sex" not in draft.person and not draft.missing:
         out.append(f"{LIKELY}sex: no file says it; masses are the mean of women's and men's tables (--sex says which)")
+    further = None if draft.choice is None else draft.choice.further
+    if further is not None and further.tracking:
+        words = "; ".join(f"{', '.join(group)} with {segment}" for segment, group in further.tracking.items())
+        out.append(f"{LIKELY}markers that the set does not know follow what they move with: {words}")
+    if further is not None and further.unused:
+        out.append("labels not used: " + ", ".join(f"{label} ({why})" for label, why in further.unused.items()))
     return (*out, *(f"not used: {row.name}: {row.reason or row.kind}" for row in draft.left_out))
 
 

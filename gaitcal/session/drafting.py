@@ -6,7 +6,7 @@ are left out of a drafted study.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import PurePath, PureWindowsPath
@@ -21,7 +21,7 @@ from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_poses
 from gaitcal.model.body_plan import likely_height
-from gaitcal.model.marker_set import MarkerSet, load_marker_set
+from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
 from gaitcal.session.draft import FIRST_LABELS, Draft, Drafted, Seen, row_of
@@ -37,7 +37,7 @@ from gaitcal.session.folder import (
     read_folder,
     trial_names,
 )
-from gaitcal.session.label_proposal import LANDMARK_SET, propose_labels
+from gaitcal.session.label_proposal import LANDMARK_SET, place_strangers, propose_labels
 from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, candidates, choose_set, explained, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
@@ -124,6 +124,7 @@ def draft_study(folder: Folder, options: Options) -> Draft:
         spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
         session = sitting_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
         if session is not None:
+            choice = _with_strangers(choice, spelt, session, options)
             draft = _Drafting(folder, files, choice, spelt, session, options).draft()
             other = _another_person(files, [i for i in range(len(files)) if i not in session.members], own)
             return replace(draft, problem=other or draft.problem) if draft.moves else draft
@@ -147,8 +148,7 @@ def draft_study(folder: Folder, options: Options) -> Draft:
 
 def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
     """The set "landmarks", labels as places and movement propose them; InputError where they tell too little."""
-    height = options.height or next((r.facts.height for r in recordings if r.facts.height), None)
-    proposal = propose_labels(recordings, height)
+    proposal = propose_labels(recordings, _told_height(recordings, options))
     marker_set = load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
     found = explained(marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename))
     if len(found.missing) > MOST_MISSING:
@@ -161,6 +161,29 @@ def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
         members=tuple(range(len(recordings))),
         proposal=proposal,
     )
+
+
+def _told_height(recordings: Iterable[Recording], options: Options) -> float | None:
+    """m, as the user or a file says."""
+    return options.height or next((r.facts.height for r in recordings if r.facts.height), None)
+
+
+def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: Sitting, options: Options) -> SetChoice:
+    """The set with markers that it does not know on the segments that they move with, where that can be told."""
+    if choice.proposal is not None or not choice.explained.left_over:
+        return choice
+    static = session.statics[0]
+    moving = [spelt[i] for i in session.members if i != static]
+    marker_set, rods = choice.marker_set, choice.marker_set.knee_device
+    known = {m: SEGMENT_OF[n] for n in marker_set.landmarks for group in marker_set.options(n) for m in group}
+    known |= {m: marker_set.segment_of[label] for label, parts in rods.items() for m in parts} | marker_set.segment_of
+    try:
+        found = place_strangers(spelt[static], moving, known, _told_height(spelt.values(), options))
+    except InputError:
+        return choice
+    labels = respelt([label for r in spelt.values() for label in r.labels], choice.rename)
+    further = choice.marker_set.with_further(found.tracking).with_weights(found.weights)
+    return replace(choice, marker_set=further, explained=explained(further, labels), further=found)
 
 
 def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:

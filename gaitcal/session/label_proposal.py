@@ -7,7 +7,7 @@ One recording stands, the others move. Height, heading and posture of the arms a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -36,9 +36,15 @@ FLOOR_M = 0.02
 """Of the lowest marker over the floor."""
 TALL, STEP, STEPS = 1.03, 1.06, 12
 """Heights that are tried: the highest marker's, as if it were over the head, and so on to where it is on the pelvis."""
+NEAREST = 5
+"""Of these heights, where one is told."""
 HEIGHT_TOLD = 0.03
 """Standard deviation of a height that is told, as a share, against that by which markers fit best."""
 FEWEST_MARKERS = 10
+RIGID = 0.1
+"""Scatter of a distance, as a share of the least of two measured markers', from which a point must be computed."""
+GLIDING, CLUSTER = ("knee_", "toe_"), 3
+"""Landmarks over which skin glides, or that bend, and of how many other markers a segment needs to do without them."""
 KNEE, KNEE_SPREAD = 0.27, 0.08
 """Height of the knee, and how far a device's markers may be above or below, as shares of the body's."""
 DEVICE = ("knee_axis", "knee_device_2", "knee_device_3")
@@ -53,7 +59,7 @@ class LabelProposal:
     tracking: Mapping[str, tuple[str, ...]]
     """Segment -> labels of the other markers that move with it."""
     weights: Mapping[str, float]
-    """Label -> weight, of those that are shown only."""
+    """Label, of a landmark its name -> 0: shown only."""
     evidence: Mapping[str, str]
     """Label -> by what it was told, in words."""
     unused: Mapping[str, str]
@@ -69,12 +75,7 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     """
     standing = min(recordings, key=_sway)
     moving = [r for r in recordings if r is not standing]
-    every = list(dict.fromkeys(label for r in (standing, *moving) for label in r.labels))
-    scatter = distance_scatter(moving, every)
-    points = with_missing(standing_points(standing, every), every, moving, scatter)
-    seen = [i for i in range(len(every)) if np.isfinite(points[i]).all()]
-    if len(seen) < FEWEST_MARKERS:
-        raise InputError(f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are needed")
+    every, scatter, points, seen = _seen(standing, moving)
     forward = forward_direction(moving, points[seen], [every[i] for i in seen])
     placed, heading, told = _likeliest(points[seen], _evidence(scatter[np.ix_(seen, seen)]), forward, height)
     still_only = [every[i] for i in seen if not np.isfinite(scatter[i]).any()]
@@ -103,6 +104,70 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
         unused={**found.unused, **{m: "never seen with the others" for m in every if m not in known}},
         told=f"{told}; {standing.source.replace(chr(92), '/').rpartition('/')[2]} stands",
     )
+
+
+def place_strangers(
+    standing: Recording, moving: Sequence[Recording], segment_of: Mapping[str, str], height: float | None = None
+) -> LabelProposal:
+    """Which segments the labels move with that a set does not know; `segment_of`: label that it knows -> segment.
+
+    InputError as of `propose_labels`.
+    """
+    every, scatter, points, seen = _seen(standing, moving)
+    why = {m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()}
+    for i, j in _computed(scatter, [m in segment_of for m in every]):
+        why[every[i]] = f"keeps its distance from {every[j]} better than markers do: computed"
+    seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
+    labels, body = [every[i] for i in seen], standing_bodies()[0]
+    segments, scatter = np.array(body.segments), scatter[np.ix_(seen, seen)]
+    own = [segment_of.get(label) for label in labels]
+    allowed = np.array([~body.landmark if segment is None else segments == segment for segment in own])
+    known = [k for k, segment in enumerate(own) if segment is not None]
+    forward = forward_direction(moving, points[seen][known], [labels[k] for k in known])
+    placed, _, told = _likeliest(points[seen], replace(_evidence(scatter), allowed=allowed), forward, height)
+    found = _read_off(labels, placed, scatter)
+    near_two = {m for m, ahead in zip(labels, placed.ahead, strict=True) if ahead < BEYOND_DOUBT}
+    why |= dict.fromkeys(near_two, "moves with two segments about as well") | dict(found.unused)
+    why |= {m: "never seen with the others" for m in every if m not in labels and m not in why}
+    evidence, place = on_one_segment(scatter), segments[placed.places]
+    same = np.isfinite(scatter) & (place[:, None] == place)
+    loose = {m for m, row, mates in zip(labels, evidence, same, strict=True) if mates.any() and row[mates].mean() < 0}
+    why |= dict.fromkeys(loose - near_two, "does not keep its distance from the segment on which it stands")
+    alone = {m for s, group in found.tracking.items() if s not in own for m in group}
+    why |= dict.fromkeys(alone - near_two - loose, "on a segment of which the set knows no marker")
+    out = {*segment_of, *near_two, *loose, *alone}
+    apart = {s: tuple(m for m in group if m not in out) for s, group in found.tracking.items()}
+    tracking = {segment: group for segment, group in apart.items() if group}
+    kept = [label for group in tracking.values() for label in group]
+    return LabelProposal(
+        rename={},
+        tracking=tracking,
+        weights={label: weight for label, weight in found.weights.items() if label in kept},
+        evidence={label: found.evidence[label] for label in kept},
+        unused={label: words for label, words in why.items() if label not in segment_of},
+        told=told,
+    )
+
+
+def _seen(standing: Recording, moving: Sequence[Recording]) -> tuple[list[str], Array, Array, list[int]]:
+    """All labels, (n, n) m scatter of their distances, (n, 3) m where they stand, and the numbers of those seen."""
+    every = list(dict.fromkeys(label for r in (standing, *moving) for label in r.labels))
+    standing_at = standing_points(standing, every)
+    scatter = distance_scatter(moving, every, standing_at)
+    points = with_missing(standing_at, every, moving, scatter)
+    seen = [i for i in range(len(every)) if np.isfinite(points[i]).all()]
+    if len(seen) < FEWEST_MARKERS:
+        message = f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are needed"
+        raise InputError(message, code=Code.LANDMARKS)
+    return every, scatter, points, seen
+
+
+def _computed(scatter: Array, measured: Sequence[bool]) -> list[tuple[int, int]]:
+    """Points that keep their distance from another one far better than any two `measured` markers do, and which one."""
+    apart = np.where(np.isfinite(scatter), scatter, np.inf)
+    np.fill_diagonal(apart, np.inf)
+    least = apart[np.ix_(measured, measured)].min(initial=np.inf)
+    return [(i, int(row.argmin())) for i, row in enumerate(apart) if row.min() < RIGID * least]
 
 
 def _sway(recording: Recording) -> float:
@@ -153,11 +218,13 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     def cost(placed: Placed) -> float:
         return placed.cost + 0.5 * ((placed.height - usual) / spread) ** 2
 
+    heights = above.max() / TALL * STEP ** np.arange(STEPS)
+    heights = heights[np.argsort(np.abs(heights - usual))][: None if height is None else NEAREST]
     hanging, *_ = bodies = standing_bodies()
     tried = []
     for k, heading in enumerate(headings):
         seen = seen_from(heading)
-        for tall in above.max() / TALL * STEP ** np.arange(STEPS):
+        for tall in heights:
             tried.append((cost(place_markers(seen, hanging, tall, evidence, rounds=4)), float(tall), k))
     best = {k: min(t for t in tried if t[2] == k) for k in range(len(headings))}
     whole = {
@@ -202,10 +269,16 @@ def _read_off(labels: Sequence[str], placed: Placed, scatter: Array) -> LabelPro
         evidence[label] = ", ".join(words)
         if body.labels[on[i]]:
             rename[label] = body.labels[on[i]]
+        elif np.isfinite(scatter).any() and not np.isfinite(scatter[i]).any():
+            unused[label] = f"on {segment}, but in no trial that moves"
         else:
             tracking.setdefault(segment, []).append(label)
-            if joint == "head" or placed.ahead[i] < BEYOND_DOUBT:
+            if joint == "head":
                 weights[label] = 0.0
+    for name in rename.values():
+        segment = body.segments[body.labels.index(name)]
+        if name.startswith(GLIDING) and len(tracking.get(segment, ())) >= CLUSTER:
+            weights[name] = 0.0
     return LabelProposal(
         rename=rename,
         tracking={segment: tuple(group) for segment, group in sorted(tracking.items())},

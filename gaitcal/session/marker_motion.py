@@ -2,7 +2,8 @@
 
 Skin moves the markers of a segment against each other by some millimetres; those of two segments change their distance
 by a few centimetres and more as joints turn. S_ij, the standard deviation of the distance of markers i and j over a
-trial (the largest over all of them), is log-normal about ON_ONE if they are on one segment, about APART if not.
+trial (the largest over all of them; half of what its mean differs between two trials, where that is more), is
+log-normal about ON_ONE if they are on one segment, about APART if not.
 
 Where a foot is higher it swings forward, over the ground and on a treadmill, and where it is lower it stays, or goes
 back with the belt. With h the height and u the horizontal velocity of a low marker, in the axes of the standing person
@@ -55,10 +56,16 @@ def standing_points(recording: Recording, labels: Sequence[str]) -> Array:
     return out
 
 
-def distance_scatter(recordings: Sequence[Recording], labels: Sequence[str]) -> Array:
-    """(n, n) m, S_ij; NaN where two markers are never seen together for long enough."""
+def distance_scatter(recordings: Sequence[Recording], labels: Sequence[str], standing: Array | None = None) -> Array:
+    """(n, n) m, S_ij; NaN where two markers are never seen together for long enough. `standing`: (n, 3) m, where they
+    are in a further trial, in which nothing moves.
+    """
     number = {label: i for i, label in enumerate(labels)}
     out = np.full((len(labels), len(labels)), np.nan)
+    low, high = np.full_like(out, np.nan), np.full_like(out, np.nan)
+    if standing is not None:
+        low = high = np.linalg.norm(standing[:, None] - standing, axis=2)
+        low, high = low.copy(), high.copy()
     for recording in recordings:
         columns = [c for c, label in enumerate(recording.labels) if label in number]
         markers = recording.markers[:: max(1, len(recording.markers) // MOST_FRAMES)][:, columns]
@@ -70,9 +77,11 @@ def distance_scatter(recordings: Sequence[Recording], labels: Sequence[str]) -> 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             scatter = np.where(both >= FEWEST_FRAMES, np.nanstd(apart, axis=0), np.nan)
+            mean = np.where(both >= FEWEST_FRAMES, np.nanmean(apart, axis=0), np.nan)
         rows = np.ix_(*[[number[recording.labels[c]] for c in columns]] * 2)
         out[rows] = np.fmax(out[rows], scatter)
-    return out
+        low[rows], high[rows] = np.fmin(low[rows], mean), np.fmax(high[rows], mean)
+    return np.where(np.isfinite(out), np.fmax(out, 0.5 * (high - low)), np.nan)
 
 
 def on_one_segment(scatter: Array) -> Array:

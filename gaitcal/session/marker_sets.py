@@ -68,6 +68,9 @@ class SetChoice:
     proposal: LabelProposal | None = None
     """What the labels mean by places and movement, where no set knows them; nobody has confirmed it."""
 
+    further: LabelProposal | None = None
+    """What moves with the segments besides the markers that the set knows."""
+
     @property
     def certain(self) -> bool:
         """Whether nothing speaks against the set: all landmarks there, most labels known, none left over that only
@@ -208,7 +211,8 @@ def spelt_otherwise(
         targets = by_key.get(_key(label), [])
         if len(targets) != 1 or label.casefold() in forgiven or label in theirs:
             continue
-        taken = any(label in labels and targets[0] in labels for labels in recordings)
+        spelt = {form.casefold() for form in (targets[0], *marker_set.aliases.get(targets[0], ()))}
+        taken = any(label in labels and not spelt.isdisjoint(map(str.casefold, labels)) for labels in recordings)
         if taken or targets[0] in rename.values():
             clashes.append(label)
         else:

@@ -75,7 +75,7 @@ def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
 
 @with_one_blas_thread
 def synthesize(
-    out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False, also: Sequence[Activity] = ()
+    out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False, also: Sequence[str] = ()
 ) -> Path:
     """Write a synthetic subject as a study folder: C3D files, `study.toml`, and the truth. Returns the study file.
 
@@ -85,7 +85,7 @@ def synthesize(
     seed : the same seed gives the same files.
     noise : add the paper's marker noise, up to 10 mm (`synthetic/motion.py`); the static trial has none.
     perturb : draw the true parameters at random within 10 mm, 10 degrees and 10 %; else they are the published ones.
-    also : movements that are no walk, each as a trial more (`synthetic/movements.py`).
+    also : movements that are no walk, each as a trial more: squat, sit_to_stand, jump, run, stairs.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def synthesize(
     pose = standing_pose(model.parameters)
     trials = {"static": static_motion(standing=pose), **{j: isolated_motion(j, pose) for j in ISOLATED_JOINTS}}
     trials["gait"] = two_strides(model.parameters)
-    movements = {activity.value: movement(activity, model.parameters) for activity in also}
+    movements = {name: movement(Activity(name), model.parameters) for name in also}
     trials |= {name: found.motion for name, found in movements.items()}
     with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
         entries = []

@@ -245,11 +245,10 @@ class Teller:
         forces = None
         if wrench is not None:
             dynamics, rows = Dynamics(self.parameters), table(self.parameters.inertial)
-            linkage = dynamics.linkage
-            for segment, row, true in zip(MASSIVE_SEGMENTS, rows, table(self._true.inertial), strict=True):
-                turn = self._offset[segment].rotation  # products of inertia too
-                body = pin.Inertia(float(row[0]), row[1:4], turn.T @ np.diag(true[4:7]) @ turn)
-                linkage.model.inertias[linkage.segment_joint[segment]] = linkage.segment_placement[segment].act(body)
+            for k, (row, own) in enumerate(zip(rows, table(self._true.inertial), strict=True)):
+                turn = self._offset[MASSIVE_SEGMENTS[k]].rotation  # products of inertia too
+                body = pin.Inertia(float(row[0]), row[1:4], turn.T @ np.diag(own[4:7]) @ turn)
+                dynamics.dynamic[k] = body.toDynamicParameters()
             forces = dynamics.forces(q, velocity, acceleration, wrench)
         return ToldMotion(time=time, q=q, velocity=velocity, acceleration=acceleration, forces=forces)
 

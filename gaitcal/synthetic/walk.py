@@ -71,27 +71,6 @@ CLEARANCE = 0.02
 SMALLEST_STEP = 1e-3
 """m or rad, largest change of a node in the last step."""
 MOST_STEPS = 30
-_CURVE_OF = {
-    "pelvis_tx": ("tx", 1.0),
-    "pelvis_ty": ("ty", 1.0),
-    "pelvis_tz": ("tz", 1.0),
-    "pelvis_tilt": ("tilt", 1.0),
-    "pelvis_list": ("list", 1.0),
-    "pelvis_rotation": ("prot", 1.0),
-    "hip_flexion": ("hflex", 1.0),
-    "hip_adduction": ("hadd", 1.0),
-    "hip_rotation": ("hrot", 1.0),
-    "knee_angle": ("knee", -1.0),
-    "ankle_angle": ("tc", 1.0),
-    "subtalar_angle": ("st", 1.0),
-    "lumbar_extension": ("lext", 1.0),
-    "lumbar_bending": ("lbend", 1.0),
-    "lumbar_rotation": ("lrot", 1.0),
-    "arm_flex": ("sflex", 1.0),
-    "arm_add": ("sabd", -1.0),
-    "elbow_flex": ("elb", 1.0),
-}
-"""Coordinate without its side -> its curve in the file, and the factor of its sign, where it is not there by name."""
 
 
 @dataclass(frozen=True)
@@ -198,22 +177,17 @@ def _nominal_gait() -> dict[str, Any]:
 
 
 def gait_curves(phase: Array) -> tuple[Array, Array]:
-    """Coordinates (nf, nq) m, rad, at phases (nf,) in strides, 0: right heel strike; and their accelerations.
-
-    Knee flexion is negative and shoulder abduction positive in the file.
-    """
+    """Coordinates (nf, nq) m, rad, at phases (nf,) in strides, 0: right heel strike; and their accelerations."""
     data = _nominal_gait()
     q, acceleration = np.empty((2, len(phase), len(COORDINATES)))
     for i, name in enumerate(COORDINATES):
-        stem = split_side(name)[0]
-        curve, sign = _CURVE_OF.get(stem, (stem, 1.0))
-        harmonics = data["curves"][curve]
+        harmonics = data["curves"][split_side(name)[0]]
         a, b = (np.array(harmonics[part], dtype=float) for part in "ab")
         angle = 2 * np.pi * np.outer(phase + (0.5 if name.endswith("_l") else 0.0), np.arange(len(a)))
         omega = 2 * np.pi * np.arange(len(a)) / GAIT_CYCLE
         for out, factor in ((q, np.ones(len(a))), (acceleration, -(omega**2))):
             values = np.cos(angle) @ (factor * a) + np.sin(angle) @ (factor * b)
-            out[:, i] = sign * (values if harmonics["unit"] == "m" else np.deg2rad(values))
+            out[:, i] = values if harmonics["unit"] == "m" else np.deg2rad(values)
     q[:, COORDINATE_INDEX["pelvis_tx"]] += data["stride_m"] * phase
     return q, acceleration
 

@@ -129,7 +129,7 @@ def some_people() -> list[Kept]:
         Kept(
             name="Ann",
             group="a",
-            row={"speed_r": 1.0, "speed_l": 1.2, "knee_angle_max_r": 60.0, "knee_angle_max_l": 50.0},
+            row={"speed_r": 1.0, "speed_l": 1.2, "knee_flexion_swing_r": 60.0, "knee_flexion_swing_l": 50.0},
         ),
         Kept(
             name="Bob",

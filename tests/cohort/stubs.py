@@ -12,9 +12,11 @@ import pandas as pd
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Task
 from gaitcal.cohort.people import CohortPerson, people_in
-from gaitcal.cohort.run import Ended, run_cohort
+from gaitcal.cohort.run import run_cohort
+from gaitcal.gait import peaks as gait
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ensemble
+from gaitcal.gait.peaks import PeakMean, peak_columns
 from gaitcal.results.table_file import write_csv
 
 MASS = 50.0
@@ -30,6 +32,13 @@ class Here:
         self, function: Callable[[Task], Outcome], tasks: Iterator[Task], lost: Callable[[Task, str], Outcome]
     ) -> Iterator[Outcome]:
         yield from map(function, list(tasks)[:: -1 if self.backwards else 1])
+
+
+PEAKS = [
+    PeakMean(peak=gait.PEAKS[name], side="r", n=2, strides=2, mean=mean, sd=1.0, se=se, percent=70.0)
+    for name, mean, se in (("knee_flexion_swing", 51.5, 2.0), ("knee_extension_moment", -40.0, 1.5))
+]
+"""As a result has them."""
 
 
 def strides(person: str) -> pd.DataFrame:
@@ -71,6 +80,7 @@ def write_result(person: CohortPerson, out: Path, common: CommonSettings) -> Non
     table = strides(person.name)
     write_csv(table, out / "cycles.csv")
     write_csv(ensemble(table), out / "ensemble.csv")
+    write_csv(peak_columns(PEAKS), out / "peaks.csv")
     walk = {
         "role": "gait",
         "frames": 100,
@@ -100,9 +110,10 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def run(lab: Path, out: Path, *, retry: bool = False, backwards: bool = False) -> list[Ended]:
-    ended: list[Ended] = []
-    run_cohort(people_in(lab, out), out, engine=Here(backwards=backwards), retry=retry, told=ended.append)
+def run(lab: Path, out: Path, *, retry: bool = False, backwards: bool = False) -> list[Outcome]:
+    ended: list[Outcome] = []
+    told = lambda outcome, *_: ended.append(outcome)  # noqa: E731
+    run_cohort(people_in(lab, out), out, engine=Here(backwards=backwards), retry=retry, told=told)
     return ended
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -181,17 +182,17 @@ def test_other_priors_are_another_fingerprint(tmp_path: Path) -> None:
 
 def test_the_command_learns_when_everybody_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from gaitcal.cli import cohort as command
-    from gaitcal.cohort.run import FAILURES, Written
+    from gaitcal.cohort.run import FAILURES
 
-    def ended(*_: object, **__: object) -> Written:
+    def ended(*_: object, **__: object) -> Counter[str]:
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / FAILURES).write_text("person,session,group,folder,cause,what_to_do\n")
-        return Written({"trustworthy": 9})
+        return Counter(trustworthy=9)
 
     (tmp_path / "lab" / "Ann").mkdir(parents=True)
     (tmp_path / "lab" / "Ann" / "walk.c3d").write_bytes(b"")
     monkeypatch.setattr(command, "run_cohort", ended)
-    monkeypatch.setattr(command, "learn_priors", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
+    monkeypatch.setattr(command, "learn", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
     said = run("cohort", tmp_path / "lab", "--out", tmp_path / "out", "--learn-priors").output
     assert "legs: offset learnt of 9 people" in said and "priors:" in said
     assert "no priors will be learnt: 1 people, of 8 or more they can be" in said
@@ -237,11 +238,11 @@ def test_priors_of_a_cohort_file_are_those_of_everyone_and_no_setting(
 
     monkeypatch.setattr(command, "read_cohort_priors", lambda path: None)
     said = CalibrationSettings(ip="none", priors=tmp_path / "p.json")
-    priors, settings = command._priors(command.CohortOptions(), said)
+    priors, settings = command._priors(None, said, learn_priors=False)
     assert priors == (tmp_path / "p.json").resolve()
     assert CommonSettings(calibration=settings, priors=priors).said == {"ip": "none"}
     with pytest.raises(UsageError, match="--priors: not beside the priors that cohort.toml names"):
-        command._priors(command.CohortOptions(priors=tmp_path / "q.json"), said)
+        command._priors(tmp_path / "q.json", said, learn_priors=False)
 
 
 def test_other_priors_of_a_persons_own_study_are_another_fingerprint(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def made_session(
         for stride in range(1, strides + 1):
             offset = rng.normal(0.0, SD)
             for variable, shared in SHARED.items():
-                curve = 30.0 - 30.0 * np.cos(2.0 * np.pi * percent / 100.0) + offset
+                curve = 30.0 + 30.0 * np.cos(2.0 * np.pi * (percent - 75.0) / 100.0) + offset
                 curve = curve + swing * (percent > STANCE) * (side == "r" and variable == "knee_angle")
                 values = (
                     person,

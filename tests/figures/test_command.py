@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from gaitcal.cli.application import app
 from gaitcal.cli.console import Console
-from gaitcal.cli.figures import Options, chosen
+from gaitcal.cli.figures import chosen
 from gaitcal.cli.figures import draw_figures as run
 from gaitcal.errors import InputError, UsageError
 from gaitcal.export.muscle_paths import MusclePath, muscle_changes, muscles_csv
@@ -62,11 +62,6 @@ def written(calibration: Calibration, out: Path) -> Path:
 
 def figures(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["figures", *map(str, arguments)])
-
-
-def options(**changes: object) -> Options:
-    plain: dict[str, object] = dict.fromkeys(("formats", "width", "normal", "signs", "units"))
-    return Options(**({"purpose": "paper", "only": (), "external": False} | plain | changes))  # type: ignore[arg-type]
 
 
 def mean_lines(chart: Chart) -> dict[str, np.ndarray]:
@@ -225,12 +220,12 @@ def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibr
         ({"width": "3mm"}, "--width: found '3mm'; allowed: 40mm to 400mm"),
         ({"width": "wide"}, "--width: found 'wide'"),
         ({"purpose": "report", "units": "Nm"}, "--units: found with --for report"),
-        ({"signs": "clincal"}, "--convention: found 'clincal'"),
+        ({"convention": "clincal"}, "--convention: found 'clincal'"),
     ],
 )
 def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError) as told:
-        run(folder, tmp_path / "out", options(**changes), Console(quiet=True, verbose=False))
+        run(Console(quiet=True, verbose=False), folder, tmp_path / "out", **changes)  # type: ignore[arg-type]
     assert str(told.value).startswith(message)
     assert not (tmp_path / "out").exists()
 
@@ -238,7 +233,7 @@ def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str,
 def test_a_folder_that_is_no_result(tmp_path: Path) -> None:
     for folder, message in ((tmp_path, "has no page.json"), (tmp_path / "no", "no such folder")):
         with pytest.raises(InputError, match=message):
-            run(folder, None, options(), Console(quiet=True, verbose=False))
+            run(Console(quiet=True, verbose=False), folder)
 
 
 def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(folder: Path, tmp_path: Path) -> None:
@@ -279,9 +274,9 @@ def test_stems_are_plain() -> None:
 def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) -> None:
     """The muscles that change most, before and after; bands only where there were draws."""
     result = Path(shutil.copytree(folder, tmp_path / "result"))
-    chosen_arms = options(only=("moment_arms",), formats="svg")
+    chosen_arms = {"only": ("moment_arms",), "formats": "svg"}
     with pytest.raises(InputError, match=r"found none; allowed: one; gaitcal export .*NAME.osim --muscles writes it"):
-        run(result, None, chosen_arms, Console(quiet=True, verbose=False))
+        run(Console(quiet=True, verbose=False), result, None, **chosen_arms)  # type: ignore[arg-type]
     deg = np.array([0.0, 45.0, 90.0])
     paths = {}
     for k in range(12):
@@ -293,7 +288,7 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     (result / "export").mkdir()
     for draws in ((), (before, after)):
         (result / "export" / "mine.muscles.csv").write_text(muscles_csv(muscle_changes(before, after), draws))
-        run(result, tmp_path / "out", chosen_arms, Console(quiet=True, verbose=False))
+        run(Console(quiet=True, verbose=False), result, tmp_path / "out", **chosen_arms)  # type: ignore[arg-type]
         assert [p.name for p in (tmp_path / "out").glob("*.svg")] == ["moment_arms_knee_angle_r.svg"]
     (chart,) = moment_arm_charts(pd.read_csv(result / "export" / "mine.muscles.csv"))
     assert len(chart.panels) == 9 and chart.panels[0].label == "moment arm of m11 about knee_angle_r"

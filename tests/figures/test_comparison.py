@@ -38,7 +38,7 @@ def test_it_says_who_what_differs_and_by_how_much(page: str) -> None:
     assert page.index("Body mass") < page.index("What differs") < page.index("Kinematics") < page.index("Kinetics")
     assert page.index("Kinetics") < page.index("Gait Profile Score") < page.index("Steps and phases")
     assert '<th scope="col">before, against free speed</th>' in page and ", against slow speed</th>" in page
-    row = re.search(r'<tr class="beyond"><th scope="row">right knee flexion, smallest in swing</th>(.*?)</tr>', page)
+    row = re.search(r'<tr class="beyond"><th scope="row">right knee flexion, highest in swing</th>(.*?)</tr>', page)
     assert row is not None and "<td>-8.0</td>" in row[1]
 
 

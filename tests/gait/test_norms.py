@@ -299,7 +299,7 @@ def test_the_files_of_a_result_have_the_convention_unless_said_otherwise() -> No
     plain = Convention()
     for name in NAMES:
         np.testing.assert_array_equal(plain.moment(name, STANCE, SUBJECT), STANCE)
-    assert plain.positive_moment("ankle_angle_l") == "internal, dorsiflexion"
+    assert plain.senses("ankle_angle_l_moment", "r")[0] == "dorsiflexion"
     np.testing.assert_array_equal(plain.power(STANCE, SUBJECT), STANCE)
     np.testing.assert_array_equal(plain.angle("pelvis_tilt", STANCE, "r"), STANCE)
 
@@ -307,14 +307,12 @@ def test_the_files_of_a_result_have_the_convention_unless_said_otherwise() -> No
 def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_act() -> None:
     clinical = Convention(signs=Signs.CLINICAL)
     assert clinical.moment("ankle_angle_r", STANCE, SUBJECT) == 120.0
-    said = {name: clinical.positive_moment(name) for name in ("ankle_angle_r", "knee_angle_l", "hip_adduction_r")}
-    assert said == {
-        "ankle_angle_r": "internal, plantarflexion",
-        "knee_angle_l": "internal, extension",
-        "hip_adduction_r": "internal, abduction",
+    said = {
+        name: clinical.senses(f"{name}_moment", "r")[0] for name in ("ankle_angle_r", "knee_angle_l", "hip_adduction_r")
     }
+    assert said == {"ankle_angle_r": "plantarflexion", "knee_angle_l": "extension", "hip_adduction_r": "abduction"}
     assert clinical.moment("lumbar_extension", STANCE, SUBJECT) == -120.0, "extension is positive already"
-    assert clinical.positive_moment("lumbar_extension") == "internal, extension"
+    assert clinical.senses("lumbar_extension_moment", "r")[0] == "extension"
 
 
 @pytest.mark.parametrize("signs", list(Signs))
@@ -325,7 +323,6 @@ def test_an_external_moment_is_the_opposite_of_the_internal_one(signs: Signs) ->
         same = np.array_equal(external.moment(name, STANCE, SUBJECT), internal.moment(name, STANCE, SUBJECT))
         one, other = (c.senses(f"{name}_moment", "r") for c in (internal, external))
         assert (same, other) == ((True, one[::-1]) if signs is Signs.CLINICAL else (False, one))
-        assert external.positive_moment(name) == f"external, {other[0]}"
 
 
 def test_titles_are_named_by_what_is_positive() -> None:
@@ -378,17 +375,17 @@ def test_pelvis_angles_are_told_of_the_side_of_the_stride() -> None:
         ("rotation", "r"): 1,
         ("rotation", "l"): -1,
     }
-    assert clinical.positive_angle("pelvis_list", "l") == "this side up"
-    assert Convention().positive_angle("pelvis_list", "l") == "right side down"
+    assert clinical.senses("pelvis_list", "l")[0] == "this side up"
+    assert Convention().senses("pelvis_list", "l")[0] == "right side down"
     for name in ("hip_flexion", "ankle_angle", "subtalar_angle"):
         assert clinical.angle(name, lean, "r") == 5.0
-        assert clinical.positive_angle(name, "r") == Convention().positive_angle(name, "l")
+        assert clinical.senses(name, "r")[0] == Convention().senses(name, "l")[0]
 
 
 def test_every_variable_says_what_is_positive_and_every_convention_says_itself() -> None:
     for signs, acting, frame, unit in itertools.product(Signs, Acting, MomentFrame, MomentUnit):
         convention = Convention(signs=signs, acting=acting, frame=frame, unit=unit)
-        assert all(convention.positive_moment(name) for name in NAMES)
+        assert all(convention.senses(f"{name}_moment", "r")[0] for name in NAMES)
         text = "\n".join(convention.lines)
         assert acting.words in text and frame.words in text and unit.words in text and unit.power in text
         assert list(convention.keys.values())[:4] == [signs.value, acting.key, frame.key, unit.key]

@@ -306,7 +306,7 @@ def test_the_command_lists_the_examples_and_refuses_others() -> None:
     done = gaitcal("example", "subject02")
     assert done.returncode == 2 and "did you mean 'subject01'?" in done.stderr
     with pytest.raises(UsageError, match="--out: says where to put an example"):
-        run(None, Path("somewhere"), None, Console(quiet=True, verbose=False))
+        run(Console(quiet=True, verbose=False), out=Path("somewhere"))
 
 
 def test_the_command_says_whose_it_fetches_and_what_comes_next(data_dir: Path, tmp_path: Path) -> None:

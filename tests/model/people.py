@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain, forward, segment_poses
-from gaitcal.model.coordinates import is_of_leg
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -41,7 +41,7 @@ ARMS_HANG = ("uf3", "functional")
 
 def frozen_above(model: SubjectModel) -> set[str]:
     """Frozen coordinates of trunk and arms; a segment of the legs that may go without markers is another matter."""
-    return {name for name in model.frozen if not is_of_leg(name)}
+    return {name for name in model.frozen if not leg_of(name)}
 
 
 def standing(model: SubjectModel, q: np.ndarray | None = None, frames: int = 60) -> Recording:

@@ -13,7 +13,7 @@ from gaitcal.motion.motion import SharedMotions, track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.draw import refit
 from gaitcal.published.joint_recovery import step_together
-from gaitcal.published.protocol import RefitSettings
+from gaitcal.published.protocol import MonteCarloSettings
 from tests.derivatives import Array, seeded_trial
 
 KNEE = ("knee_r.thigh.sup", "knee_r.shank.sup")
@@ -200,5 +200,5 @@ def test_the_reduced_problem_says_so(uphill: tuple[MotionProblem, Array]) -> Non
 
 def test_a_re_fit_says_so(uphill: tuple[MotionProblem, Array]) -> None:
     problem, start = uphill
-    found = refit(problem, problem.constants(published_model().parameters), start, RefitSettings())
+    found = refit(problem, problem.constants(published_model().parameters), start, MonteCarloSettings())
     assert found.failure == Ending.NO_DESCENT.value

@@ -99,14 +99,14 @@ def test_trustworthy_without_a_stride_is_said_and_filtered(visit: Visit, tmp_pat
     assert page.run(NAMES) == ["B", "C"]
 
 
-def test_a_column_of_peaks_says_of_which_curve_they_are(page: Page) -> None:
+def test_a_column_of_peaks_says_in_which_phase_they_are(page: Page) -> None:
     heads = page.run("""[...document.querySelectorAll('.people-table thead button')]
         .filter(button => button.textContent.startsWith('Knee flexion'))
         .map(button => [button.textContent, button.title])""")
     assert len(heads) == 2
     for label, tooltip in heads:
-        assert label.startswith("Knee flexion, peak of mean curve")
-        assert "peak of the mean curve over the strides, not the mean of each stride's peak" in tooltip
+        assert label.startswith("Knee flexion, peak in swing")
+        assert "mean of each stride's peak" in tooltip
 
 
 def test_numbers_words_and_groups_filter(page: Page) -> None:
@@ -168,12 +168,12 @@ def test_what_is_chosen_stands_in_the_address(page: Page, visit: Visit, cohort: 
 def test_columns_are_chosen_from_all(page: Page) -> None:
     press(page, "#people .bar button")
     assert page.run("document.getElementById('chooser').open")
-    write(page, "#chooser input[type=search]", "knee_angle_max_l")
+    write(page, "#chooser input[type=search]", "knee_flexion_swing_l")
     assert page.run("[...document.querySelectorAll('.column-list li:not([hidden])')].length") == 2
     page.run("[...document.querySelectorAll('.column-list li:not([hidden]) input')].at(-1).click()")
-    assert page.run("gaitcal.choices.columns.at(-1)") == "knee_angle_max_l"
+    assert page.run("gaitcal.choices.columns.at(-1)") == "knee_flexion_swing_l"
     assert page.run("document.querySelector('.people-table thead th:last-child').textContent").startswith(
-        "knee_angle_max_l"
+        "knee_flexion_swing_l"
     )
 
 

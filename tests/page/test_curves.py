@@ -132,8 +132,8 @@ def test_conventions_are_those_of_the_package(page: Page) -> None:
             assert told[0] == pytest.approx(float(convention.moment(base, one, SUBJECT, side)[0]), rel=1e-12)
             assert told[1] == float(convention.angle(base, one, side)[0])
             assert told[2] == pytest.approx(float(convention.power(one, SUBJECT)[0]), rel=1e-12)
-            assert f"{acting.key}, {told[3]}" == convention.positive_moment(base)
-            assert told[4] == convention.positive_angle(base, side)
+            assert told[3] == convention.senses(f"{base}_moment", "r")[0]
+            assert told[4] == convention.senses(base, side)[0]
 
 
 @pytest.mark.slow

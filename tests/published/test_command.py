@@ -11,7 +11,7 @@ from gaitcal.io.snapshot import Snapshot
 from gaitcal.page.monte_carlo import PART
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, RefitSettings
+from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice
 from gaitcal.results.calibration import PAGE, SCENE, write_page
 from tests import commands
 from tests.fake_result import fake_calibration
@@ -83,8 +83,8 @@ def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path)
 @pytest.mark.slow
 def test_draws_left_out_and_other_libraries_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = ("--draws", 3, "--levels", "100", "--vary", "jp,ip", "--jobs", 1)
-    hasty = MonteCarloSettings(refit=RefitSettings(most_evaluations=2))
-    monkeypatch.setattr("gaitcal.cli.montecarlo.Options.settings", hasty)
+    hasty = MonteCarloSettings(refit_most_evaluations=2)
+    monkeypatch.setattr("gaitcal.cli.montecarlo.MonteCarloSettings", lambda **_: hasty)
     told = run(tmp_path, *small)
     assert "left out of all these figures, as they did not converge: jp 100 %: 3 of 3 draws" in told
     assert "begun with" not in told

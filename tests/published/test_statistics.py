@@ -9,7 +9,7 @@ from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.parameters import leg_parameters
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
-from gaitcal.published.draw import COLUMNS, LEG_TORQUES, TORQUES, MonteCarloContext, refit, torque_column
+from gaitcal.published.draw import COLUMNS, LEG_TORQUES, TORQUES, MonteCarloContext, leg_torques, refit, torque_column
 from gaitcal.published.protocol import MonteCarloSettings, Plan, ReactionFrame, Varied
 from gaitcal.published.statistics import (
     FEWEST,
@@ -228,9 +228,8 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
             context.names, context.joint_values + sign * step * (np.arange(len(context.names)) == k)
         )
         constants = context.problem.constants(parameters)
-        found = refit(context.problem, constants, case.nodes, context.settings.refit)
-        legs = context.legs.disturb(parameters)
-        torques.append(context.legs.torques(legs, context.basis, found.nodes, case.wrench, context.feet)[0])
+        found = refit(context.problem, constants, case.nodes, context.settings)
+        torques.append(leg_torques(parameters, context.basis, found.nodes, case.wrench, context.feet)[0])
     slope = (torques[0] - torques[1])[:, LEG_TORQUES.index("knee_adduction_l")] / (2 * step)
     alone = 100 / case.subject.bwh * np.sqrt((slope**2).mean()) * context.settings.joint_bounds[k] / np.sqrt(3)
     assert rows.loc["knee_l.thigh.front", "rms"] == pytest.approx(alone, rel=1e-3)

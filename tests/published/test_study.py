@@ -16,7 +16,7 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.io import result_folder
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Plan, RefitSettings, Varied
+from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Plan, Varied
 from gaitcal.published.study import PURPOSE, Chunk, MonteCarloStudy, Store, monte_carlo
 from gaitcal.published.workers import LocalProcesses, Workers, alone
 from tests.published.worker_tasks import killed_always, killed_once, process, square
@@ -116,7 +116,7 @@ def test_the_draws_are_one_parquet_data_set(case: MonteCarloCase, tmp_path: Path
         ({"seed": 1}, "seed = 0, not 1"),
         ({"inertial_percent": 50.0}, "inertial_percent = 10.0, not 50.0"),
         ({"parameters": ParameterChoice.GAIT}, f"parameters = {ParameterChoice.LEG.value}, not "),
-        ({"refit": RefitSettings(tolerance=1e-7)}, "refit_tolerance = 1e-06, not 1e-07"),
+        ({"refit_tolerance": 1e-7}, "refit_tolerance = 1e-06, not 1e-07"),
     ],
 )
 def test_other_settings_are_refused(case: MonteCarloCase, tmp_path: Path, change: dict[str, object], told: str) -> None:
@@ -148,7 +148,7 @@ def test_another_model_is_refused(case: MonteCarloCase, tmp_path: Path) -> None:
 
 def test_failed_draws_are_kept_and_counted(case: MonteCarloCase, tmp_path: Path) -> None:
     plan = Plan(sets=(Varied.JP, Varied.IP), levels=(100,), draws=3)
-    hasty = MonteCarloSettings(refit=RefitSettings(most_evaluations=2))
+    hasty = MonteCarloSettings(refit_most_evaluations=2)
     monte_carlo(case, tmp_path, settings=hasty, plan=plan, workers=HERE)
     found = monte_carlo(case, tmp_path, settings=hasty, plan=plan, workers=HERE)
     assert found.failed == 3

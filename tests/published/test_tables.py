@@ -61,7 +61,7 @@ from gaitcal.published.reproduce import (
 )
 from gaitcal.published.reproduce import reproduce as run
 from gaitcal.published.tables import (
-    Cell,
+    TableRow,
     discussion_rows,
     spread,
     table_four_rows,
@@ -95,7 +95,7 @@ def test_spread_places_the_published_figure() -> None:
     found = spread([3.0, 1.0, 2.0, 10.0])
     assert (found.median, found.low, found.high, found.draws) == (2.5, 1.0, 10.0, 4)
     assert [found.place(v) for v in (0.9, 1.0, 5.0, 10.0, 10.1)] == ["below", "inside", "inside", "inside", "above"]
-    row = Cell("I", "row", "hip", "mm").over_draws(0.5, [3.0, 1.0, 2.0, 10.0], "why")
+    row = TableRow("I", "row", "hip", "mm").over_draws(0.5, [3.0, 1.0, 2.0, 10.0], "why")
     assert row.ours == 2.5
     assert row.note == "median of 4 noise draws, range 1 to 10; published value below the range; why"
 
@@ -202,7 +202,7 @@ def test_command_prints_and_writes(
         command, "reproduce", lambda settings, kept, step: asked.append((settings, kept)) or reproduction
     )
     command.run_reproduction(
-        tmp_path / "out", Console(quiet=False, verbose=False), draws=0, noise_seeds=5, seed=3, sensitivities=False
+        Console(quiet=False, verbose=False), tmp_path / "out", draws=0, noise_seeds=5, seed=3, sensitivities=False
     )
     settings, kept = asked[0]
     assert settings.sensitivities is None
@@ -228,7 +228,7 @@ def test_command_refuses_a_foreign_folder_before_it_works(tmp_path: Path, monkey
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds 'notes.txt'"):
         command.run_reproduction(
-            tmp_path, Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
+            Console(quiet=True, verbose=False), tmp_path, draws=0, noise_seeds=2, seed=0, sensitivities=True
         )
 
 
@@ -236,7 +236,7 @@ def test_data_folder_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("GAITCAL_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match="no folder"):
         command.run_reproduction(
-            tmp_path / "out", Console(quiet=True, verbose=False), draws=0, noise_seeds=2, seed=0, sensitivities=True
+            Console(quiet=True, verbose=False), tmp_path / "out", draws=0, noise_seeds=2, seed=0, sensitivities=True
         )
     assert not (tmp_path / "out").exists()
 

@@ -284,8 +284,8 @@ def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(whole: Calibrat
     write_stride_files(tmp_path, model, [walk.refused(("r",))])
     hashes = {name: str(sha256_of(tmp_path / name)) for name in STRIDE_FILES}
     found = earlier_strides(tmp_path, hashes, ["se", "valid", "variable"])
-    assert [len(found.cycle_lines), len(found.spatiotemporal_lines)] == [1, 1]
-    assert found.cycle_lines[0].startswith("se: verdict: the right leg")
+    assert [len(found["cycles.csv"][1]), len(found["spatiotemporal.csv"][1])] == [1, 1]
+    assert found["cycles.csv"][1][0].startswith("se: verdict: the right leg")
 
 
 def in_other_units(table: pd.DataFrame) -> pd.DataFrame:

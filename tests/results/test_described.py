@@ -8,8 +8,8 @@ import pytest
 
 from gaitcal.cohort.learn_priors import COLUMNS as PRIORS_COLUMNS
 from gaitcal.cohort.run import FAILURE_COLUMNS, TIME_COLUMNS
-from gaitcal.compare.curve_differences import CURVE_COLUMNS
 from gaitcal.compare.difference import COLUMNS as DIFFERENCE_COLUMNS
+from gaitcal.compare.sessions import CURVE_COLUMNS
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.peaks import PEAK_COLUMNS

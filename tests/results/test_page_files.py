@@ -198,7 +198,7 @@ def test_the_view_of_two_results_is_their_comparison(folder: Path) -> None:
     run("compare", folder / "result", other, "--out", folder / "comparison", "-q")
     assert (folder / "own.html").read_text() == (folder / "comparison/comparison.html").read_text()
     with pytest.raises(UsageError, match="--geometry: found two results"):
-        view_result(folder / "result", other, None, Console(quiet=True, verbose=False), folder)
+        view_result(Console(quiet=True, verbose=False), folder / "result", other, geometry=folder)
 
 
 def test_a_sheet_of_other_trials_than_its_scene_is_refused(folder: Path) -> None:

@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.cli.compare import Options
-from gaitcal.cli.compare import compare_sessions_or_models as run
 from gaitcal.cli.console import Console
+from gaitcal.cli.view import compare_sessions_or_models as run
 from gaitcal.cli.view import print_report
 from gaitcal.codes import Code
 from gaitcal.compare.stride_sets import Common
@@ -32,9 +31,8 @@ from gaitcal.results.sessions import (
 )
 from gaitcal.results.shared_model import compare_with_shared_model, study_of_result
 from gaitcal.results.stride_files import write_stride_files
-from gaitcal.results.summary import summary
+from gaitcal.results.summary import SUMMARY, summary
 from gaitcal.results.table_file import read_csv
-from gaitcal.results.verdict import SUMMARY
 from gaitcal.session.result import Calibration
 from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import HOSTILE, Names, fake_calibration
@@ -112,11 +110,11 @@ def test_the_report_of_two_sessions_holds_both_means(results: tuple[Path, Path],
     pages = write_pdf(content, tmp_path / "two.pdf")
     assert 3 <= pages <= 5 and 2_000 < (tmp_path / "two.pdf").stat().st_size < 1_000_000
     with pytest.raises(UsageError, match="found two results; needed: --pdf FILE"):
-        print_report(*results, None, None, None, Console(quiet=True, verbose=False))
+        print_report(Console(quiet=True, verbose=False), *results)
 
 
 def test_names_stay_as_they_are_on_the_screen(results: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    run(*results, Options(), Console(quiet=False, verbose=False))
+    run(Console(quiet=False, verbose=False), *results)
     assert "after against before #1 [bold]x" in capsys.readouterr().out
 
 
@@ -125,9 +123,8 @@ def test_a_folder_that_is_taken_is_told_first(tmp_path: Path, *, shared: bool) -
     out = tmp_path / "full"
     out.mkdir()
     (out / "thesis.txt").write_text("")
-    options = Options(out=out, shared_model=shared)
     with pytest.raises(InputError, match="holds 'thesis.txt'") as caught:
-        run(tmp_path / "not", tmp_path / "read", options, Console(quiet=True, verbose=False))
+        run(Console(quiet=True, verbose=False), tmp_path / "not", tmp_path / "read", out=out, shared_model=shared)
     assert caught.value.code is Code.FOLDER_TAKEN
 
 
@@ -165,12 +162,12 @@ def test_options_that_cannot_be(results: tuple[Path, Path], tmp_path: Path) -> N
     before, after = results
     console = Console(quiet=True, verbose=False)
     for other, options in (
-        (None, Options()),
-        (after, Options(osim=tmp_path / "model.osim")),
-        (after, Options(studies=(tmp_path / "study.toml",))),
+        (None, {}),
+        (after, {"osim": tmp_path / "model.osim"}),
+        (after, {"study": (tmp_path / "study.toml",)}),
     ):
         with pytest.raises(UsageError):
-            run(before, other, options, console)
+            run(console, before, other, **options)  # type: ignore[arg-type]
 
 
 def test_a_shared_model_says_what_it_needs(results: tuple[Path, Path], tmp_path: Path) -> None:

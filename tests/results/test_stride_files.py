@@ -119,7 +119,11 @@ def test_of_a_damaged_table_no_row_is_kept(whole: Calibration, tmp_path: Path) -
     as_written = hashes(tmp_path)
     (tmp_path / CYCLES).write_text("damaged", encoding="utf-8")
     found = earlier_strides(tmp_path, as_written, ["walk"])
-    assert found.cycles is None and found.spatiotemporal is not None and len(found.spatiotemporal)
+    assert (
+        found["cycles.csv"][0] is None
+        and found["spatiotemporal.csv"][0] is not None
+        and len(found["spatiotemporal.csv"][0])
+    )
 
 
 def test_a_result_without_walks_has_tables_without_rows(tmp_path: Path) -> None:

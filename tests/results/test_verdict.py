@@ -15,9 +15,8 @@ from gaitcal.errors import InputError
 from gaitcal.faults.verdict import judge
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.results.saved import load_result
-from gaitcal.results.summary import summary
+from gaitcal.results.summary import of_the_model, require_not_refused, summary
 from gaitcal.results.table_file import REFUSED_HEADER
-from gaitcal.results.verdict import of_the_model, require_not_refused
 from gaitcal.session.result import Calibration, withdrawn
 from gaitcal.session.tables import moment_table
 from tests.fake_result import fake_calibration
@@ -120,8 +119,8 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
     table.to_csv(forces, index=False)
     result = tmp_path / "result"
     with pytest.raises(InputError, match="refused"):
-        run_calibrate(path, result, Console(quiet=True, verbose=False), force=False)
-    run_calibrate(path, result, Console(quiet=True, verbose=False), force=True)
+        run_calibrate(Console(quiet=True, verbose=False), path, result, force=False)
+    run_calibrate(Console(quiet=True, verbose=False), path, result, force=True)
     told = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     assert told["verdict"] == "refused"
     text = (result / "moments/walk.csv").read_text(encoding="utf-8")

@@ -16,9 +16,12 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import SEGMENT_OF, load_marker_set
-from gaitcal.session.draft import study_of
+from gaitcal.session.draft import doubtful_lines, study_of
+from gaitcal.session.drafting import draft_of
+from gaitcal.session.folder import read_folder
 from gaitcal.session.label_proposal import LANDMARK_SET, LabelProposal, propose_labels
 from gaitcal.session.marker_motion import distance_scatter, forward_direction, standing_points
+from gaitcal.session.person_facts import Options
 from gaitcal.study.study import Study
 from tests.session.folders import SAID, draft, recordings, write
 
@@ -104,7 +107,7 @@ def test_a_proposal_is_confirmed_before_anything_is_computed(tmp_path: Path) -> 
         study_or_draft(folder, SAID, QUIET)
     with pytest.raises(InputError, match="has to be confirmed"):
         study_of(draft(folder))
-    draft_study_file(folder, None, QUIET, SAID, force=False)
+    draft_study_file(QUIET, folder, mass=SAID.mass, height=SAID.height, sex=SAID.sex)
     study = folder / "study.toml"
     with pytest.raises(InputError, match=r"markers.confirmed: found false: .* write confirmed = true"):
         Study.load(study)
@@ -141,3 +144,33 @@ def test_segments_in_real_recordings(person: str, data_dir: Path) -> None:
     wrong = {m: (right[m], found.get(m, "nowhere")) for m in old.values() if found.get(m) != right[m]}
     assert len(wrong) <= 0.05 * len(old), wrong
     assert not [m for m, (a, b) in wrong.items() if a[:-1] == b[:-1] and a != b], "a leg for the other"
+
+
+def test_markers_that_a_set_does_not_know_follow_what_they_move_with(tmp_path: Path) -> None:
+    strange = {"R.Thigh.Rear": "X1", "L.Shank.Front": "X2", "R.Midfoot.Sup": "X3", "R.Ankle.Med": "X4"}
+    files = {n: replace(r, labels=tuple(strange.get(m, m) for m in r.labels)) for n, r in recordings().items()}
+    made = draft(write(tmp_path / "person", files))
+    assert made.choice is not None and made.choice.further is not None and made.choice.entry == "gait2354"
+    assert made.choice.further.tracking == {"thigh_r": ("X1",), "shank_l": ("X2",), "foot_r": ("X3",)}
+    assert made.choice.further.unused == {"X4": "in no trial that moves"}
+    told_lines = " ".join(doubtful_lines(made))
+    assert "X1 with thigh_r" in told_lines and "X4 (in no trial that moves)" in told_lines
+    study = study_of(made)
+    assert study.marker_set.segment_of["X1"] == "thigh_r" and study.marker_set.weight("X1") == 1
+    with pytest.raises(InputError, match="found 'X1' on foot_l; the marker set has it on thigh_r"):
+        study.marker_set.with_further({"foot_l": ["X1"]})
+    with pytest.raises(InputError, match="found 'tigh_r', which is no segment.*thigh_r"):
+        study.marker_set.with_further({"tigh_r": ["X9"]})
+
+
+@pytest.mark.slow
+def test_points_that_a_program_computed_are_no_markers(data_dir: Path) -> None:
+    made = draft_of(read_folder(data_dir / "children/HC032A"), Options(sex="male"))
+    assert made.choice is not None and made.choice.further is not None
+    found = made.choice.further
+    for side, segment in (("R", "foot_r"), ("L", "foot_l")):
+        assert {f"{side}CPG", f"{side}STL"} <= set(found.tracking[segment]), "of the Oxford foot model"
+        axes = [f"{side}{name}{k}" for name in ("FOF", "HDF") for k in range(4)]
+        assert all("computed" in found.unused[label] for label in axes), "its segments' axes"
+    assert set(found.tracking) == {"foot_r", "foot_l"}
+    assert "does not keep its distance" in found.unused["RNAV"], "the turn has it 91 mm from where it was"

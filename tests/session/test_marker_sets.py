@@ -28,6 +28,14 @@ def test_a_label_whose_name_is_taken_is_not_renamed() -> None:
     assert best.rename == {} and best.clashes == ("R_ASIS",)
 
 
+def test_measured_markers_of_opencap_are_not_its_video_points() -> None:
+    measured = load_marker_set("opencap-measured").labels
+    best = choose_set([(*measured, "RKnee", "LKnee", "RAnkle", "LAnkle", "Neck")])[0]
+    known = (best.entry, best.explained.known, best.rename)
+    assert known == ("opencap-measured", len(measured), {}), "not 18 of 55 of Visual3D"
+    assert "RKnee" in best.clashes
+
+
 def test_own_set_before_a_built_in_one() -> None:
     own = load_marker_set("rcnl")
     assert choose_set([own.labels], [("here/own.toml", own)])[0].entry == "here/own.toml"
