@@ -260,7 +260,7 @@ ALIKE = 0.1
 STEP_S = 0.3
 """Shorter loadings are no step of walking."""
 EVEN = 0.03
-"""Of a stride: a plate that is loaded so much before or after a double support should begin is not loaded by a strike."""
+"""Of a stride, by which two double supports may differ: a plate loaded later or earlier than that is no strike."""
 
 
 def mass_fault(person: Mapping[str, Known], options: Options, plates: tuple[str, float] | None) -> str:

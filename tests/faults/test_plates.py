@@ -160,7 +160,7 @@ def test_a_mass_is_wrong_where_no_trial_contradicts(sound: Study) -> None:
     assert "but not in all trials" in alone.found and "in walk" in alone.found
     assert not findings(standing(1.2 * mass, 1), "body mass", WARNING)
     heavier = replace(standing(mass, 2), subject=replace(sound.subject, mass=1.1 * mass))
-    assert [f.where for f in findings(heavier, "body mass", WARNING)] == ["static", "walk"], "the walk cannot say so alone"
+    assert [f.where for f in findings(heavier, "body mass", WARNING)] == ["static", "walk"], "the walk alone cannot"
     lone = replace(standing(1.07 * mass, 2), trials=standing(1.07 * mass, 2).trials[:1])
     assert not findings(lone, "body mass", WARNING), "two plates, either of them 20 N off"
 
