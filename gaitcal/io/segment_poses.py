@@ -112,7 +112,7 @@ def points_of_poses(labels: Sequence[str], poses: Array) -> tuple[tuple[str, ...
         raise FileFault(f"found two poses of {', '.join(twice)}", "ROTATION:LABELS", Code.DAMAGED_RECORDING)
     if lost := [labels[column[name]] for name in NEEDED if not np.isfinite(poses[:, column[name]]).all((1, 2)).any()]:
         raise FileFault(
-            f"no frame has a pose, of right-handed axes, of {', '.join(lost)}", "ROTATION", Code.TOO_LITTLE_SEEN
+            f"no frame has a pose of right-handed axes of {', '.join(lost)}", "ROTATION", Code.TOO_LITTLE_SEEN
         )
     rotation = {name: poses[:, i, :3, :3] for name, i in column.items()}
     origin = {name: poses[:, i, :3, 3] for name, i in column.items()}
