@@ -342,8 +342,8 @@ def _read(path: Path, name: str) -> MarkerSet:
     file = read_validated(_File, path)
     base = MarkerSet(name="", description="", landmarks={}, tracking={})
     if file.extends is None:  # it must say all by itself
-        for where, table in (("landmarks", file.landmarks), ("tracking", file.tracking)):
-            if not table:
+        for where in ("landmarks", "tracking"):
+            if not getattr(file, where):
                 raise fault("missing: a table", where)
     else:
         require_known([file.extends], built_in_sets(), "built-in marker set", source=path, field="extends", listed=True)
@@ -379,8 +379,8 @@ def _read(path: Path, name: str) -> MarkerSet:
         require_known(groups[where], MASSIVE_SEGMENTS, "segment", source=path, field=where, listed=True)
     for label, parts in groups["knee_device"].items():
         if len(parts) != DEVICE_MARKERS:
-            found = f"found {len(parts)} markers for '{label}'; allowed: three, the one on the flexion axis first"
-            raise fault(found, "knee_device")
+            allowed = "allowed: three, the one on the flexion axis first"
+            raise fault(f"found {len(parts)} markers for '{label}'; {allowed}", "knee_device")
     weighed = {label: entry for pattern, entry in file.weights.items() for label in _sides(pattern)}
     made = MarkerSet(
         name=name,
@@ -399,12 +399,11 @@ def _read(path: Path, name: str) -> MarkerSet:
     for landmark in missing_landmarks(made.landmarks):
         raise fault(f"'{landmark}' is missing: give {instead_of(landmark)}", "landmarks")
     segment_of: dict[str, str] = {}
-    for segment, followers in made.following:
-        for label in followers:
-            if label in segment_of:
-                on = f"{segment_of[label]} and on {segment}; a marker is fixed in one segment"
-                raise fault(f"marker '{label}' is on {on}", "tracking")
-            segment_of[label] = segment
+    for label, segment in ((label, segment) for segment, followers in made.following for label in followers):
+        if label in segment_of:
+            on = f"{segment_of[label]} and on {segment}; a marker is fixed in one segment"
+            raise fault(f"marker '{label}' is on {on}", "tracking")
+        segment_of[label] = segment
     require_known(made.weights, made.tracked, "tracked marker", source=path, field="weights")
     require_known(made.aliases, made.labels, "marker", source=path, field="aliases")
     known, tracked = set(made.labels), set(made.tracked)
@@ -429,14 +428,10 @@ def marker_set_text(marker_set: MarkerSet) -> str:
     """
 
     def table(name: str, content: Mapping[str, object]) -> str:
-        return toml_table(
-            f"[{name}]", {toml_value(n): list(v) if isinstance(v, tuple) else v for n, v in content.items()}
-        )
+        entries = {toml_value(n): list(v) if isinstance(v, tuple) else v for n, v in content.items()}
+        return toml_table(f"[{name}]", entries)
 
-    landmarks: dict[str, object] = {}
-    for landmark in marker_set.landmarks:
-        options = [list(group) for group in marker_set.options(landmark)]
-        landmarks[landmark] = options[0] if len(options) == 1 else {"first_of": options}
+    options = {name: [list(group) for group in marker_set.options(name)] for name in marker_set.landmarks}
     weights = {
         label: {"weight": float(weight), "reason": marker_set.reasons.get(label, NO_REASON)}
         for label, weight in marker_set.weights.items()
@@ -444,7 +439,7 @@ def marker_set_text(marker_set: MarkerSet) -> str:
     }
     tables = [
         toml_table("", {"description": marker_set.description}).lstrip(),
-        table("landmarks", landmarks),
+        table("landmarks", {name: of[0] if len(of) == 1 else {"first_of": of} for name, of in options.items()}),
         table("tracking", marker_set.tracking),
         table("static_only", marker_set.static_only),
         *(table(name, group) for name in ("optional", "knee_device") if (group := getattr(marker_set, name))),

@@ -33,12 +33,13 @@ from gaitcal.session.folder import (
     marker_sets_above,
     name_contradicts,
     names_alike,
+    nothing_here,
     pair_forces,
     read_folder,
     trial_names,
 )
 from gaitcal.session.label_proposal import LANDMARK_SET, place_strangers, propose_labels
-from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, candidates, choose_set, explained, respelt
+from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, choices_of, explained, no_set, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
 from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed, weighed_walking
@@ -51,32 +52,6 @@ def several_people(files: Sequence[FolderFile], people: Mapping[int, tuple[str, 
     name, words = next(iter(told.items()))
     more = f", and {len(told) - 1} more files too" if len(told) > 1 else ""
     return f"{words} in one file, {name}{more}: write each person's markers into a file of their own", told
-
-
-def nothing_here(folder: Folder) -> str:
-    """That a folder has no recording, and where some are."""
-    if folder.subfolders:
-        below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])
-        return f"holds no recording that can be read; folders in it do: {below}; name one of them, one person a folder"
-    if not folder.files:
-        return "is empty; .c3d, .trc or .csv files of one person are needed"
-    return f"holds {len(folder.files)} files, but no recording that can be read (.c3d, .trc or .csv)"
-
-
-def no_set(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> str:
-    """Which labels no marker set knows, and what the nearest set misses."""
-    labels = list(dict.fromkeys(label for r in recordings for label in r.labels))
-    nearest, found = max(
-        ((entry, explained(s, labels)) for entry, s in candidates(own)),
-        key=lambda pair: (pair[1].legs, -len(pair[1].missing)),
-    )
-    lacks = ", ".join(found.missing[:6]) + (", ..." if len(found.missing) > 6 else "")
-    shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
-    return (
-        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows {found.known} of "
-        f"{len(labels)} and misses {lacks or 'nothing'}; name your own in a TOML file in the folder "
-        "(models/markersets has examples), or put the labels right by 'rename' in a study file"
-    )
 
 
 def refused(folder: Folder, fault: str, told: Mapping[str, str]) -> Draft:
@@ -112,7 +87,7 @@ def draft_study(folder: Folder, options: Options) -> Draft:
         for f in folder.of_kind(FileKind.MARKER_SET) or marker_sets_above(folder.path)
         if f.marker_set is not None
     ]
-    choices = _choices(recordings, own)
+    choices = choices_of(recordings, own)
     if not choices:
         try:
             choices = [_proposed(recordings, options)]
@@ -189,7 +164,7 @@ def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: 
 def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:
     """That recordings which are left over show a whole session of their own; empty where they do not."""
     found = {i: recording for i in rest if (recording := files[i].recording) is not None}
-    for choice in _choices(list(found.values()), own):
+    for choice in choices_of(list(found.values()), own):
         numbers = [list(found)[k] for k in choice.members]
         spelt = {i: _spelt(found[i], choice) for i in numbers}
         session = sitting_of(spelt, {i: files[i].path.stem for i in numbers}, choice.marker_set)
@@ -204,12 +179,6 @@ def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Seque
                 f"{files[session.statics[0]].name}: put each into a folder of its own"
             )
     return ""
-
-
-def _choices(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> list[SetChoice]:
-    """The marker sets that the recordings may be of; none of no recordings."""
-    computed = [() if r.computed is None else r.computed.labels for r in recordings]
-    return choose_set([r.labels for r in recordings], own, computed) if recordings else []
 
 
 def _spelt(recording: Recording, choice: SetChoice) -> Recording:

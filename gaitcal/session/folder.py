@@ -394,3 +394,13 @@ def names_alike(stem: str, table: str) -> float:
     """0 to 1, how alike two names are but for words that only say `forces`."""
     a, b = (re.sub(r"[^a-z0-9]", "", WORDS.sub("", name).lower()) for name in (stem, table))
     return 1.0 if a == b else difflib.SequenceMatcher(None, a, b).ratio()
+
+
+def nothing_here(folder: Folder) -> str:
+    """That a folder has no recording, and where some are."""
+    if folder.subfolders:
+        below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])
+        return f"holds no recording that can be read; folders in it do: {below}; name one of them, one person a folder"
+    if not folder.files:
+        return "is empty; .c3d, .trc or .csv files of one person are needed"
+    return f"holds {len(folder.files)} files, but no recording that can be read (.c3d, .trc or .csv)"

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import cache
 
 from gaitcal.errors import other_side
+from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import REQUIRED, MarkerSet, built_in_sets, load_marker_set
 from gaitcal.session.label_proposal import LabelProposal
@@ -245,3 +246,25 @@ def _forgiven(marker_set: MarkerSet) -> frozenset[str]:
 def _key(label: str) -> str:
     """What is left of a label without prefix, case and separators."""
     return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
+
+
+def choices_of(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> list[SetChoice]:
+    """The marker sets that the recordings may be of; none of no recordings."""
+    computed = [() if r.computed is None else r.computed.labels for r in recordings]
+    return choose_set([r.labels for r in recordings], own, computed) if recordings else []
+
+
+def no_set(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> str:
+    """Which labels no marker set knows, and what the nearest set misses."""
+    labels = list(dict.fromkeys(label for r in recordings for label in r.labels))
+    nearest, found = max(
+        ((entry, explained(s, labels)) for entry, s in candidates(own)),
+        key=lambda pair: (pair[1].legs, -len(pair[1].missing)),
+    )
+    lacks = ", ".join(found.missing[:6]) + (", ..." if len(found.missing) > 6 else "")
+    shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
+    return (
+        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows {found.known} of "
+        f"{len(labels)} and misses {lacks or 'nothing'}; name your own in a TOML file in the folder "
+        "(models/markersets has examples), or put the labels right by 'rename' in a study file"
+    )
