@@ -162,7 +162,7 @@ def analyse_further(
         read = []
         for path in trials:
             step(f"{path.name}: reading and checking")
-            told = {"role": role, "plates": _plates_of(plates), "time": _time_of(time)}
+            told: dict[str, object] = {"role": role, "plates": _plates_of(plates), "time": _time_of(time)}
             told["filter_hz"] = _filter_of(filter_hz)
             read.append(_read(path, forces, told, saved))
         checked = [finding for trial in read for finding in _check(trial, saved)]

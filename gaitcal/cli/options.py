@@ -66,9 +66,7 @@ Plates = Annotated[str | None, typer.Option(help="Feet on the plates of a single
 Forces = Annotated[Path | None, typer.Option(help="Ground reactions (.mot, .sto, .csv) of a single TRIAL.")]
 Part = Annotated[str | None, typer.Option("--time", help="Part of a single TRIAL to use, start,end in seconds.")]
 DynamicsOut = Annotated[Path | None, typer.Option("--out", help="Folder for the results; DIR/dynamics unless given.")]
-TrialRole = Annotated[
-    str, typer.Option("--role", help="gait, or motion of any other activity, as in a study file.")
-]
+TrialRole = Annotated[str, typer.Option("--role", help="gait, or motion of any other activity, as in a study file.")]
 FilterHz = Annotated[
     str | None, typer.Option(help="Cut-off of the force filter in Hz, or none; else as in the calibration.")
 ]

@@ -279,7 +279,7 @@ def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
 
 
 def _flight(recording: Recording, marker_set: MarkerSet) -> float:
-    """Share of the frames in which no marker of either foot is at rest against the ground or near it: none in walking."""
+    """Share of the frames in which no marker of either foot is at rest or near the ground: none in walking."""
     labels = [m for side in SIDES for m in marker_set.tracking.get(f"foot_{side}", ()) if m in recording.labels]
     points = recording.markers[:, [recording.labels.index(m) for m in labels]]
     if not labels:
