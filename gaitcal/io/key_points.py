@@ -26,6 +26,8 @@ _FOOT = ("Heel", "BigToe", "SmallToe")
 _BOTH = tuple((side, side.lower()) for side in "RL")
 NEEDED = tuple(f"{side}{name}" for side, _ in _BOTH for name in ("Hip", "Knee", "Ankle", *_FOOT))
 """Labels without which a recording is none of key points."""
+AUGMENTED = "_study"
+"""How labels of markers end that OpenCap and Pose2Sim make of key points, which they leave in the same file."""
 CARRIER: Mapping[str, str] = {
     **{f"{side}{name}": f"{s}_{segment}" for side, s in _BOTH for segment, name in _JOINTS.items()},
     **{f"{side}{name}": f"{s}_foot" for side, s in _BOTH for name in _FOOT},
@@ -34,8 +36,8 @@ CARRIER: Mapping[str, str] = {
 
 
 def holds_key_points(labels: Collection[str]) -> bool:
-    """Whether a recording with these labels is one of key points."""
-    return set(NEEDED) <= set(labels)
+    """Whether a recording with these labels is one of key points, without markers that were made of them."""
+    return set(NEEDED) <= set(labels) and not any(label.endswith(AUGMENTED) for label in labels)
 
 
 def segments_of(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:

@@ -66,6 +66,8 @@ ENDS = ("toes", "uarm", "larm", "hand")
 what markerless programs tell worst and what the model has no coordinate for."""
 ALONG = 0.8
 """Share of its length by which a direction must lie along an axis of its segment: within 37 degrees."""
+THIGH_M = 0.1, 0.8
+"""From hip to knee, of anybody."""
 BESIDE = {"knee": 0.05, "ankle": 0.04, "elbow": 0.04}
 """m from a joint to the points that show its axis; any length shows the same."""
 BEHIND = 0.35
@@ -94,7 +96,7 @@ def points_of_poses(labels: Sequence[str], poses: Array) -> tuple[tuple[str, ...
     Raises
     ------
     FileFault
-        Segments of the legs are not there, or their axes are not those of a body.
+        Segments of the legs are not there, or twice, or their lengths or axes are not those of a body.
     """
     stems = [label.strip().lower().removesuffix("_4x4") for label in labels]
     column = {stem: i for i, stem in enumerate(stems) if stem in PARENT}
@@ -106,8 +108,20 @@ def points_of_poses(labels: Sequence[str], poses: Array) -> tuple[tuple[str, ...
             "ROTATION:LABELS",
             Code.TOO_LITTLE_SEEN,
         )
+    if twice := [labels[stems.index(stem)] for stem in column if stems.count(stem) > 1]:
+        raise FileFault(f"found two poses of {', '.join(twice)}", "ROTATION:LABELS", Code.DAMAGED_RECORDING)
+    if lost := [labels[column[name]] for name in NEEDED if not np.isfinite(poses[:, column[name]]).all((1, 2)).any()]:
+        raise FileFault(
+            f"no frame has a pose of right-handed axes of {', '.join(lost)}", "ROTATION", Code.TOO_LITTLE_SEEN
+        )
     rotation = {name: poses[:, i, :3, :3] for name, i in column.items()}
     origin = {name: poses[:, i, :3, 3] for name, i in column.items()}
+    thigh = float(_mean(np.linalg.norm(origin["r_shank"] - origin["r_thigh"], axis=1, keepdims=True))[0])
+    if not THIGH_M[0] < thigh < THIGH_M[1]:
+        allowed = f"{THIGH_M[0]:g} to {THIGH_M[1]:g} m; look at the units, POINT:UNITS"
+        raise FileFault(
+            f"from hip to knee it is {thigh:.2g} m; allowed: {allowed}", "pose of r_thigh", Code.UNIT_OF_LENGTH
+        )
     axes = _axes(rotation, origin)
     rotation = {name: r @ axes for name, r in rotation.items()}
     points = _points(rotation, origin)

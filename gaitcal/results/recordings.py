@@ -29,6 +29,7 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.result_folder import sha256_of
+from gaitcal.io.segment_poses import holds_poses
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.results.cycles_export import find_original, trial_files
@@ -86,8 +87,10 @@ def _write(
     """Write the C3D of one trial; `between` is a path for a file that is removed again. Returns what to tell."""
     recording = read_recording(paths["file"], forces=paths.get("forces"))
     notes: tuple[str, ...] = ()
-    is_c3d = paths["file"].suffix.lower() == ".c3d"
-    if is_c3d:
+    made = holds_poses(recording.labels)
+    if made and paths["file"].suffix.lower() == ".c3d":
+        notes = ("written anew: without poses and events of the file, with the points that stand for its body",)
+    if paths["file"].suffix.lower() == ".c3d" and not made:
         source, same = paths["file"], read_recording(paths["file"])
     else:
         notes += _as_c3d(recording, between)

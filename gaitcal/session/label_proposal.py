@@ -41,6 +41,10 @@ NEAREST = 5
 HEIGHT_TOLD = 0.03
 """Standard deviation of a height that is told, as a share, against that by which markers fit best."""
 FEWEST_MARKERS = 10
+WALKS_M, RESTS_M = 0.1, 0.01
+"""RMS distance from their mean place of markers on feet that walk, on a treadmill, too, and of those in the room."""
+ALONE = 0.09
+"""Half as far from the middle as a posterior superior iliac spine, as a share of the distance of the anterior ones."""
 RIGID = 0.1
 """Scatter of a distance, as a share of the least of two measured markers', from which a point must be computed."""
 GLIDING, CLUSTER = ("knee_", "toe_"), 3
@@ -75,7 +79,8 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     """
     standing = min(recordings, key=_sway)
     moving = [r for r in recordings if r is not standing]
-    every, scatter, points, seen = _seen(standing, moving)
+    resting = _resting(moving)
+    every, scatter, points, seen = _seen(standing, moving, resting)
     forward = forward_direction(moving, points[seen], [every[i] for i in seen])
     placed, heading, told = _likeliest(points[seen], _evidence(scatter[np.ix_(seen, seen)]), forward, height)
     still_only = [every[i] for i in seen if not np.isfinite(scatter[i]).any()]
@@ -86,6 +91,7 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
         seen = [i for i in seen if every[i] not in on_device]
         placed, heading, told = _likeliest(points[seen], _evidence(scatter[np.ix_(seen, seen)]), forward, height)
     found = _read_off([every[i] for i in seen], placed, scatter[np.ix_(seen, seen)])
+    found = _sacral(found, {label: points[i] for i, label in enumerate(every)})
     right = np.array([-heading[1], heading[0]])
     middle = np.median(points[seen][:, [0, 2]], axis=0)
     out = {label: float((points[every.index(label)][[0, 2]] - middle) @ right) for label in on_device}
@@ -101,7 +107,7 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
         tracking=found.tracking,
         weights=found.weights,
         evidence={**found.evidence, **words},
-        unused={**found.unused, **{m: "never seen with the others" for m in every if m not in known}},
+        unused={**found.unused, **resting, **{m: "never seen with the others" for m in every if m not in known}},
         told=f"{told}; {standing.source.replace(chr(92), '/').rpartition('/')[2]} stands",
     )
 
@@ -113,8 +119,11 @@ def place_strangers(
 
     InputError as of `propose_labels`.
     """
-    every, scatter, points, seen = _seen(standing, moving)
-    why = {m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()}
+    resting = _resting(moving)
+    every, scatter, points, seen = _seen(standing, moving, resting)
+    why = resting | {
+        m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()
+    }
     for i, j in _computed(scatter, [m in segment_of for m in every]):
         why[every[i]] = f"keeps its distance from {every[j]} better than markers do: computed"
     seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
@@ -149,9 +158,13 @@ def place_strangers(
     )
 
 
-def _seen(standing: Recording, moving: Sequence[Recording]) -> tuple[list[str], Array, Array, list[int]]:
-    """All labels, (n, n) m scatter of their distances, (n, 3) m where they stand, and the numbers of those seen."""
-    every = list(dict.fromkeys(label for r in (standing, *moving) for label in r.labels))
+def _seen(
+    standing: Recording, moving: Sequence[Recording], resting: Mapping[str, str]
+) -> tuple[list[str], Array, Array, list[int]]:
+    """All labels but what is `resting`, (n, n) m scatter of their distances, (n, 3) m where they stand, and the numbers
+    of those seen.
+    """
+    every = list(dict.fromkeys(m for r in (standing, *moving) for m in r.labels if m not in resting))
     standing_at = standing_points(standing, every)
     scatter = distance_scatter(moving, every, standing_at)
     points = with_missing(standing_at, every, moving, scatter)
@@ -172,10 +185,26 @@ def _computed(scatter: Array, measured: Sequence[bool]) -> list[tuple[int, int]]
 
 def _sway(recording: Recording) -> float:
     """m, RMS distance from its mean place of the marker that moves more than nine in ten."""
-    seen = seen_mask(recording.markers)
-    paths = [recording.markers[seen[:, i], i] for i in range(len(recording.labels)) if seen[:, i].any()]
-    away = [float(np.sqrt(np.square(path - path.mean(axis=0)).sum(axis=1).mean())) for path in paths]
+    away = list(_sways(recording).values())
     return float(np.quantile(away, 0.9)) if len(away) >= FEWEST_MARKERS else np.inf
+
+
+def _resting(moving: Sequence[Recording]) -> dict[str, str]:
+    """Label of what is not on the person, for it stays where the lowest quarter of the markers walks -> why."""
+    out: dict[str, str] = {}
+    for recording in moving:
+        away = _sways(recording)
+        low = sorted((np.nanmean(recording.markers[:, recording.labels.index(m), 1]), m) for m in away)
+        if away and np.median([away[m] for _, m in low[: -(-len(low) // 4)]]) > WALKS_M:
+            out |= {m: "stays where it is while the person walks" for m in away if away[m] < RESTS_M}
+    return out
+
+
+def _sways(recording: Recording) -> dict[str, float]:
+    """Label -> m, RMS distance from its mean place, where it is seen."""
+    seen = seen_mask(recording.markers)
+    paths = {m: recording.markers[seen[:, i], i] for i, m in enumerate(recording.labels) if seen[:, i].any()}
+    return {m: float(np.sqrt(np.square(path - path.mean(axis=0)).sum(axis=1).mean())) for m, path in paths.items()}
 
 
 def _devices(standing: Recording, labels: Sequence[str], knee: float, spread: float) -> list[tuple[str, str, str]]:
@@ -204,7 +233,10 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     middle = 0.5 * (low.max(axis=0) + low.min(axis=0))
     said = float(np.linalg.norm(forward))
     axes = np.linalg.eigh(np.cov(low.T))[1].T
-    headings = [forward / said] if said > BOTH_FEET else [sign * axis for axis in axes for sign in (1.0, -1.0)]
+    walks = said > BOTH_FEET
+    if walks:
+        axes = np.array([forward, [-forward[1], forward[0]]]) / said
+    headings = [sign * axis for axis in axes for sign in (1.0, -1.0)]  # that of the feet first
     usual, spread = (height, HEIGHT_TOLD * height) if height else (HEIGHT_M, HEIGHT_SD_M)
 
     def seen_from(heading: Array) -> Array:
@@ -226,18 +258,39 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     best = {k: min(t for t in tried if t[2] == k) for k in range(len(headings))}
     whole = {
         k: min((place_markers(seen_from(headings[k]), body, best[k][1], evidence) for body in bodies), key=cost)
-        for k in sorted(best, key=lambda k: best[k][0])[:2]
+        for k in {*sorted(best, key=lambda k: best[k][0])[:2], *([0] if walks else [])}
     }
     chosen = min(whole, key=lambda k: cost(whole[k]))
+    if walks and cost(whole[0]) - cost(whole[chosen]) > BEYOND_DOUBT:
+        raise InputError(
+            "it cannot be told which way the person faces: feet swing otherwise than feet and pelvis point, as of who "
+            "walks backward or sideways; a walk forward among the recordings tells it",
+            code=Code.LANDMARKS,
+        )
+    chosen = 0 if walks else chosen
     odds = min((cost(whole[k]) - cost(whole[chosen]) for k in whole if k != chosen), default=np.inf)
-    if odds < BEYOND_DOUBT:
+    if not walks and odds < BEYOND_DOUBT:
         raise InputError(
             "it cannot be told which way the person faces: nobody walks, and feet and pelvis fit forward and backward; "
             "a walk among the recordings tells it",
             code=Code.LANDMARKS,
         )
-    how = f"both feet swing forward (agreement {said:.2f})" if len(headings) == 1 else "feet and pelvis point forward"
+    how = f"both feet swing forward (agreement {said:.2f})" if walks else "feet and pelvis point forward"
     return whole[chosen], headings[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"
+
+
+def _sacral(found: LabelProposal, at: Mapping[str, Array]) -> LabelProposal:
+    """The proposal with a single marker behind the pelvis as that on the sacrum, where it lies in the middle."""
+    back = {name: label for label, name in found.rename.items() if name.startswith(("asis", "psis", "sacrum"))}
+    if len(back) != 3 or not {"asis_r", "asis_l"} <= set(back) or "sacrum" in back:
+        return found
+    (label,) = (label for name, label in back.items() if name.startswith("psis"))
+    across = at[back["asis_r"]] - at[back["asis_l"]]
+    aside = float((at[label] - 0.5 * (at[back["asis_r"]] + at[back["asis_l"]])) @ across / (across @ across))
+    if abs(aside) > ALONE:
+        return found
+    words = f"alone behind the pelvis, {1e3 * abs(aside) * np.linalg.norm(across):.0f} mm from its middle"
+    return replace(found, rename={**found.rename, label: "sacrum"}, evidence={**found.evidence, label: words})
 
 
 def _read_off(labels: Sequence[str], placed: Placed, scatter: Array) -> LabelProposal:

@@ -60,6 +60,14 @@ def test_segments_that_are_missing_or_turned_are_named() -> None:
     poses[:, labels.index("r_shank_4X4"), :3, :3] @= np.diag([-1.0, -1.0, 1.0])
     with pytest.raises(FileFault, match="found wrong: r_shank"):
         points_of_poses(labels, poses)
+    labels, poses = body(np.eye(3))
+    with pytest.raises(FileFault, match="two poses of pelvis_4X4"):
+        points_of_poses([*labels, "Pelvis_4x4"], np.concatenate([poses, poses[:, :1]], axis=1))
+    with pytest.raises(FileFault, match="no frame has a pose .* l_foot_4X4"):
+        points_of_poses(labels, np.where(np.array(labels)[:, None, None] == "l_foot_4X4", np.nan, poses))
+    poses[..., :3, 3] /= 1000.0
+    with pytest.raises(FileFault, match=r"from hip to knee it is 0.0004 m; allowed: 0.1 to 0.8 m; .* POINT:UNITS"):
+        points_of_poses(labels, poses)
 
 
 def test_lost_poses_are_gaps_and_standing_does_not_need_them(data_dir: Path) -> None:

@@ -219,6 +219,21 @@ def test_a_text_recording_becomes_a_c3d(kept: Path, tmp_path: Path) -> None:
     assert same(found["RKneeAngles"][:, 0], motion["knee_angle_r"])
 
 
+@pytest.mark.slow
+def test_a_c3d_of_poses_is_written_with_the_points_that_stand_for_them(data_dir: Path, tmp_path: Path) -> None:
+    """It has no markers of its own beside which ours could stand."""
+    theia = data_dir / "more_labs/theia"
+    done = run("calibrate", theia, "--out", tmp_path / "result", "--mass", "75", "--height", "1.75", "-q")
+    assert done.exit_code == 0, done.output
+    done = run("export", tmp_path / "result", "--format", "c3d", "--inputs", theia)
+    assert done.exit_code == 0 and "written anew: without poses" in done.output, done.output
+    after = read_recording(tmp_path / "result/export/poses.c3d")
+    assert after.labels == read_recording(theia / "poses.c3d").labels
+    found, _ = points(tmp_path / "result/export/poses.c3d")
+    motion = pd.read_csv(tmp_path / "result/motion/poses.csv", comment="#")
+    assert same(found["RKneeAngles"][:, 0], motion["knee_angle_r"])
+
+
 @pytest.mark.parametrize("file", ["children/HC002D/straight.c3d", "pig_c3d/gait.c3d"])
 def test_points_of_a_vendors_names_take_their_place_and_nothing_else_moves(
     file: str, data_dir: Path, tmp_path: Path

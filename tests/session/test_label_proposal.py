@@ -83,6 +83,29 @@ def test_a_walk_tells_which_way_is_forward() -> None:
     assert forward_direction([backward], points, labels)[0] < -0.8
 
 
+def test_a_walk_backward_alone_does_not_exchange_the_sides() -> None:
+    files, _ = nameless(recordings())
+    files["walk"] = replace(files["walk"], markers=files["walk"].markers[::-1])
+    with pytest.raises(InputError, match="feet swing otherwise than feet and pelvis point"):
+        propose_labels(list(files.values()))
+
+
+def test_what_stays_in_the_room_is_on_nobody() -> None:
+    files, _ = nameless(recordings())
+    room = np.array([[0.3, 0.45, 1.2], [0.3, 0.45, 1.5]])
+
+    def with_room(r: Recording) -> Recording:
+        markers = np.concatenate([r.markers, np.repeat(room[None], len(r.time), axis=0)], axis=1)
+        return replace(r, labels=(*r.labels, "X1", "X2"), markers=markers)
+
+    belt = files["walk"].markers.mean(axis=1, keepdims=True) * [1, 0, 1]
+    files["walk"] = replace(files["walk"], markers=files["walk"].markers - belt)  # as on a treadmill
+    alone = propose_labels(list(files.values()))
+    found = propose_labels([with_room(r) for r in files.values()])
+    assert found.unused == dict.fromkeys(("X1", "X2"), "stays where it is while the person walks")
+    assert found.rename == alone.rename and found.tracking == alone.tracking
+
+
 def test_markers_of_a_segment_keep_their_distance() -> None:
     walk = recordings()["walk"]
     scatter = distance_scatter([walk], walk.labels)
@@ -133,7 +156,11 @@ def test_segments_in_real_recordings(person: str, data_dir: Path) -> None:
         labels = tuple(recording.labels[i] for i in known)
         files[recording.source] = replace(recording, labels=labels, markers=recording.markers[:, known])
     files, old = nameless(files)
-    found = {old[m]: segment for m, segment in told(propose_labels(list(files.values()))).items()}
+    proposal = propose_labels(list(files.values()))
+    found = {old[m]: segment for m, segment in told(proposal).items()}
+    sacral = {old[m]: name for m, name in proposal.rename.items() if name.startswith(("psis", "sacrum"))}
+    pair = {"RPSI": "psis_r", "LPSI": "psis_l"}
+    assert sacral == {m: pair.get(m, "sacrum") for m in old.values() if m in pair or m in ("SACR", "V.Sacral")}
     wrong = {m: (right[m], found.get(m, "nowhere")) for m in old.values() if found.get(m) != right[m]}
     assert len(wrong) <= 0.05 * len(old), wrong
     assert not [m for m, (a, b) in wrong.items() if a[:-1] == b[:-1] and a != b], "a leg for the other"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from gaitcal import load_model
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
 from gaitcal.io.csv import write_markers_csv
+from gaitcal.io.segment_poses import upright, with_landmarks
+from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import save_model
 from gaitcal.model.nominal import published_model
 from gaitcal.session.draft import draft_text
@@ -67,6 +70,19 @@ def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
             length = np.linalg.norm(poses[f"{side}_{segment}"][1] - poses[f"{side}_{above}"][1], axis=1).mean()
             centre = {"shank": "kjc", "foot": "ajc"}[segment]
             assert np.linalg.norm(model.landmarks[f"{centre}_{side}"][1]) == pytest.approx(length, abs=1e-3)
+
+
+def test_augmented_markers_beside_key_points_are_the_set() -> None:
+    """OpenCap leaves the key points in the file of the markers that it makes of them."""
+    points = points_recording(0, Errors(place=0.0, turn=0.0), published_model().parameters, gait_motion())
+    augmented = load_marker_set("opencap").labels
+    both = replace(
+        points,
+        labels=(*points.labels, *augmented),
+        markers=np.concatenate([points.markers, np.ones((len(points.time), len(augmented), 3))], axis=1),
+    )
+    assert with_landmarks(points).labels != points.labels
+    assert with_landmarks(both) is both and upright(both) is both
 
 
 @pytest.mark.slow

@@ -285,6 +285,7 @@ def _poses(
     out[..., :3, 3] /= per_metre
     turns = out[..., :3, :3]
     proper = np.abs(turns @ turns.swapaxes(-1, -2) - np.eye(3)).max(axis=(-2, -1)) < ORTHONORMAL
+    proper &= np.linalg.det(np.nan_to_num(turns)) > 0.0
     out[~(proper & (np.abs(out[..., :3, 3]) < ABSURD_M).all(axis=-1))] = np.nan  # lost, or zeros
     return out, names
 
