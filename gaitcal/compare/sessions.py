@@ -255,7 +255,8 @@ def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
     for peak in (peak for peak in PEAKS.values() if peak.variable == variable):
         rows = [[peaks.get(peak.name, UNKNOWN)[:2] for peaks in both] for both in of_strides]
         (values, shared), (_, frames) = np.array(rows).transpose(1, 2, 0)
-        out[peak.measure] = Figure(values, shared, frames)
+        # errors of a range cancel by what both ends share, and may leave more of a part than of the whole
+        out[peak.measure] = Figure(values, shared, np.minimum(frames, shared))
     return out
 
 

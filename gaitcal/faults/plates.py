@@ -340,18 +340,20 @@ def _parts(trial: MarkerEvidence) -> list[tuple[ForcePlate, float, float]]:
 
 
 def body_mass(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
-    """Body mass against all that plates carry: told as wrong where every trial says so, and to the same side."""
+    """Body mass against all that plates carry: told as wrong where a trial says so that no other one contradicts: all
+    weigh nearer to what it weighs than to the mass, as a trial that weighs roughly says little for the mass.
+    """
     told = [(t, *found) for t in trials if (found := _standing(t) or _walking(t)) is not None]
-    excess = [(carried / t.subject.mass - 1.0) / allowed for t, carried, allowed, _, _ in told]
-    wrong = bool(excess) and (min(excess) > 1.0 or max(excess) < -1.0)
-    for (t, _, _, words, cure), beyond in zip(told, excess, strict=True):
+    off = [(carried / t.subject.mass - 1.0, allowed) for t, carried, allowed, _, _ in told]
+    wrong = any(min(other / share for other, _ in off) > 0.5 for share, allowed in off if abs(share) > allowed)
+    for (t, _, _, words, cure), (share, allowed) in zip(told, off, strict=True):
         words += f"; subject.mass_kg is {t.subject.mass:g}"
         if wrong:
             cause = "mass_kg is not what the plates weigh"
             yield t.warning("body mass", words, cure, cause=cause, code=Code.BODY_MASS)
         else:
             others = listed([f"{c:.1f} kg in {o.name}" for o, c, *_ in told if o is not t])
-            words += f": too far off, but not in all trials ({others})" if abs(beyond) > 1.0 else ""
+            words += f": too far off, but not in all trials ({others})" if abs(share) > allowed else ""
             yield t.info("body mass", words, code=Code.BODY_MASS)
 
 

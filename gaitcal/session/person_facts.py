@@ -220,7 +220,8 @@ def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
 
     Three steps in a row that overlap, the third after the first has ended, are a stride from the first's beginning to
     the third's: what the first and the second push in all, wherever in time, carries the body for so long. They are
-    taken for whole where they push alike; None where no stride is.
+    taken for whole where they push alike, and the third's beginning for its strike where both double supports last as
+    long; None where no stride is.
     """
     steps = []
     for plate in plates:
@@ -233,7 +234,8 @@ def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
     for (begin, end, one), (second, off, other), (third, _, _) in zip(
         *(sorted(steps)[k:] for k in range(3)), strict=False
     ):
-        if begin < second < end < third < off and abs(one - other) < ALIKE * one:
+        even = abs((off - third) - (end - second)) < EVEN * (third - begin)
+        if begin < second < end < third < off and even and abs(one - other) < ALIKE * one:
             told.append((one + other) / (GRAVITY * (third - begin)))
     mass = float(np.median(told)) if told else 0.0
     return mass if MASS_KG[0] <= mass <= MASS_KG[1] else None
@@ -257,6 +259,8 @@ ALIKE = 0.1
 """Relative difference from such a factor up to which it is named; and of what two whole steps push."""
 STEP_S = 0.3
 """Shorter loadings are no step of walking."""
+EVEN = 0.03
+"""Of a stride, by which two double supports may differ: a plate loaded later or earlier than that is no strike."""
 
 
 def mass_fault(person: Mapping[str, Known], options: Options, plates: tuple[str, float] | None) -> str:

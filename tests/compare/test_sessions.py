@@ -11,9 +11,9 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
 from gaitcal.compare.comparison import ComparisonRow, osim_words
 from gaitcal.compare.difference import MDC, difference_variance, own_causes, placement, sentence
-from gaitcal.compare.sessions import compare_sessions
+from gaitcal.compare.sessions import compare_sessions, curve_figures
 from gaitcal.compare.shared_model import JointKnowledge, joined, shared_joints
-from gaitcal.compare.stride_sets import Common
+from gaitcal.compare.stride_sets import Common, StrideSet
 from gaitcal.errors import InputError
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.study.joint_prior import JointPrior
@@ -234,3 +234,12 @@ def test_hips_are_told_before_the_rows() -> None:
 def test_nothing_to_tell_is_said() -> None:
     (words,) = osim_words([row("hip_r centre in pelvis, ant", 1.0), row("total mass", 0.1, "kg")])
     assert words.startswith("no centre differs by 5 mm")
+
+
+def test_errors_that_both_ends_of_a_range_share_cancel_in_all_their_parts() -> None:
+    """What the axes have of them differs between the ends, the whole does not."""
+    wave = np.sin(np.linspace(0.0, 2.0 * np.pi, 101))[None]
+    found = StrideSet(values=10.0 * wave, shared=0.0 * wave + 1.0, frames=0.5 + 0.4 * wave, stance=np.array([60.0]))
+    sets = {("r", "pelvis_list"): found}
+    ranges = [d for d in curve_figures(sets, sets, Common.STATIC) if d.measure.startswith("range")]
+    assert ranges and all(d.se_shared == 0.0 for d in ranges)

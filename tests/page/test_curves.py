@@ -289,6 +289,15 @@ def test_what_is_off_takes_no_part(page: Page) -> None:
     assert page.run(f"{traces}.main('l').n") == 1
 
 
+def test_a_number_has_the_error_that_its_band_shows(page: Page) -> None:
+    shown = panel("hip_flexion", "angle")
+    line = f"{shown}.traces.main('l')"
+    for errors, part, words in ((True, "se", "standard error"), (False, "sd", "SD")):
+        page.run(f"gaitcal.state.set({{ spread: 'mean', errors: {str(errors).lower()}, off: new Set() }}); {STEADY}")
+        read = page.run(f"[{shown}.traces.at('l', 50, 0).error, {line}.{part}[50], {shown}.sentence({{ l: 50 }})]")
+        assert read[0] == pytest.approx(read[1]) and f"(mean ± {words}, strides: " in read[2]
+
+
 def test_the_tables_of_peaks_show_what_python_computed(page: Page, walked: Any) -> None:
     """Every row in the chosen unit and sense, with its error, place, spread and strides; external moments by theirs."""
     rows = peak_page_rows(walked[1])

@@ -57,7 +57,7 @@ Gaitcal.Panel = class {
   }
 
   drawing() {
-    const { traces, curves, state } = this;
+    const { traces, curves } = this;
     const { colours, offs, stances } = curves;
     const { percent, lines } = traces;
     const colour = (side) => colours[Gaitcal.LEGS[side] ?? "ink"];
@@ -73,9 +73,8 @@ Gaitcal.Panel = class {
       return { x, y, colour: colour(side), width: weight === "thin" ? 0.8 : 0.7, alpha: 0.45 };
     };
     const main = lines.filter(({ isMain }) => isMain);
-    // The error of the mean where it is known, else the deviation of strides.
     const spread = main.flatMap((line) => {
-      const part = state.errors && line.se ? "se" : "sd";
+      const part = traces.tellsErrors(line) ? "se" : "sd";
       const band = { x: line.x, colour: colour(line.side), alpha: part === "se" ? 0.3 : 0.16 };
       return !line[part] ? [] : [{ ...band, ...Gaitcal.around(stroke(line, line.value).y, line[part]) }];
     });
@@ -166,8 +165,9 @@ Gaitcal.Panel = class {
       .filter(([, text]) => text)
       .map((words) => words.join(" ").trim())
       .join(", ");
-    const counts = ["r", "l"].map((side) => this.traces.main(side)).filter((line) => line?.weight === "mean").map(({ n }) => n);
-    const spread = counts.length ? ` (mean ± SD of ${[...new Set(counts)].join(" and ")} strides)` : "";
+    const means = ["r", "l"].map((side) => this.traces.main(side)).filter((line) => line?.weight === "mean");
+    const part = means.some((line) => this.traces.tellsErrors(line)) ? "standard error" : "SD";
+    const spread = means.length ? ` (mean ± ${part}, strides: ${[...new Set(means.map(({ n }) => n))].join(" and ")})` : "";
     const unit = this.convention.unit(this.subject.kind);
     return `${this.title.textContent}: ${sides || "nothing"} ${unit}${spread} at ${Gaitcal.numeral(this.state.seconds, 2)} s`;
   }

@@ -116,6 +116,9 @@ Gaitcal.Traces = class {
   // The line that a cursor reads on a side.
   main(side) { return this.lines.find((line) => line.side === side && line.isMain) ?? null; }
 
+  // Whether a line is drawn and read with the error of its mean, where it is known; else with the deviation of strides.
+  tellsErrors(line) { return Boolean(this.strides.state.errors && line.se); }
+
   // Value, error and validity of a leg at a time, as the files have them; of means and of angles that are told against
   // the line of a stride, at the leg's place `x` on the axis, null where it has none.
   at(side, x, seconds) {
@@ -140,6 +143,7 @@ Gaitcal.Traces = class {
     };
     const valid = (share === 1 || line.valid[low]) && (share === 0 || line.valid[high]);
     const many = line.weight === "mean" && line.counts[share > 0.5 ? high : low] > 1;
-    return { value: mixed(line.value), error: mixed(many ? line.sd : line.se), valid: Boolean(valid) };
+    const error = mixed(many && !this.tellsErrors(line) ? line.sd : line.se);
+    return { value: mixed(line.value), error, valid: Boolean(valid) };
   }
 };
