@@ -87,8 +87,8 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     if rows.any() and (share := float((on_one_segment(scatter)[rows] > 0).any(axis=1).mean())) < WITH_ANOTHER:
         raise InputError(
             f"{100 * share:.0f} % of the labels keep their distance from another one in all recordings, as markers of "
-            f"one segment do; {100 * WITH_ANOTHER:.0f} % or more are needed: a label has to name the same marker in all "
-            "files",
+            f"one segment do; {100 * WITH_ANOTHER:.0f} % or more are needed: a label has to name the same marker "
+            "in all files",
             code=Code.LANDMARKS,
         )
     forward = forward_direction(moving, points[seen], [every[i] for i in seen])
