@@ -43,6 +43,8 @@ HEIGHT_TOLD = 0.03
 FEWEST_MARKERS = 10
 WALKS_M, RESTS_M = 0.1, 0.01
 """RMS distance from their mean place of markers on feet that walk, on a treadmill, too, and of those in the room."""
+WITH_ANOTHER = 0.75
+"""Share of the markers that another one is on a segment with: all but some wrist, elbow or shoulder."""
 ALONE = 0.09
 """Half as far from the middle as a posterior superior iliac spine, as a share of the distance of the anterior ones."""
 RIGID = 0.1
@@ -81,6 +83,14 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     moving = [r for r in recordings if r is not standing]
     resting = _resting(moving)
     every, scatter, points, seen = _seen(standing, moving, resting)
+    rows = np.isfinite(scatter).any(axis=1)
+    if rows.any() and (share := float((on_one_segment(scatter)[rows] > 0).any(axis=1).mean())) < WITH_ANOTHER:
+        raise InputError(
+            f"{100 * share:.0f} % of the labels keep their distance from another one in all recordings, as markers of "
+            f"one segment do; {100 * WITH_ANOTHER:.0f} % or more are needed: a label has to name the same marker "
+            "in all files",
+            code=Code.LANDMARKS,
+        )
     forward = forward_direction(moving, points[seen], [every[i] for i in seen])
     placed, heading, told = _likeliest(points[seen], _evidence(scatter[np.ix_(seen, seen)]), forward, height)
     still_only = [every[i] for i in seen if not np.isfinite(scatter[i]).any()]

@@ -16,6 +16,7 @@ from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import spline_basis
 from gaitcal.page.scene import MotionScene, Scene, person_scene, trial_scene
 from gaitcal.synthetic.motion import TrueMotion, gait_motion, marker_noise, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.walk import walking_ground
 
 FITTED = gait_parameters("r") + gait_parameters("l")
 
@@ -112,4 +113,5 @@ def long_motion(frames: int) -> TrueMotion:
     q = true.q[np.arange(frames) % cycle].copy()
     q[:, 0] += (np.arange(frames) // cycle) * (true.q[-1, 0] - true.q[0, 0])
     basis = spline_basis(time, max(20, frames // 20))
-    return TrueMotion(basis, basis.fit(q), np.arange(frames) / cycle)
+    phase = np.arange(frames) / cycle
+    return TrueMotion(basis, basis.fit(q), phase, walking_ground(phase))

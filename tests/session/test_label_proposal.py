@@ -90,6 +90,14 @@ def test_a_walk_backward_alone_does_not_exchange_the_sides() -> None:
         propose_labels(list(files.values()))
 
 
+def test_labels_that_name_other_markers_in_another_file_are_refused() -> None:
+    files, _ = nameless(recordings())
+    labels = np.random.default_rng(0).permutation(files["walk"].labels).tolist()
+    files["walk"] = replace(files["walk"], labels=tuple(labels))
+    with pytest.raises(InputError, match="a label has to name the same marker in all files"):
+        propose_labels(list(files.values()))
+
+
 def test_what_stays_in_the_room_is_on_nobody() -> None:
     files, _ = nameless(recordings())
     room = np.array([[0.3, 0.45, 1.2], [0.3, 0.45, 1.5]])
