@@ -276,7 +276,8 @@ def subject(d: Difference) -> str:
 
 def numbers_of(d: Difference) -> tuple[str, ...]:
     """Both sessions, their difference, what could be missed, and how many times that it is."""
-    figures = [f"{value:.3g}" if d.unit in ("m", "m/s", "s") else f"{value:.1f}" for value in (d.a, d.b, d.difference)]
+    digits = 3 if d.unit in ("m", "m/s", "s") else 1
+    figures = [f"{round(value, digits) + 0.0:.{digits}f}" for value in (d.a, d.b, d.difference)]  # + 0.0: no -0.0
     limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.3g}", f"{d.times:.1f}")
     return (*figures, *limit)
 

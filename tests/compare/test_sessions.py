@@ -10,7 +10,7 @@ from scipy.stats import t as student
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
 from gaitcal.compare.comparison import ComparisonRow, osim_words
-from gaitcal.compare.difference import MDC, difference_variance, own_causes, placement, sentence
+from gaitcal.compare.difference import MDC, difference_variance, numbers_of, own_causes, placement, sentence
 from gaitcal.compare.sessions import compare_sessions, curve_figures
 from gaitcal.compare.shared_model import JointKnowledge, joined, shared_joints
 from gaitcal.compare.stride_sets import Common, StrideSet
@@ -114,6 +114,8 @@ def test_negative_values_are_told_as_more_or_less_negative() -> None:
     peak = replace(found[0], name="ankle_angle_moment", kind="moment", unit="N m", a=-86.0, b=-77.0)
     assert "9.0 N m less negative (-77.0 against -86.0)" in sentence(peak)
     assert "9.0 N m more negative" in sentence(replace(peak, a=-77.0, b=-86.0))
+    same_step = replace(peak, unit="s", a=0.6070, b=0.60696)
+    assert numbers_of(same_step)[:3] == ("0.607", "0.607", "0.000")
 
 
 def test_a_recording_in_both_is_said() -> None:
