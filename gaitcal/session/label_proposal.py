@@ -81,7 +81,7 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     """
     standing = min(recordings, key=_sway)
     moving = [r for r in recordings if r is not standing]
-    resting = _resting(moving)
+    resting = _resting(standing, moving)
     every, scatter, points, seen = _seen(standing, moving, resting)
     rows = np.isfinite(scatter).any(axis=1)
     if rows.any() and (share := float((on_one_segment(scatter)[rows] > 0).any(axis=1).mean())) < WITH_ANOTHER:
@@ -129,7 +129,7 @@ def place_strangers(
 
     InputError as of `propose_labels`.
     """
-    resting = _resting(moving)
+    resting = _resting(standing, moving)
     every, scatter, points, seen = _seen(standing, moving, resting)
     why = resting | {
         m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()
@@ -199,15 +199,21 @@ def _sway(recording: Recording) -> float:
     return float(np.quantile(away, 0.9)) if len(away) >= FEWEST_MARKERS else np.inf
 
 
-def _resting(moving: Sequence[Recording]) -> dict[str, str]:
-    """Label of what is not on the person, for it stays where the lowest quarter of the markers walks -> why."""
-    out: dict[str, str] = {}
-    for recording in moving:
-        away = _sways(recording)
-        low = sorted((np.nanmean(recording.markers[:, recording.labels.index(m), 1]), m) for m in away)
-        if away and np.median([away[m] for _, m in low[: -(-len(low) // 4)]]) > WALKS_M:
-            out |= {m: "stays where it is while the person walks" for m in away if away[m] < RESTS_M}
-    return out
+def _resting(standing: Recording, moving: Sequence[Recording]) -> dict[str, str]:
+    """Label of what is not on the person -> why: it stays where the lowest quarter of the markers walks, and is at the
+    same place in all recordings, as no foot is that is seen while it stands.
+    """
+    found: set[str] = set()
+    places: dict[str, list[Array]] = {}
+    for recording in (standing, *moving):
+        away, markers = _sways(recording), dict(zip(recording.labels, recording.markers.swapaxes(0, 1), strict=True))
+        for label in away:
+            places.setdefault(label, []).append(np.nanmean(markers[label], axis=0))
+        low = sorted((places[m][-1][1], m) for m in away)
+        if away and recording is not standing and np.median([away[m] for _, m in low[: -(-len(low) // 4)]]) > WALKS_M:
+            found |= {label for label in away if away[label] < RESTS_M}
+    rests = (m for m in found if len(places[m]) > 1 and np.ptp(places[m], axis=0).max() < RESTS_M)
+    return dict.fromkeys(rests, "stays where it is while the person walks")
 
 
 def _sways(recording: Recording) -> dict[str, float]:

@@ -112,6 +112,12 @@ def test_what_stays_in_the_room_is_on_nobody() -> None:
     found = propose_labels([with_room(r) for r in files.values()])
     assert found.unused == dict.fromkeys(("X1", "X2"), "stays where it is while the person walks")
     assert found.rename == alone.rename and found.tracking == alone.tracking
+    lost = files["walk"].markers.copy()
+    lost[8:, files["walk"].labels.index(heel := next(m for m, name in alone.rename.items() if name == "heel_r"))] = (
+        np.nan
+    )
+    files["walk"] = replace(files["walk"], markers=lost)
+    assert propose_labels(list(files.values())).rename[heel] == "heel_r", "seen while it hardly moves"
 
 
 def test_markers_of_a_segment_keep_their_distance() -> None:
