@@ -388,7 +388,10 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
         words = "; ".join(f"{', '.join(group)} with {segment}" for segment, group in further.tracking.items())
         out.append(f"{LIKELY}markers that the set does not know follow what they move with: {words}")
     if further is not None and further.unused:
-        out.append("labels not used: " + ", ".join(f"{label} ({why})" for label, why in further.unused.items()))
+        by_reason: dict[str, list[str]] = {}
+        for label, why in further.unused.items():
+            by_reason.setdefault(why, []).append(label)
+        out.append("labels not used: " + "; ".join(f"{', '.join(group)} ({why})" for why, group in by_reason.items()))
     return (*out, *(f"not used: {row.name}: {row.reason or row.kind}" for row in draft.left_out))
 
 

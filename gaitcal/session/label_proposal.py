@@ -134,8 +134,8 @@ def place_strangers(
     why = resting | {
         m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()
     }
-    for i, j in _computed(scatter, [m in segment_of for m in every]):
-        why[every[i]] = f"keeps its distance from {every[j]} better than markers do: computed"
+    for i, _ in _computed(scatter, [m in segment_of for m in every]):
+        why[every[i]] = "keeps its distance from another one better than markers do: computed"
     seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
     labels, body = [every[i] for i in seen], standing_bodies()[0]
     segments, scatter = np.array(body.segments), scatter[np.ix_(seen, seen)]
