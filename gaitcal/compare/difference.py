@@ -53,7 +53,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
@@ -102,7 +102,7 @@ def spread_of(here: Sequence[Array], other_leg: Sequence[Array]) -> Spread:
 
 def stride_part(spread: Spread, n_a: Array, n_b: Array) -> Array:
     """(m,) variance of the difference of two means by strides; NaN where nothing tells how they vary."""
-    factor = np.where(spread.freedom > 0, student.ppf(0.975, np.maximum(spread.freedom, 1)) / MDC, np.nan)
+    factor = np.where(spread.freedom > 0, stdtrit(np.maximum(spread.freedom, 1), 0.975) / MDC, np.nan)
     both = (n_a > 0) & (n_b > 0)
     each = np.where(both, 1.0 / np.maximum(n_a, 1) + 1.0 / np.maximum(n_b, 1), np.nan)
     out: Array = factor**2 * spread.variance * each

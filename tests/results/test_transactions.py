@@ -9,13 +9,12 @@ from pathlib import Path
 import pytest
 
 import gaitcal.results.trials as trials_module
-from gaitcal.cli import calibrate as dynamics_command
+from gaitcal.cli import calibrate as calibrate_command
 from gaitcal.cli import montecarlo as montecarlo_command
 from gaitcal.cli import other_programs
 from gaitcal.errors import InputError
 from gaitcal.io.result_folder import listed, locked, sha256_of
 from gaitcal.results.saved import load_result
-from gaitcal.session import calibrate as person_calibrate
 from gaitcal.study import study as study_module
 from gaitcal.study.study import Study
 from tests.commands import content, run
@@ -94,7 +93,7 @@ def test_no_other_command_comes_between_reading_and_writing(folder: Path, monkey
 def test_dynamics_of_a_model_that_changes_meanwhile(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = content(folder / "result/dynamics")
     path = folder / "result" / name
-    monkeypatch.setattr(dynamics_command, "analyse", after(dynamics_command.analyse, lambda: edit(path)))
+    monkeypatch.setattr(calibrate_command, "analyse", after(calibrate_command.analyse, lambda: edit(path)))
     with pytest.raises(InputError, match=f"{name}: {CHANGED}"):
         run("dynamics", folder / "result", second_trial(folder))
     assert content(folder / "result/dynamics") == before
@@ -125,7 +124,7 @@ def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pyte
 def test_inputs_that_change_while_calibrating_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder / "study/walk.csv"
     was = sha256_of(path)
-    monkeypatch.setattr(person_calibrate, "calibrate", after(person_calibrate.calibrate, lambda: edit(path)))
+    monkeypatch.setattr(calibrate_command, "calibrate", after(calibrate_command.calibrate, lambda: edit(path)))
     told = run("calibrate", folder / "study/study.toml", "--out", folder / "new").stdout
     assert "warning: changed while this ran, the result is of what was read: walk.csv; run again" in told
     manifest = json.loads((folder / "new/manifest.json").read_text(encoding="utf-8"))

@@ -36,10 +36,9 @@ def test_walk_against_walk(data_dir: Path, tmp_path: Path) -> None:
     assert len(joints) == 54
     assert np.mean([not d.exceeds for d in joints]) >= EXPECTED
     assert any(d.difference != 0.0 for d in joints)
-    shared = compare_with_shared_model(*results, studies)
-    parameters = shared.parameters
+    comparison, parameters = compare_with_shared_model(*results, studies)
     assert (parameters["a_shared"] == parameters["b_shared"]).all()
     ratio = parameters[["a_shared_se", "b_shared_se"]].to_numpy() / parameters[["a_alone_se", "b_alone_se"]].to_numpy()
     assert np.median(ratio) < 1.0
-    assert shared.comparison.common is Common.SHARED_FRAMES
-    assert not [d for d in shared.comparison.found if d.kind.startswith("joint")]
+    assert comparison.common is Common.SHARED_FRAMES
+    assert not [d for d in comparison.found if d.kind.startswith("joint")]
