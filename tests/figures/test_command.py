@@ -262,8 +262,6 @@ def test_drawing_alone_loads_matplotlib() -> None:
     """Every command waits for what it imports."""
     unwanted = ("matplotlib", "scipy.signal", "scipy.stats")
     heavy = f"print([m for m in {unwanted} if m in sys.modules], 'PIL' in sys.modules)"
-        "print([m for m in ('matplotlib', 'scipy.signal', 'scipy.stats') if m in sys.modules], 'PIL' in sys.modules)"
-    )
     for named, draws_pdf in (("gaitcal.cli.calibrate, gaitcal.results.calibration", False), ("gaitcal.cli.view", True)):
         program = f"import sys, {named}; {heavy}"
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
