@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import PureWindowsPath
 
 import numpy as np
 
@@ -118,7 +119,7 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
         weights=found.weights,
         evidence={**found.evidence, **words},
         unused={**found.unused, **resting, **{m: "never seen with the others" for m in every if m not in known}},
-        told=f"{told}; {standing.source.replace(chr(92), '/').rpartition('/')[2]} stands",
+        told=f"{told}; {PureWindowsPath(standing.source).name} stands",
     )
 
 
@@ -134,7 +135,7 @@ def place_strangers(
     why = resting | {
         m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()
     }
-    for i, _ in _computed(scatter, [m in segment_of for m in every]):
+    for i in _computed(scatter, [m in segment_of for m in every]):
         why[every[i]] = "keeps its distance from another one better than markers do: computed"
     seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
     labels, body = [every[i] for i in seen], standing_bodies()[0]
@@ -185,12 +186,12 @@ def _seen(
     return every, scatter, points, seen
 
 
-def _computed(scatter: Array, measured: Sequence[bool]) -> list[tuple[int, int]]:
-    """Points that keep their distance from another one far better than any two `measured` markers do, and which one."""
+def _computed(scatter: Array, measured: Sequence[bool]) -> list[int]:
+    """Numbers of the points that keep their distance from another one far better than any two `measured` markers do."""
     apart = np.where(np.isfinite(scatter), scatter, np.inf)
     np.fill_diagonal(apart, np.inf)
     least = apart[np.ix_(measured, measured)].min(initial=np.inf)
-    return [(i, int(row.argmin())) for i, row in enumerate(apart) if row.min() < RIGID * least]
+    return [i for i, row in enumerate(apart) if row.min() < RIGID * least]
 
 
 def _sway(recording: Recording) -> float:

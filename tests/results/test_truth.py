@@ -36,9 +36,10 @@ from tests.page.page_words import page_words
 
 pytestmark = pytest.mark.slow
 
-SAME_ANGLE, SAME_PLACE = 0.1, 0.05
-"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; in a walk alone, what an ankle does and what skin
-over the shank does with it are nearly one (0.06 deg). The documented 0.02 deg of leg angles are RMS."""
+SAME_ANGLE, SAME_PLACE = 0.05, 0.05
+"""deg, mm: a C3D's 32-bit millimetres, and priors that pull a little; the documented 0.02 deg of leg angles are RMS."""
+SAME_ANKLE = 0.06
+"""deg, of a walk alone: what an ankle does and what skin over the shank does with it are nearly one."""
 SAME_TORQUE = 1.0
 """N·m: nominal masses are off by up to 10 %."""
 DIGITS = {"rtol": 1e-9, "atol": 1e-12}
@@ -67,7 +68,7 @@ def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) ->
     assert set(legs) == {name for name in COORDINATES if leg_of(name)}
     for name, curve in legs.items():
         assert curve.rms is not None
-        assert curve.rms < SAME_ANGLE, name
+        assert curve.rms < (SAME_ANKLE if name.startswith("ankle") else SAME_ANGLE), name
         assert np.ptp(curve.truth) > 1.0, name
     for name, curve in walk.forces.items():
         if leg_of(name):
