@@ -65,6 +65,12 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         session.config.cache.set("gaitcal/skipped", sorted(_skipped))
 
 
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """A test that asks for another program needs the extra `peers`: nobody has to remember to mark it."""
+    if not {"osim", "mujoco"}.isdisjoint(getattr(item, "fixturenames", ())):
+        item.add_marker(pytest.mark.peers)
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Those that another run skipped, where they are asked for.

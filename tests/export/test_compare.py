@@ -268,7 +268,6 @@ def test_a_function_nobody_knows_is_told_where_it_is_needed(published: SubjectMo
         compare(published, tmp_path / "m.osim")
 
 
-@pytest.mark.peers
 def test_no_function_is_zero_in_opensim_too(osim: Any, data_dir: Path, tmp_path: Path) -> None:
     tree = ET.parse(data_dir / REAL[0])
     for axis in tree.iter("TransformAxis"):
@@ -292,7 +291,6 @@ def test_no_function_is_zero_in_opensim_too(osim: Any, data_dir: Path, tmp_path:
         np.testing.assert_allclose(ours, theirs.to_numpy(), atol=PEER_POSE)
 
 
-@pytest.mark.peers
 @pytest.mark.parametrize("name", REAL)
 def test_poses_are_those_of_opensim(osim: Any, data_dir: Path, name: str) -> None:
     """All joints we understand, knee with its splines at several angles, against OpenSim itself."""

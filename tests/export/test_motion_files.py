@@ -138,7 +138,6 @@ def test_external_loads_refuse(tmp_path: Path) -> None:
         write_external_loads(tmp_path, TIME, wrenches)
 
 
-@pytest.mark.peers
 def test_opensim_reads_the_tables(osim: Any, tmp_path: Path) -> None:
     q, tau = table(6, len(COORDINATES)), table(7, len(COORDINATES))
     tau[2, 3] = np.nan

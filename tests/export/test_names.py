@@ -101,7 +101,6 @@ def test_urdf_reader_finds_every_marker(nasty: SubjectModel, tmp_path: Path) -> 
     assert all(peer.existFrame(f"marker_{safe_name(name)}", pin.FrameType.BODY) for name in NASTY)
 
 
-@pytest.mark.peers
 def test_opensim_finds_every_marker(osim: Any, nasty: SubjectModel, tmp_path: Path) -> None:
     write_osim(nasty, tmp_path / "m.osim")
     model = osim.Model(str(tmp_path / "m.osim"))

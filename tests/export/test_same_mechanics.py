@@ -59,7 +59,6 @@ def assert_same(model: SubjectModel, states: list[State], answers: Answers, forc
     np.testing.assert_allclose(markers, [our_markers(model, s.q) for s in states], rtol=0, atol=POSITION_TOLERANCE)
 
 
-@pytest.mark.peers
 @pytest.mark.parametrize("seed", VARIANTS)
 def test_opensim(osim: Any, published: SubjectModel, tmp_path: Path, seed: int) -> None:
     model, states = variant(published, seed), random_states(abs(seed))
@@ -67,7 +66,6 @@ def test_opensim(osim: Any, published: SubjectModel, tmp_path: Path, seed: int) 
     assert_same(model, states, opensim_answers(osim, tmp_path / "model.osim", model.markers.labels, states))
 
 
-@pytest.mark.peers
 @pytest.mark.parametrize("seed", VARIANTS)
 def test_mujoco(mujoco: Any, published: SubjectModel, tmp_path: Path, seed: int) -> None:
     model, states = variant(published, seed), random_states(abs(seed))
@@ -119,7 +117,6 @@ def test_osim_locks_what_is_held_at_zero(published: SubjectModel, tmp_path: Path
     assert {c.name for joint in joints for c in joint.coordinates if c.locked} == set(ARM)
 
 
-@pytest.mark.peers
 def test_opensim_with_coordinates_held_at_zero(osim: Any, published: SubjectModel, tmp_path: Path) -> None:
     model = replace(published, frozen=ARM)
     write_osim(model, tmp_path / "model.osim")
@@ -131,14 +128,12 @@ def test_opensim_with_coordinates_held_at_zero(osim: Any, published: SubjectMode
         np.testing.assert_allclose(peer.forces(state), our_forces(model, state), rtol=0, atol=FORCE_TOLERANCE)
 
 
-@pytest.mark.peers
 def test_mujoco_with_coordinates_held_at_zero(mujoco: Any, published: SubjectModel, tmp_path: Path) -> None:
     model, states = replace(published, frozen=ARM), random_states(7, still=ARM)
     write_mjcf(model, tmp_path / "model.xml")
     assert_same(model, states, mujoco_answers(mujoco, tmp_path / "model.xml", model.markers.labels, states))
 
 
-@pytest.mark.peers
 def test_opensim_integrates_the_model_forwards(osim: Any, published: SubjectModel, tmp_path: Path) -> None:
     """The massless talus lies between bodies with mass: accelerations exist, and are those of our own mass matrix."""
     write_osim(published, tmp_path / "model.osim")
@@ -151,7 +146,6 @@ def test_opensim_integrates_the_model_forwards(osim: Any, published: SubjectMode
     np.testing.assert_allclose(our_forces(published, falling), 0.0, atol=FORCE_TOLERANCE)
 
 
-@pytest.mark.peers
 def test_mujoco_refuses_what_we_refuse_to_write(osim: Any, published: SubjectModel, tmp_path: Path) -> None:
     inertial = published.parameters.inertial.copy()
     inertial[4] = inertial[5] + inertial[6] + 0.001  # the pelvis' first moment

@@ -56,12 +56,10 @@ def assert_ours(walk: Walk, answers: Answers) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.peers
 def test_opensim(osim: Any, walk: Walk) -> None:
     assert_ours(walk, opensim_answers(osim, walk.folder / "model.osim", walk.model.markers.labels, walk.states))
 
 
-@pytest.mark.peers
 def test_mujoco(mujoco: Any, walk: Walk) -> None:
     assert_ours(walk, mujoco_answers(mujoco, walk.folder / "model.xml", walk.model.markers.labels, walk.states))
 
@@ -70,7 +68,6 @@ def test_pinocchio(walk: Walk) -> None:
     assert_ours(walk, urdf_answers(walk.folder / "model.urdf", walk.model.markers.labels, walk.states))
 
 
-@pytest.mark.peers
 def test_inverse_dynamics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
     """Coordinates and ground reactions from the files; velocities and accelerations are those of OpenSim's splines."""
     motion = shutil.copy(walk.folder / "motion/walk.mot", tmp_path)
@@ -81,7 +78,6 @@ def test_inverse_dynamics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.peers
 def test_inverse_kinematics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
     """OpenSim's solver stops early, at an accuracy of 1e-5: the real trunk and arm markers, which weigh a fiftieth and
     are missed by centimetres, are then still 0.6 mm from the optimum that it reaches with 1e-7.
