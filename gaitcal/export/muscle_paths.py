@@ -100,27 +100,30 @@ def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str
         state = model.initSystem()
         found = model.getMuscles()
         muscles = [found.get(i) for i in range(found.getSize())]
+        rest = opensim.Vector(state.getQ())
         for name, values in ranges.items():
             coordinate = model.getCoordinateSet().get(name)
-            rest = coordinate.getValue(state)
             lengths = np.empty((len(values), len(muscles)))
-            arms = np.zeros((len(values), len(muscles)))
-            for number in (False, True):  # lengths tell which moment arms are asked for
-                crossing = np.ptp(lengths, axis=0) > CROSSES if number else np.zeros(len(muscles), dtype=bool)
-                for i, value in enumerate(values):
-                    coordinate.setValue(state, float(value), False)
-                    model.assemble(state)
+            postures = []
+            for i, value in enumerate(values):
+                coordinate.setValue(state, float(value), False)
+                model.realizePosition(state)
+                if np.abs(state.getQErr().to_numpy()).max(initial=0.0) > model.get_assembly_accuracy():
+                    model.assemble(state)  # takes longer than all the rest, and only a patella needs it
                     model.realizePosition(state)
-                    if number:
-                        for k in np.flatnonzero(crossing):
-                            arms[i, k] = muscles[k].computeMomentArm(state, coordinate)
-                    else:
-                        lengths[i] = [m.getLength(state) for m in muscles]
-            coordinate.setValue(state, rest, True)
-            for k in np.flatnonzero(np.ptp(lengths, axis=0) > CROSSES):
+                postures.append(opensim.Vector(state.getQ()))
+                lengths[i] = [m.getLength(state) for m in muscles]
+            crossing = np.flatnonzero(np.ptp(lengths, axis=0) > CROSSES)
+            arms = np.empty((len(values), len(crossing)))
+            for i, posture in enumerate(postures):
+                state.setQ(posture)
+                model.realizePosition(state)
+                arms[i] = [muscles[k].computeMomentArm(state, coordinate) for k in crossing]
+            state.setQ(rest)
+            for k, arm in zip(crossing, arms.T, strict=True):
                 muscle = muscles[k].getName()
                 out[muscle, name] = MusclePath(
-                    muscle=muscle, coordinate=name, values=values, length=lengths[:, k], arm=arms[:, k]
+                    muscle=muscle, coordinate=name, values=values, length=lengths[:, k], arm=arm
                 )
     except RuntimeError as error:
         message = f"OpenSim cannot use it: {' '.join(str(error).split())[:300]}"

@@ -30,7 +30,7 @@ from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from scripts.validation.muscles import OFF, disturbed
-from tests.export.osim_people import person_of
+from scripts.validation.osim_people import person_of
 from tests.export.test_compare import in_old_format, in_other_frames
 from tests.kept import kept_result
 
