@@ -62,6 +62,12 @@ class MuscleChange:
         return int(np.argmax(np.abs(self.after.arm - self.before.arm)))
 
     @property
+    def lengthened(self) -> float:
+        """m, the largest change of its length, with its sign."""
+        by = self.after.length - self.before.length
+        return float(by[np.argmax(np.abs(by))])
+
+    @property
     def new_jumps(self) -> tuple[float, ...]:
         """rad, where the muscle jumps that did not before."""
         return tuple(v for v in self.after.jumps if v not in self.before.jumps)
@@ -139,6 +145,13 @@ def muscle_changes(
     return sorted(both, key=lambda c: -float(np.abs(c.after.arm - c.before.arm).max()))
 
 
+def arm_deviations(change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]) -> Array | None:
+    """(n,) m, standard deviations of its moment arm over draws of the model; None with fewer than two."""
+    key = change.before.muscle, change.before.coordinate
+    arms = np.array([draw[key].arm for draw in draws if key in draw])
+    return arms.std(axis=0, ddof=1) if len(arms) > 1 else None
+
+
 MUSCLES_HEADER = "muscle,coordinate,deg,length_before_mm,length_after_mm,arm_before_mm,arm_after_mm,arm_sd_mm"
 
 
@@ -146,15 +159,13 @@ def muscles_csv(changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[s
     """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws."""
     lines = [MUSCLES_HEADER]
     for change in changes:
-        key = change.before.muscle, change.before.coordinate
-        arms = np.array([draw[key].arm for draw in draws if key in draw])
-        spread = 1e3 * arms.std(axis=0, ddof=1) if len(arms) > 1 else None
+        key, spread = (change.before.muscle, change.before.coordinate), arm_deviations(change, draws)
         for k, value in enumerate(change.before.values):
             figures = (
                 (p.length[k] for p in (change.before, change.after)),
                 (p.arm[k] for p in (change.before, change.after)),
             )
             words = [f"{1e3 * x:.4f}" for pair in figures for x in pair]
-            last = "" if spread is None else f"{spread[k]:.4f}"
+            last = "" if spread is None else f"{1e3 * spread[k]:.4f}"
             lines.append(",".join([f'"{key[0]}"', f'"{key[1]}"', f"{np.degrees(value):.3f}", *words, last]))
     return "\n".join(lines) + "\n"
