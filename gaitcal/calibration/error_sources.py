@@ -256,7 +256,7 @@ def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, nodes:
     x = problem.positions(nodes, constants)
     residual = x - data.measured
     least = 0.0 if problem.noise is None else 1e-3 * problem.noise.size_mm
-    of_one = _first_alike(data.measured)
+    of_one = np.arange(len(data.segment)) if problem.noise is None else _first_alike(data.measured)
     inverse = _frame_inverses(problem, constants, q)
     matrix = basis.matrices[0]
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
@@ -280,10 +280,9 @@ def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, nodes:
 
 
 def _first_alike(measured: Array) -> IntArray:
-    """(nm,) of each point of (nm, 3, nf) m the first one that is the same: a key point is one of two segments, and errs
-    alike in both.
-    """
-    return np.array([next(k for k in range(m + 1) if np.array_equal(measured[k], measured[m])) for m in range(len(measured))])
+    """(nm,) of each point of (nm, 3, nf) m the first that is the same: a key point of two segments errs once."""
+    _, first, which = np.unique(measured.reshape(len(measured), -1), axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[which.ravel()])
 
 
 def _frame_inverses(problem: MotionProblem, constants: ChainConstants, q: Array) -> Array:
