@@ -348,22 +348,27 @@ def conventions_data() -> dict[str, Any]:
 
 
 def _peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
-    """Over the straight strides of trials of a page."""
+    """Over the straight strides, or repetitions, of trials of a page."""
     return peak_means(
-        (trial["name"], s["side"], {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()})
+        (
+            trial.get("activity", WALKING),
+            trial["name"],
+            s["side"],
+            {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()},
+        )
         for trial in trials
-        if trial.get("activity", WALKING) == WALKING
         for s in trial["strides"]
         if not s["turns"]
     )
 
 
 def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of peaks, over the straight strides of all trials, each with what the legs have of it."""
-    rows: dict[str, dict[str, Any]] = {}
+    """Rows of the table of peaks of each activity, over its straight strides, each with what the legs have of it."""
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
     for mean in _peaks(data["trials"]):
         peak = mean.peak
         row = {
+            "activity": mean.activity,
             "base": coordinate_of(peak.variable),
             "kind": kind_of(peak.variable).words,
             "title": peak.title(),
@@ -373,7 +378,7 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
         leg = {name: rounded(value) for name, value in figures.items()}
-        rows.setdefault(peak.name, row)[mean.side] = {**leg, "n": mean.n, "strides": mean.strides}
+        rows.setdefault((mean.activity, peak.name), row)[mean.side] = {**leg, "n": mean.n, "strides": mean.strides}
     return list(rows.values())
 
 
