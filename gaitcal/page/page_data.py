@@ -107,7 +107,7 @@ def calibration_page_data(
     ]
     return {
         **person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
-        "lines": top_lines(calibration, _peaks(trials)),
+        "lines": top_lines(calibration, page_peaks(trials)),
         "trials": trials,
         "sections": result_sections(calibration, norm, manifest, scores),
     }
@@ -151,7 +151,7 @@ def further_page_data(
     person = person_page_data(model.subject, verdict)
     return {
         **person,
-        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials, _peaks(of_trials))],
+        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials, page_peaks(of_trials))],
         "trials": of_trials,
         "sections": {} if origin is None else further_sections(origin),
     }
@@ -346,7 +346,7 @@ def conventions_data() -> dict[str, Any]:
     }
 
 
-def _peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
+def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
     """Over the straight strides, or repetitions, of trials of a page."""
     return peak_means(
         (
@@ -364,7 +364,7 @@ def _peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
 def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Rows of the table of peaks of each activity, over its straight strides, each with what the legs have of it."""
     rows: dict[tuple[str, str], dict[str, Any]] = {}
-    for mean in _peaks(data["trials"]):
+    for mean in page_peaks(data["trials"]):
         peak = mean.peak
         row = {
             "activity": mean.activity,

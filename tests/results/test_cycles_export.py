@@ -366,7 +366,7 @@ def test_without_a_stride_a_sentence_stands_in_place_of_sheets(made: Path, tmp_p
         for trial in data["page.json"]["trials"]:
             trial["strides"] = []
     content = report_content(folder, None, {"kinetics": "kept"})
-    assert {sheet.without for sheet in content.sheets} == {"No curves: no walk has a complete stride."}
+    assert {sheet.without for sheet in content.sheets} == {"No curves: there is no complete stride or repetition."}
     assert "result.html" in _no_curves({})  # a study of squats
     printed = [part.text for part in _story(content, 500.0, 700.0) if hasattr(part, "text")]
     assert printed.count(content.sheets[0].without) == 2 and "kept" in printed
