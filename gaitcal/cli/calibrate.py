@@ -28,7 +28,7 @@ from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.events import activity_events
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.io.event_table import events_beside
+from gaitcal.io.csv import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.results.calibration import PAGE, write_results
 from gaitcal.results.saved import SavedResult, load_result

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.gait.norms import SPEEDS
+from gaitcal.gait.normal_bands import SPEEDS, bands_file, read_normal_bands
 from scripts.tools import walking_person
 
 SHARE = 0.75
