@@ -237,7 +237,7 @@ class Teller:
         """A motion of the true linkage, with its forces where wrenches (nf, 2, 6) on the feet are given."""
         time = motion.basis.time
         finer = np.interp(np.arange(FINER * (len(time) - 1) + 1) / FINER, np.arange(len(time)), time)
-        true = to_bspline(motion.basis, motion.nodes)(finer)
+        true = to_bspline(motion.basis, motion.coefficients)(finer)
         spline = make_interp_spline(
             finer, self._coordinates(self.parameters, true, true + self._standing_off), k=DEGREE
         )

@@ -193,7 +193,7 @@ def outcome(folder: Path, seed: int, errors: Errors, *, points: bool) -> Outcome
 def against(found: Calibration, parameters: Parameters, motion: TrueMotion, wrench: Array) -> Outcome:
     """A calibrated walk against what was walked."""
     (walk,) = found.trials
-    state = [motion.basis.evaluate(motion.nodes, derivative) for derivative in range(3)]
+    state = [motion.basis.evaluate(motion.coefficients, derivative) for derivative in range(3)]
     true = Dynamics(parameters).forces(*state, wrench)
     here, there = body_poses(found.model.parameters, walk.body.q), body_poses(parameters, motion.q)
     loads = walk.loads
