@@ -256,6 +256,7 @@ def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, coeffi
     x = problem.positions(coefficients, constants)
     residual = x - data.measured
     least = 0.0 if problem.noise is None else 1e-3 * problem.noise.size_mm
+    of_one = np.arange(len(data.segment)) if problem.noise is None else _first_alike(data.measured)
     inverse = _frame_inverses(problem, constants, q)
     matrix = basis.matrices[0]
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
@@ -274,8 +275,14 @@ def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, coeffi
             inflated = inflated * np.maximum(least / np.maximum(spread, 1e-9), 1.0)
         pull = velocity * (data.weight[m] * inflated)
         for i in range(3):
-            by_node[:, own, 3 * m + i] = (pull[:, i] @ matrix).T
+            by_node[:, own, 3 * of_one[m] + i] += (pull[:, i] @ matrix).T
     return by_node.reshape(basis.nodes * nq, -1)
+
+
+def _first_alike(measured: Array) -> IntArray:
+    """(nm,) of each point of (nm, 3, nf) m the first that is the same: a key point of two segments errs once."""
+    _, first, which = np.unique(measured.reshape(len(measured), -1), axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[which.ravel()])
 
 
 def _frame_inverses(problem: MotionProblem, constants: ChainConstants, q: Array) -> Array:

@@ -6,7 +6,8 @@ Two people that OpenSim simulated walk once (`opensim_truth`). In their models t
 mm off, across their axes, as nothing tells where along it a hinge is; `gaitcal.export.into_osim` brings them back by
 what calibration finds.
 
-back      without noise: the largest errors of moment arms, and whether their predicted errors are as large
+back      without noise, by the walk, and by isolated trials of hip, knee and ankle, too: the largest errors of moment
+          arms, and whether they are as large as their standard deviations say
 people    with marker noise as published (one sinusoid a marker coordinate), in the static trial, too. Each draw of
           noise has standard deviations of its own, of so many drawn models. Wanted: its 95 % intervals, Student's, hold
           90 to 99 % of the true moment arms of the right leg, in two postures of each coordinate. Both people are
@@ -28,6 +29,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +44,9 @@ from gaitcal.export.muscle_paths import MusclePath, leg_ranges, muscle_paths
 from gaitcal.export.osim_correspondence import LegJoint, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
 from gaitcal.model.linkage import COORDINATES
+from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.motion import marker_noise
+from scripts.validation.error_bars import rms
 from scripts.validation.harness import judged, matching, say, side_by_side
 from scripts.validation.osim_people import person_of
 from scripts.validation.people.drawn import prior_about_truth
@@ -59,6 +63,8 @@ VALUES = (4, 8)
 """Of the thirteen values of a coordinate's range."""
 POSTURES = 1000
 """Of a model whose joints are in place."""
+TRIALS = {"a walk": ("gait",), "a walk and isolated trials": ("gait", "joint")}
+"""Words -> roles."""
 Arms = Mapping[tuple[str, str], MusclePath]
 
 
@@ -94,11 +100,19 @@ class Draw:
     """(n, 2) m."""
 
 
-def draw(person: str, seed: int | None, noise: float, models: int, cache: Path, drawn: bool = False) -> Draw:
-    """`seed`: of the noise (m), None: there is none; `drawn`: the person is a draw from the prior."""
+def draw(
+    person: str,
+    seed: int | None,
+    noise: float,
+    models: int,
+    cache: Path,
+    drawn: bool = False,
+    roles: tuple[str, ...] = ("gait",),
+) -> Draw:
+    """`seed`: of the noise (m), None: without; `drawn`: the person is a draw from the prior; `roles`: of its trials."""
     data = Path(os.environ["GAITCAL_DATA"]).resolve() / "opensim_truth"
     made = isolated_person(person, data, cache, with_gait=True)
-    study = only(made.study, "gait")
+    study = only(made.study, *roles)
     rng = np.random.default_rng(seed)
     if seed is not None:
         recordings = [t.recording for t in study.trials]
@@ -109,7 +123,8 @@ def draw(person: str, seed: int | None, noise: float, models: int, cache: Path, 
     if drawn:
         study, _, _ = prior_about_truth(made, study, rng)
     found = calibrate(study)
-    recorded = dict(zip(COORDINATES, found.trials[0].calibrated.q.T, strict=True))
+    walk = next(t for t in found.trials if t.role is Role.GAIT)
+    recorded = dict(zip(COORDINATES, walk.calibrated.q.T, strict=True))
     source = data / person / MODELS[person]
     with tempfile.TemporaryDirectory() as name:
         wrong, back = disturbed(source, Path(name) / "wrong.osim", across=True), Path(name) / "m.osim"
@@ -142,11 +157,9 @@ def draw(person: str, seed: int | None, noise: float, models: int, cache: Path, 
 def back(chosen: argparse.Namespace) -> dict[str, float]:
     """Errors without noise, in mm and relative to the largest moment arm of the muscle about the coordinate."""
     out = {}
-    for person in matching(chosen.only, MODELS):
-        found = draw(person, None, 0.0, chosen.models, chosen.cache)
-        say(
-            f"{person}: moment arms that come back to 1 % of their largest, errors over their standard deviations (RMS)"
-        )
+    for person, (words, roles) in product(matching(chosen.only, MODELS), TRIALS.items()):
+        found = draw(person, None, 0.0, chosen.models, chosen.cache, roles=roles)
+        say(f"{person}, {words}: arms back to 1 % of their largest; errors over SD, RMS; the worst, mm")
         for coordinate in dict.fromkeys(found.coordinates):
             of = [k for k, c in enumerate(found.coordinates) if c == coordinate]
             error = np.abs(found.errors[of]).max(axis=1)
@@ -154,9 +167,9 @@ def back(chosen: argparse.Namespace) -> dict[str, float]:
             worst = [of[k] for k in np.argsort(-error)[:3]]
             off, sizes = (1e3 * np.abs(x).max(axis=1) for x in (found.errors, found.deviations))
             told = (f"{found.muscles[k]} {off[k]:.2f} (SD {sizes[k]:.2f})" for k in worst)
-            z = float(np.sqrt(np.mean((found.errors[of] / found.deviations[of]) ** 2)))
+            z = rms(found.errors[of] / found.deviations[of])
             say(f"  {coordinate:20}{good:4} of {len(of):3}{z:6.2f}: {', '.join(told)}")
-            out[f"{person} {coordinate}"] = 100.0 * good / len(of)
+            out[f"{person}, {words}: {coordinate}"] = 100.0 * good / len(of)
     return out
 
 
@@ -180,8 +193,7 @@ def held(drawn: bool, chosen: argparse.Namespace) -> dict[str, float]:
     for name, pairs in rows.items():
         error, deviation = np.concatenate(pairs).T
         out[name] = 100.0 * float(np.mean(np.abs(error) <= width * deviation))
-        sizes = (1e3 * float(np.sqrt(np.mean(x**2))) for x in (error, deviation))
-        say(f"{name:20}{out[name]:12.1f}{next(sizes):12.2f}{next(sizes):10.2f}")
+        say(f"{name:20}{out[name]:12.1f}{1e3 * rms(error):12.2f}{1e3 * rms(deviation):10.2f}")
     judged("95 % intervals of moment arms hold", f"{out['all']:.1f} %", "90 to 99 %", met=_holds(out["all"]))
     return out
 

@@ -462,6 +462,12 @@ def of_a_child(tree: ET.ElementTree, size: float = 0.8) -> None:
         element.set("name", f"x{k}")
 
 
+def without_a_body(tree: ET.ElementTree) -> None:
+    bodies = next(tree.iter("BodySet")).find("objects")
+    assert bodies is not None
+    bodies.remove(next(body for body in bodies if body.get("name") == "talus_l"))
+
+
 def misplaced_markers(tree: ET.ElementTree) -> None:
     for k, element in enumerate(tree.iter("Marker")):
         location = element.find("location")
@@ -472,6 +478,7 @@ def misplaced_markers(tree: ET.ElementTree) -> None:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
+        (without_a_body, "joint talocrural_l: found no body talus_l, which it joins"),
         (without_legs, "has no pelvis with two legs of three joints or more"),
         (misplaced_markers, r"its markers lie \d+ mm \(RMS\) from this person's on pelvis; allowed: up to 50 mm"),
         (
