@@ -100,18 +100,20 @@ def unmoved_parameters(free: Sequence[str], joint: str, turned: Mapping[str, flo
     return tuple(name for name in free if name.split(".")[0] in still)
 
 
-def _turns(problem: MotionProblem, nodes: Array, joint: str) -> dict[str, float]:
+def _turns(problem: MotionProblem, coefficients: Array, joint: str) -> dict[str, float]:
     """Coordinate of an isolated joint, without its side -> its range (rad) over a trial."""
-    ranges = dict(zip(problem.chain.coordinates, np.ptp(problem.basis.evaluate(nodes), axis=0).tolist(), strict=True))
+    ranges = dict(
+        zip(problem.chain.coordinates, np.ptp(problem.basis.evaluate(coefficients), axis=0).tolist(), strict=True)
+    )
     return {name: ranges[f"{name}_{joint[-1]}"] for names in _axes(joint).values() for name in names}
 
 
 def turns_of(
-    problems: Sequence[MotionProblem], nodes: Sequence[Array], joints: Sequence[str | None]
+    problems: Sequence[MotionProblem], coefficients: Sequence[Array], joints: Sequence[str | None]
 ) -> dict[str, dict[str, float]]:
     """How far isolated trials move their joints; `joints` names that of each problem, None for gait."""
     out: dict[str, dict[str, float]] = {}
-    for problem, own, joint in zip(problems, nodes, joints, strict=True):
+    for problem, own, joint in zip(problems, coefficients, joints, strict=True):
         if joint is not None:
             found = out.setdefault(joint, {})
             for name, turned in _turns(problem, own, joint).items():
@@ -119,7 +121,7 @@ def turns_of(
     return out
 
 
-def small_turns(problem: MotionProblem, nodes: Array, joint: str) -> tuple[Finding, ...]:
+def small_turns(problem: MotionProblem, coefficients: Array, joint: str) -> tuple[Finding, ...]:
     """Movements of an isolated trial that are too small to show their axis."""
     return tuple(
         Finding(
@@ -132,7 +134,7 @@ def small_turns(problem: MotionProblem, nodes: Array, joint: str) -> tuple[Findi
             leg=joint[-1],
             code=Code.SMALL_MOVEMENT,
         )
-        for name, turned in _turns(problem, nodes, joint).items()
+        for name, turned in _turns(problem, coefficients, joint).items()
         if turned < NEEDED_TURN
     )
 
@@ -222,12 +224,12 @@ def beyond_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Fin
 
 
 def arm_ambiguity(
-    problems: Sequence[MotionProblem], nodes: Sequence[Array], parameters: Parameters
+    problems: Sequence[MotionProblem], coefficients: Sequence[Array], parameters: Parameters
 ) -> Mapping[str, float]:
     """Side -> rad by which its arm is turned from where rigid fits with `parameters` begin, where that is too far."""
     out: dict[str, float] = {}
     arm = [row.name for row in COORDINATE_TABLE.values() if row.group == "arm"]
-    for problem, own in zip(problems, nodes, strict=True):
+    for problem, own in zip(problems, coefficients, strict=True):
         start = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
         apart = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(own - start))))
         median = dict(zip(problem.chain.coordinates, np.median(apart, axis=0).tolist(), strict=True))

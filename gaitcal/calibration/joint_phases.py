@@ -227,7 +227,7 @@ def fit_phase(
         known=known,
     )
     estimate, errors = fit(plan.free)
-    turned = turns_of(plan.problems, estimate.nodes, plan.joints)
+    turned = turns_of(plan.problems, estimate.coefficients, plan.joints)
     frozen: tuple[str, ...] = ()
     if how.prior is None:
         (alone,) = plan.tasks if len(plan.tasks) == 1 else (GAIT,)
@@ -239,9 +239,9 @@ def fit_phase(
         iterations, seconds = iterations + estimate.iterations, seconds + estimate.seconds
     small = [
         finding
-        for problem, nodes, joint in zip(plan.problems, estimate.nodes, plan.joints, strict=True)
+        for problem, coefficients, joint in zip(plan.problems, estimate.coefficients, plan.joints, strict=True)
         if joint
-        for finding in small_turns(problem, nodes, joint)
+        for finding in small_turns(problem, coefficients, joint)
     ]
     weighed = how.equal_weights and how.prior is not None
     summary = Phase(
@@ -399,7 +399,7 @@ def _trunk_and_arms(trials: Sequence[JointProblem], nominal: Parameters, how: Ph
     if not plan.free:
         return []
     found = fit_phase(plan, nominal, how)
-    if turned := arm_ambiguity(problems, found.estimate.nodes, nominal):
+    if turned := arm_ambiguity(problems, found.estimate.coefficients, nominal):
         found = fit_phase(replace(plan, free=without_arms(plan.free, turned)), nominal, how)
     return [replace(found, findings=ambiguous_arm_findings(turned))]
 

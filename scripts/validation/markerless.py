@@ -216,7 +216,7 @@ def made_up(seed: int, folder: Path) -> Walk:
     wrench = residual_free_wrench(parameters, motion)
     write_forces_csv(folder / "walk_forces.csv", plates_under(motion, wrench))
     forces = 'forces = "walk_forces.csv"\nplates = { 1 = "r", 2 = "l" }'
-    state = [motion.basis.evaluate(motion.nodes, derivative) for derivative in range(3)]
+    state = [motion.basis.evaluate(motion.coefficients, derivative) for derivative in range(3)]
     torques = dict(zip(FORCES, Dynamics(parameters).forces(*state, wrench).T, strict=True))
     return Walk(body_poses(parameters, motion.q), motion.basis.time, parameters.mass, 1.70, forces, torques)
 

@@ -96,9 +96,9 @@ def test_an_arm_far_from_where_its_markers_begin(
     """Whole turns are none; most of the time counts, not a moment."""
     body, _ = random_trial(np.random.default_rng(4), PARAMETERS, frames=60, nodes=10)
     start = starting_nodes(body.chain, body.constants(PARAMETERS), body.data, body.basis)
-    nodes = start.copy()
-    nodes[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += turn * LARGEST_ARM_TURN + whole
-    turned = arm_ambiguity([body, body], [start, nodes], PARAMETERS)
+    coefficients = start.copy()
+    coefficients[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += turn * LARGEST_ARM_TURN + whole
+    turned = arm_ambiguity([body, body], [start, coefficients], PARAMETERS)
     assert list(turned) == ([side] if found else [])
     if found:
         assert turned[side] == pytest.approx(turn * LARGEST_ARM_TURN)
