@@ -28,7 +28,7 @@ from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
 from gaitcal.gait.cycles import WALKING, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import explained
-from gaitcal.gait.norms import FREE_WORDS, Norm
+from gaitcal.gait.normal_bands import FREE_WORDS, Norm
 from gaitcal.gait.peaks import Figure, PeakMean, peak_means
 from gaitcal.gait.profile_score import Score, score_title
 from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, OF_BOTH_LEGS
@@ -37,7 +37,6 @@ from gaitcal.model.anthropometry import looks_like_child
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, SEGMENT_ANGLES
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.page.fit import fit_blocks
 from gaitcal.page.joints import joint_blocks
 from gaitcal.page.plain_data import (
     Block,
@@ -54,7 +53,7 @@ from gaitcal.page.plain_data import (
 from gaitcal.page.provenance import Origin, further_sections, provenance_blocks, recorded_blocks
 from gaitcal.page.summary import TONES, clinician_blocks, further_lines, top_lines
 from gaitcal.page.trial_data import trial_page_data
-from gaitcal.page.trust import trust_blocks
+from gaitcal.page.trust import fit_blocks, trust_blocks
 from gaitcal.session.result import Calibration, TrialResult
 
 PAGE_DATA: Final = "page.json"
@@ -108,7 +107,7 @@ def calibration_page_data(
     ]
     return {
         **person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
-        "lines": top_lines(calibration, _peaks(trials)),
+        "lines": top_lines(calibration, page_peaks(trials)),
         "trials": trials,
         "sections": result_sections(calibration, norm, manifest, scores),
     }
@@ -152,7 +151,7 @@ def further_page_data(
     person = person_page_data(model.subject, verdict)
     return {
         **person,
-        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials, _peaks(of_trials))],
+        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials, page_peaks(of_trials))],
         "trials": of_trials,
         "sections": {} if origin is None else further_sections(origin),
     }
@@ -347,23 +346,28 @@ def conventions_data() -> dict[str, Any]:
     }
 
 
-def _peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
-    """Over the straight strides of trials of a page."""
+def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
+    """Over the straight strides, or repetitions, of trials of a page."""
     return peak_means(
-        (trial["name"], s["side"], {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()})
+        (
+            trial.get("activity", WALKING),
+            trial["name"],
+            s["side"],
+            {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()},
+        )
         for trial in trials
-        if trial.get("activity", WALKING) == WALKING
         for s in trial["strides"]
         if not s["turns"]
     )
 
 
 def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of peaks, over the straight strides of all trials, each with what the legs have of it."""
-    rows: dict[str, dict[str, Any]] = {}
-    for mean in _peaks(data["trials"]):
+    """Rows of the table of peaks of each activity, over its straight strides, each with what the legs have of it."""
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for mean in page_peaks(data["trials"]):
         peak = mean.peak
         row = {
+            "activity": mean.activity,
             "base": coordinate_of(peak.variable),
             "kind": kind_of(peak.variable).words,
             "title": peak.title(),
@@ -373,7 +377,7 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
         leg = {name: rounded(value) for name, value in figures.items()}
-        rows.setdefault(peak.name, row)[mean.side] = {**leg, "n": mean.n, "strides": mean.strides}
+        rows.setdefault((mean.activity, peak.name), row)[mean.side] = {**leg, "n": mean.n, "strides": mean.strides}
     return list(rows.values())
 
 

@@ -12,10 +12,10 @@ from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
 from gaitcal.compare.comparison import ComparisonRow, osim_words
 from gaitcal.compare.difference import MDC, difference_variance, numbers_of, own_causes, placement, sentence
 from gaitcal.compare.sessions import compare_sessions, curve_figures
-from gaitcal.compare.shared_model import JointKnowledge, joined, shared_joints
 from gaitcal.compare.stride_sets import Common, StrideSet
 from gaitcal.errors import InputError
 from gaitcal.model.parameters import JP_INDEX
+from gaitcal.results.shared_model import JointKnowledge, joined, shared_joints
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import ParameterPriorTable
 from tests.compare.made_sessions import NAMES, SD, SHARED, made_session, placed_anew
@@ -116,7 +116,9 @@ def test_negative_values_are_told_as_more_or_less_negative() -> None:
     assert "9.0 N m more negative" in sentence(replace(peak, a=-77.0, b=-86.0))
     lowest = replace(peak, name="knee_adduction_moment", measure="lowest in terminal stance", a=-11.8, b=-8.4)
     told = "knee abduction moment, terminal stance: 3.4 N m less (8.4 against 11.8)"
-    assert told in sentence(lowest) and numbers_of(lowest)[:3] == ("11.8", "8.4", "-3.4"), "in the sense in which it acts"
+    assert told in sentence(lowest) and numbers_of(lowest)[:3] == ("11.8", "8.4", "-3.4"), (
+        "in the sense in which it acts"
+    )
     same_step = replace(peak, unit="s", a=0.6070, b=0.60696)
     assert numbers_of(same_step)[:3] == ("0.607", "0.607", "0.000")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -14,10 +16,13 @@ from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.motion.motion import track
 from gaitcal.session.movement import Shows, movement, standing
+from gaitcal.study.study_file import load_study_file
+from gaitcal.synthetic import subject
 from gaitcal.synthetic.motion import ground_on_feet, standing_pose, static_motion
-from gaitcal.synthetic.movements import Activity
+from gaitcal.synthetic.movements import Activity, Movement
 from gaitcal.synthetic.movements import movement as made_up
 from gaitcal.synthetic.subject import footholds, on_the_floor, recording_of, synthetic_model
+from tests.commands import gaitcal
 
 FLYING_N = 10.0
 """Of a body in flight that weighs 680 N."""
@@ -25,9 +30,29 @@ TORQUE_NM = {Activity.JUMP: 3.0, Activity.RUN: 5.5}
 """RMS over valid frames and joints: what the knots of the tracked motion make of a landing (2.7, 5.0); else 1."""
 REPEATS = {Activity.SQUAT: 2, Activity.SIT_TO_STAND: 1, Activity.JUMP: 1}
 """From rest to rest, of both legs."""
+PHASES = {
+    Activity.SQUAT: ("lowering", "rising"),
+    Activity.SIT_TO_STAND: ("rising", "lowering"),
+    Activity.JUMP: ("lowering", "push-off", "flight", "landing", "rising"),
+}
 LEAST_STRIDES = 1
 LEFT_ON_SEAT = 0.1
 """Of body weight, where torques count again."""
+
+
+def test_command_writes_a_trial_of_each_movement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stands = static_motion(standing=standing_pose())
+    monkeypatch.setattr(subject, "ISOLATED_JOINTS", ())
+    monkeypatch.setattr(subject, "two_strides", lambda _: stands)
+    monkeypatch.setattr(subject, "movement", lambda *_: Movement(motion=stands))
+    words = ("synthesize", "--out", str(tmp_path / "person"), "--movement", "sit-to-stand", "--movement")
+    refused = gaitcal(*words, "stars")
+    assert refused.returncode == 2 and "sit-to-stand, jump, run, stairs" in refused.stderr
+    done = gaitcal(*words, "stairs")
+    assert done.returncode == 0, done.stderr
+    trials = {trial.name: trial.role for trial in load_study_file(tmp_path / "person/study.toml").trials}
+    assert trials == {"static": "static", "gait": "gait", "sit_to_stand": "motion", "stairs": "motion"}
+    assert (tmp_path / "person/truth/stairs_motion.csv").exists()
 
 
 @pytest.mark.slow
@@ -36,7 +61,7 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     model = synthetic_model(np.random.default_rng(), perturb=False)
     found = made_up(activity, model.parameters)
     motion, ground = found.motion, ground_on_feet(model.parameters, found.motion)
-    state = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
+    state = [motion.basis.evaluate(motion.coefficients, k) for k in range(3)]
     truth = Dynamics(model.parameters).forces(*state, ground.wrench)
     up, share = ground.wrench[:, :, 1], ground.load_share.sum(axis=1)
     flies, sits = share == 0, (share > 0) & (share < 1.0 - 1e-9)
@@ -69,5 +94,6 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     cycles = strides_of(events)
     if activity in REPEATS:
         assert [len(cycles[side]) for side in SIDES] == [REPEATS[activity]] * 2 and not events.events
+        assert {tuple(name for name, _ in cycle.parts) for cycle in events.repeats} == {PHASES[activity]}
     else:
         assert min(len(of) for of in cycles.values()) >= LEAST_STRIDES and not events.repeats
