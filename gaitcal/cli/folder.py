@@ -18,6 +18,7 @@ from gaitcal.faults.study import check_file, check_study
 from gaitcal.faults.verdict import stopping
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.atomic import atomic_text, real_path
+from gaitcal.io.formats import MARKER_READERS
 from gaitcal.session.draft import (
     STUDY,
     Draft,
@@ -117,6 +118,8 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | Dra
     InputError
         A folder with several study files, or from which no study follows.
     """
+    if path.suffix.lower() in MARKER_READERS and path.is_file():
+        raise UsageError("is a recording; name its folder, with the static trial in it, or a study file", source=path)
     if not path.is_dir():
         _no_options_beside(path, options)
         return path

@@ -178,7 +178,7 @@ def _subject(draft: Draft) -> list[str]:
     if "age_years" not in draft.person:
         lines.append("# age_years =   # no file says it; tables of masses and norms of gait go by it")
     if "session_date" not in draft.person:
-        lines.append('# session_date = "2016-03-09"   # no file says it; with birth_date it gives the age')
+        lines.append('# session_date = "YYYY-MM-DD"   # no file says it; with birth_date it gives the age')
     lines.append("# For reports and tables, where wanted: birth_date, diagnosis, affected_side, aids, laboratory")
     return [*lines, ""]
 
