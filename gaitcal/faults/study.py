@@ -25,9 +25,11 @@ from gaitcal.faults import (
     static_landmarks,
 )
 from gaitcal.faults.cluster import Stance
+from gaitcal.faults.contradiction import PossibleMove, possible_moves
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
 from gaitcal.findings import Finding, Severity
+from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import remembered, with_one_blas_thread
@@ -172,6 +174,16 @@ def placed_by_motion(study: Study) -> tuple[Study, tuple[knocked.Placement, ...]
             break
         placed, found = knocked.with_placement(placed, static[0], one), (*found, one)
     return placed, found
+
+
+@remembered
+def moves_since_static(study: Study) -> dict[str, dict[str, PossibleMove]]:
+    """Trial -> segment that it is fitted by -> what its markers may have done since the static trial."""
+    out = dict[str, dict[str, PossibleMove]]()
+    for t in _looked_at(study)[2] if study.marker_set.noise is None else ():
+        fitted = SEGMENTS if t.trial.joint is None else joint_segments(t.trial.joint)
+        out[t.name] = {s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted}
+    return out
 
 
 @remembered
