@@ -28,7 +28,7 @@ from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.events import activity_events
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.io.event_table import events_beside
+from gaitcal.io.csv import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.results.calibration import PAGE, write_results
 from gaitcal.results.saved import SavedResult, load_result
@@ -303,12 +303,14 @@ SEED = 2009
 whose true moments have their peaks within 2 standard deviations of people's (`scripts/tools/walking_person.py`)."""
 
 
-def write_subject(console: Console, out: Path, *, seed: int, noise: bool, perturb: bool) -> None:
+def write_subject(
+    console: Console, out: Path, *, seed: int, noise: bool, perturb: bool, movement: list[str] | None
+) -> None:
     """Write a synthetic subject as a study folder."""
     kept = require_room(out, ResultKind.SYNTHETIC)
     with console.working() as step:
         step("writing C3D files of the synthetic subject")
-        study = synthesize(out, seed=seed, noise=noise, perturb=perturb)
+        study = synthesize(out, seed=seed, noise=noise, perturb=perturb, also=movement or ())
     tell_kept(console, kept)
     console.line(f"study: {study}")
     console.line(f"truth: {study.parent / PARAMETERS}, {study.parent / CURVES}")

@@ -76,6 +76,12 @@ Noise = Annotated[bool, typer.Option("--noise", help="Add the published marker n
 Perturb = Annotated[
     bool, typer.Option("--perturb", help="Draw the true parameters at random within the published bounds.")
 ]
+Movements = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--movement", help="A trial more, of squat, sit-to-stand, jump, run or stairs; may be given several times."
+    ),
+]
 Sensitivities = Annotated[
     bool, typer.Option(help="What the paper does not say: trial length, end of re-fits, centre of pressure.")
 ]

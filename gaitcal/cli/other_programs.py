@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,10 +16,10 @@ from gaitcal.cli.options import MODELS
 from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError, UsageError, nearest
-from gaitcal.export.joint_moves import Verdict, carried_csv, joints_csv
-from gaitcal.export.joint_transfer import CalibratedOsim, into_osim
+from gaitcal.export.account import AccountTable, joint_tables, muscle_table, sentences
+from gaitcal.export.joint_moves import carried_csv, joints_csv
+from gaitcal.export.joint_transfer import into_osim
 from gaitcal.export.muscle_paths import (
-    MuscleChange,
     MusclePath,
     leg_ranges,
     muscle_changes,
@@ -29,6 +29,7 @@ from gaitcal.export.muscle_paths import (
 )
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
+from gaitcal.figures.plain_page import listed, plain_page, plain_table, warning
 from gaitcal.findings import Finding, note_of
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.atomic import atomic_bytes, atomic_text, disk_errors
@@ -271,7 +272,8 @@ def export_into(
         inertial=saved.uncertainty.inertial,
         follow=attachments == FOLLOW,
     )
-    for text in (*saved.files.remarks, *map(note_of, saved.doubts)):
+    warnings = (*saved.files.remarks, *map(note_of, saved.doubts))
+    for text in warnings:
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
     atomic_bytes(out, done.content)
@@ -284,7 +286,11 @@ def export_into(
         console.line(f"removed, as of an earlier run: {', '.join(str(p.relative_to(out.parent)) for p in earlier)}")
     if done.carried:
         atomic_text(out.with_suffix(".attachments.csv"), carried_csv(done.carried))
-    _tell_joints(console, done)
+    tables, said = [*joint_tables(done)], [*sentences(done)]
+    for table in tables:
+        _tell_table(console, table)
+    for text in said:
+        console.line(text)
     drawn = [_draws_folder(out) / f"{k + 1:03d}.osim" for k in range(draws)]
     with console.working() as step:
         rng = np.random.default_rng(seed)
@@ -302,12 +308,17 @@ def export_into(
                 step(f"muscles of draw {k + 1} of {len(drawn)}")
                 spread.append(muscle_paths(path, ranges))
             atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread))
+            tables.append(muscle_table(changes, spread))
     console.line()
     if muscles:
-        _tell_muscles(console, changes)
+        _tell_table(console, tables[-1])
     else:
-        console.line("muscles: not computed; --muscles has OpenSim compute lengths and moment arms before and after")
-    written = (".osim", ".joints.csv", *[".attachments.csv"] * bool(done.carried), *[".muscles.csv"] * muscles)
+        said.append("muscles: not computed; --muscles has OpenSim compute lengths and moment arms before and after")
+        console.line(said[-1])
+    facts = (("result", str(result)), ("model", str(model)), ("now", str(out)))
+    page = account_page(out.name, (("person", saved.model.subject.name), *facts), warnings, said, tables)
+    atomic_text(out.with_suffix(".html"), page)
+    written = (".osim", ".html", ".joints.csv", *[".attachments.csv"] * bool(done.carried), *[".muscles.csv"] * muscles)
     for end in written:
         console.line(f"wrote {out.with_suffix(end)}")
     if drawn:
@@ -320,68 +331,35 @@ def export_into(
             console.line("all draws have the same masses: the result holds no errors of them")
 
 
-def _tell_joints(console: Console, done: CalibratedOsim) -> None:
-    """What was found, and a row for either end of every joint."""
-    legs = {leg.ours: leg for leg in done.legs}
-    laid = frameless_table(("segment", "body"), ("markers", "shared", "apart mm"))
-    for r in done.registrations:
-        laid.add_row(r.segment, Text(r.body), str(r.markers), str(r.common), f"{1e3 * r.rms:.1f}")
-    console.out.print(laid)
+def account_page(
+    name: str,
+    facts: Sequence[tuple[str, str]],
+    warnings: Iterable[str],
+    said: Iterable[str],
+    tables: Iterable[AccountTable],
+) -> str:
+    """The page of what was done to a model: what was read, what to know, and whole tables."""
+    parts = [
+        plain_table("What was read and written", facts[0], facts[1:], name="who"),
+        *map(warning, warnings),
+        listed(said),
+    ]
+    for t in tables:
+        parts += [f'<h2>{t.title}</h2><p class="soft">{t.says}</p>']
+        parts += [plain_table(t.title, (*t.words, *t.numbers), t.rows, words=len(t.words))]
+    return plain_page(f"What the export did to {name}", parts)
+
+
+def _tell_table(console: Console, told: AccountTable) -> None:
+    table = frameless_table(told.words, told.numbers)
+    shown = told.rows[:SHOWN] if told.of_muscles else told.rows
+    for row in shown:
+        table.add_row(*map(Text, row))
+    console.out.print(table)
+    if len(told.rows) > len(shown):
+        console.line(f"and {len(told.rows) - len(shown)} more in the file")
     console.line()
-    table = frameless_table(("joint", "theirs", "in body"), ("moved mm", "+-", "turned deg", "+-"))
-    for move in done.joints:
-        found_by = legs[move.joint].found_by if move.joint in legs else ""
-        theirs = move.theirs if found_by in ("", "name") else f"{move.theirs} (by {found_by})"
-        ends = [end for end in (move.parent, move.child) if end is not None]
-        if not ends:
-            table.add_row(move.joint, Text(theirs), "", "left" if theirs else "none", "", "", "")
-        for k, end in enumerate(ends):
-            numbers = (1e3 * end.moved, 1e3 * end.errors[0], np.degrees(end.turn), np.degrees(end.errors[1]))
-            words = [f"{x:.1f}" if np.isfinite(x) else "" for x in numbers]
-            table.add_row("" if k else move.joint, Text("" if k else theirs), Text(end.body), *words)
-    console.out.print(table)
-    if done.masses:
-        weights = frameless_table(("segment", "bodies"), ("kg", "now"))
-        for m in done.masses:
-            weights.add_row(m.segment, Text(", ".join(m.bodies)), f"{m.theirs:.2f}", f"{m.ours:.2f}")
-        console.line()
-        console.out.print(weights)
-    for verdict in (Verdict.UNDETERMINED, Verdict.ABSENT):
-        if which := [move.joint for move in done.joints if move.verdict is verdict]:
-            console.line(f"{', '.join(which)}: {verdict.value}")
-    for move in done.joints:
-        if max(1e3 * move.rolls[0], np.degrees(move.rolls[1])) > TOLD:
-            console.line(
-                f"{move.theirs} rolls, or cannot turn as the bones are turned: "
-                f"as the person stands, it and our hinge differ by {1e3 * move.rolls[0]:.1f} mm, "
-                f"{np.degrees(move.rolls[1]):.1f} deg"
-            )
-    if done.carried:
-        points = frameless_table(("muscle",), ("points carried", "farthest mm"))
-        for muscle in done.carried[:SHOWN]:
-            points.add_row(Text(muscle.muscle), str(muscle.points), f"{1e3 * muscle.farthest:.1f}")
-        console.line()
-        console.out.print(points)
-        if (rest := len(done.carried) - SHOWN) > 0:
-            console.line(f"and {rest} more, by up to {1e3 * done.carried[SHOWN].farthest:.1f} mm")
-    for note in done.notes:
-        console.line(f"note: {note}")
 
 
-TOLD = 0.1
-"""mm, deg: standing bones that are off by more are told."""
 SHOWN = 12
-"""Muscles on the screen; the file has all."""
-
-
-def _tell_muscles(console: Console, changes: Sequence[MuscleChange]) -> None:
-    table = frameless_table(("muscle", "coordinate"), ("moment arm mm", "after", "at deg", "new jumps"))
-    for change in changes[:SHOWN]:
-        k = change.worst
-        before, after = 1e3 * change.before.arm[k], 1e3 * change.after.arm[k]
-        at = np.degrees(change.before.values[k])
-        names = Text(change.before.muscle), Text(change.before.coordinate)
-        table.add_row(*names, f"{before:.1f}", f"{after:.1f}", f"{at:.0f}", str(len(change.new_jumps)))
-    console.out.print(table)
-    if len(changes) > SHOWN:
-        console.line(f"and {len(changes) - SHOWN} more in the file")
+"""Muscles on the screen; the files have all."""

@@ -100,7 +100,13 @@ def convert(
 
 
 @command("calibrate:write_subject")
-def synthesize(out: Out, seed: told.Seed = 0, noise: told.Noise = False, perturb: told.Perturb = False) -> None:
+def synthesize(
+    out: Out,
+    seed: told.Seed = 0,
+    noise: told.Noise = False,
+    perturb: told.Perturb = False,
+    movement: told.Movements = None,
+) -> None:
     """A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth."""
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -107,6 +107,12 @@ class Bone:
         out: Array = self.now + self.turn @ (from_middle + (self.stretch - 1.0) * long)
         return out
 
+    def seen_from(self, frame: pin.SE3) -> Bone:
+        """The same in the axes of a frame in the body."""
+        turn = frame.rotation.T
+        was, now = frame.actInv(self.was), frame.actInv(self.now)
+        return replace(self, was=was, now=now, turn=turn @ self.turn @ turn.T, along=turn @ self.along)
+
     @property
     def rigid(self) -> pin.SE3:
         """The same without the stretch."""
@@ -153,28 +159,37 @@ Change = tuple[ET.Element, tuple[str, ...], tuple[Array, ...]]
 
 def carried(document: OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Change]:
     """What changes in the document: points and wraps that are fixed to these bodies, markers excepted."""
-    source = document.source
+    source, bone_at = document.source, _by_frame(document, bones)
     for element in document.model.iter() if bones else ():
-        body = _fixed_to(element)
-        if body not in bones or element.tag == "Marker":
+        bone = bone_at.get(_fixed_to(element))
+        if bone is None or element.tag == "Marker":
             continue
         if element.find("location") is not None:  # of a moving point, too, in OpenSim 3
             place = read_numbers(element, "location", source, count=3)
-            yield element, ("location",), (bones[body].point(place),)
+            yield element, ("location",), (bone.point(place),)
         if element.tag == "MovingPathPoint":
-            yield from _moving_point(element, bones[body], document)
-    for body, bone in bones.items():
-        for wrap in document.body(body).findall("WrapObjectSet/objects/*"):
-            at, angles = (read_numbers(wrap, tag, source, count=3) for tag in ("translation", "xyz_body_rotation"))
-            turned = bone.turn @ from_body_fixed_xyz(angles)
-            yield wrap, ("translation", "xyz_body_rotation"), (bone.point(at), body_fixed_xyz(turned))
+            yield from _moving_point(element, bone, document)
+    for body in bones:
+        for path, _, frame in document.frames_of(body):
+            for wrap in frame.findall("WrapObjectSet/objects/*"):
+                at, angles = (read_numbers(wrap, tag, source, count=3) for tag in ("translation", "xyz_body_rotation"))
+                turned = bone_at[path].turn @ from_body_fixed_xyz(angles)
+                yield wrap, ("translation", "xyz_body_rotation"), (bone_at[path].point(at), body_fixed_xyz(turned))
+
+
+def _by_frame(document: OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
+    """Path of a body or of an offset frame in it, from the body on -> how the bone goes, in the axes of the frame."""
+    return {path: bone.seen_from(pose) for body, bone in bones.items() for path, pose, _ in document.frames_of(body)}
 
 
 def _fixed_to(element: ET.Element) -> str:
-    """The body that an element with a place is fixed to, of either generation of files; empty where it has none."""
+    """The path, from a body on, of what an element with a place is fixed to, of either generation of files; empty where
+    it has none.
+    """
     found = (socket_of(element, tag) for tag in ("socket_parent_frame", "socket_frame"))
     named = next((e for e in (*found, element.find("body")) if e is not None), None)
-    return "" if named is None else (named.text or "").strip().rpartition("/")[2]
+    text = "" if named is None else (named.text or "").strip()
+    return text.rpartition("bodyset/")[2].rpartition("../")[2]
 
 
 def _moving_point(element: ET.Element, bone: Bone, document: OsimDocument) -> Iterator[Change]:
@@ -208,11 +223,11 @@ class CarriedPoints:
 
 def carried_by_muscles(document: OsimDocument, bones: Mapping[str, Bone]) -> tuple[CarriedPoints, ...]:
     """Every muscle with such points, the one with the farthest first."""
-    out = []
+    out, bone_at = [], _by_frame(document, bones)
     for force in document.model.findall("ForceSet/objects/*") if bones else ():
         moves = []
         for point in force.iter():
-            bone = bones.get(_fixed_to(point))
+            bone = bone_at.get(_fixed_to(point))
             if bone is not None and point.find("location") is not None:
                 place = read_numbers(point, "location", document.source, count=3)
                 moves.append(float(np.linalg.norm(bone.point(place) - place)))

@@ -62,6 +62,12 @@ class MuscleChange:
         return int(np.argmax(np.abs(self.after.arm - self.before.arm)))
 
     @property
+    def lengthened(self) -> float:
+        """m, the largest change of its length, with its sign."""
+        by = self.after.length - self.before.length
+        return float(by[np.argmax(np.abs(by))])
+
+    @property
     def new_jumps(self) -> tuple[float, ...]:
         """rad, where the muscle jumps that did not before."""
         return tuple(v for v in self.after.jumps if v not in self.before.jumps)
@@ -100,27 +106,30 @@ def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str
         state = model.initSystem()
         found = model.getMuscles()
         muscles = [found.get(i) for i in range(found.getSize())]
+        rest = opensim.Vector(state.getQ())
         for name, values in ranges.items():
             coordinate = model.getCoordinateSet().get(name)
-            rest = coordinate.getValue(state)
             lengths = np.empty((len(values), len(muscles)))
-            arms = np.zeros((len(values), len(muscles)))
-            for number in (False, True):  # lengths tell which moment arms are asked for
-                crossing = np.ptp(lengths, axis=0) > CROSSES if number else np.zeros(len(muscles), dtype=bool)
-                for i, value in enumerate(values):
-                    coordinate.setValue(state, float(value), False)
-                    model.assemble(state)
+            postures = []
+            for i, value in enumerate(values):
+                coordinate.setValue(state, float(value), False)
+                model.realizePosition(state)
+                if np.abs(state.getQErr().to_numpy()).max(initial=0.0) > model.get_assembly_accuracy():
+                    model.assemble(state)  # takes longer than all the rest, and only a patella needs it
                     model.realizePosition(state)
-                    if number:
-                        for k in np.flatnonzero(crossing):
-                            arms[i, k] = muscles[k].computeMomentArm(state, coordinate)
-                    else:
-                        lengths[i] = [m.getLength(state) for m in muscles]
-            coordinate.setValue(state, rest, True)
-            for k in np.flatnonzero(np.ptp(lengths, axis=0) > CROSSES):
+                postures.append(opensim.Vector(state.getQ()))
+                lengths[i] = [m.getLength(state) for m in muscles]
+            crossing = np.flatnonzero(np.ptp(lengths, axis=0) > CROSSES)
+            arms = np.empty((len(values), len(crossing)))
+            for i, posture in enumerate(postures):
+                state.setQ(posture)
+                model.realizePosition(state)
+                arms[i] = [muscles[k].computeMomentArm(state, coordinate) for k in crossing]
+            state.setQ(rest)
+            for k, arm in zip(crossing, arms.T, strict=True):
                 muscle = muscles[k].getName()
                 out[muscle, name] = MusclePath(
-                    muscle=muscle, coordinate=name, values=values, length=lengths[:, k], arm=arms[:, k]
+                    muscle=muscle, coordinate=name, values=values, length=lengths[:, k], arm=arm
                 )
     except RuntimeError as error:
         message = f"OpenSim cannot use it: {' '.join(str(error).split())[:300]}"
@@ -136,6 +145,13 @@ def muscle_changes(
     return sorted(both, key=lambda c: -float(np.abs(c.after.arm - c.before.arm).max()))
 
 
+def arm_deviations(change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]) -> Array | None:
+    """(n,) m, standard deviations of its moment arm over draws of the model; None with fewer than two."""
+    key = change.before.muscle, change.before.coordinate
+    arms = np.array([draw[key].arm for draw in draws if key in draw])
+    return arms.std(axis=0, ddof=1) if len(arms) > 1 else None
+
+
 MUSCLES_HEADER = "muscle,coordinate,deg,length_before_mm,length_after_mm,arm_before_mm,arm_after_mm,arm_sd_mm"
 
 
@@ -143,15 +159,13 @@ def muscles_csv(changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[s
     """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws."""
     lines = [MUSCLES_HEADER]
     for change in changes:
-        key = change.before.muscle, change.before.coordinate
-        arms = np.array([draw[key].arm for draw in draws if key in draw])
-        spread = 1e3 * arms.std(axis=0, ddof=1) if len(arms) > 1 else None
+        key, spread = (change.before.muscle, change.before.coordinate), arm_deviations(change, draws)
         for k, value in enumerate(change.before.values):
             figures = (
                 (p.length[k] for p in (change.before, change.after)),
                 (p.arm[k] for p in (change.before, change.after)),
             )
             words = [f"{1e3 * x:.4f}" for pair in figures for x in pair]
-            last = "" if spread is None else f"{spread[k]:.4f}"
+            last = "" if spread is None else f"{1e3 * spread[k]:.4f}"
             lines.append(",".join([f'"{key[0]}"', f'"{key[1]}"', f"{np.degrees(value):.3f}", *words, last]))
     return "\n".join(lines) + "\n"

@@ -89,6 +89,17 @@ class OsimDocument:
         """The element of a body."""
         return next(e for e in self.model.findall("BodySet/objects/Body") if e.get("name", "") == name)
 
+    def frames_of(self, name: str) -> Iterator[tuple[str, pin.SE3, ET.Element]]:
+        """A body and the offset frames in it (OpenSim 4): path from the body on, pose in the body, element."""
+        held = [(name, pin.SE3.Identity(), self.body(name))]
+        while held:
+            path, pose, element = held.pop()
+            yield path, pose, element
+            for frame in element.findall("components/PhysicalOffsetFrame"):
+                if _named(frame, "socket_parent").rpartition("/")[2] in ("..", path.rpartition("/")[2]):
+                    place = pose * _place(frame, *TAGS_4, self.source)
+                    held.append((f"{path}/{frame.get('name', '')}", place, frame))
+
     def mass_centre(self, name: str) -> Array:
         """(3,) m, of a body, in it."""
         return read_numbers(self.body(name), "mass_center", self.source, count=3)
@@ -328,18 +339,24 @@ def peer_of(document: OsimDocument) -> PeerModel:
     for element in model.findall("JointSet/objects/*"):
         joint = _joint(element, path)
         joints[joint.child] = joint
+    for joint in joints.values():
+        if missing := {joint.parent, joint.child} - masses.keys() - {"ground"}:
+            message = f"found no body {', '.join(sorted(missing))}, which it joins"
+            raise InputError(message, source=path, field=f"joint {joint.name}", code=Code.OTHER_MODEL)
     masses.pop("ground", None)
     if not masses or not joints:
         raise InputError("found no bodies or no joints", source=path, code=Code.OTHER_MODEL)
-    return PeerModel(str(path), masses, joints, _markers(model, path))
+    return PeerModel(str(path), masses, joints, _markers(document, masses))
 
 
-def _markers(model: ET.Element, path: Path) -> dict[str, tuple[str, Array]]:
+def _markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tuple[str, Array]]:
     markers: dict[str, tuple[str, Array]] = {}
-    for marker in model.findall("MarkerSet/objects/Marker"):
-        frame = _named(marker, "socket_parent_frame") or marker.findtext("body") or ""
-        body = frame.strip().rpartition("/")[2]
-        markers[original_name(marker.get("name", ""))] = (body, read_numbers(marker, "location", path, count=3))
+    offset = {path: (body, pose) for body in bodies for path, pose, _ in document.frames_of(body) if path != body}
+    for marker in document.model.findall("MarkerSet/objects/Marker"):
+        frame = (_named(marker, "socket_parent_frame") or marker.findtext("body") or "").strip()
+        body, pose = offset.get(frame.rpartition("bodyset/")[2], (frame.rpartition("/")[2], pin.SE3.Identity()))
+        at = read_numbers(marker, "location", document.source, count=3)
+        markers[original_name(marker.get("name", ""))] = (body, pose.act(at))
     return markers
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Final
 
@@ -20,6 +20,7 @@ from gaitcal.arrays import Array
 from gaitcal.compare.difference import Difference, numbers_of, subject
 from gaitcal.compare.sessions import SessionComparison
 from gaitcal.figures.chart import FAINT, FONT, INK, SIDE_COLOURS, SIDE_DASHES, dress, limits, line_style, new_figure
+from gaitcal.figures.plain_page import Row, listed, plain_page, plain_table, warning
 from gaitcal.figures.report import SALT
 from gaitcal.figures.report_sheets import LEAST, UNITS, CurvePanel
 from gaitcal.gait.conventions import Convention
@@ -33,20 +34,6 @@ if TYPE_CHECKING:
 SHOWN: Final = 40  # Rows of the table of figures; `differences.csv` has all
 COLUMNS: Final = 4
 PANEL: Final = (2.75, 1.75)  # inches
-STYLE: Final = """
-body{font:15px/1.45 system-ui,sans-serif;color:#1a1a1a;background:#fff;margin:0 auto;max-width:1160px;padding:20px}
-h1{font-size:24px;margin:0 0 4px}h2{font-size:18px;margin:26px 0 6px}
-table{border-collapse:collapse;width:100%}th,td{padding:4px 8px;border-bottom:1px solid #ccc;text-align:right}
-th:first-child,td:first-child{text-align:left}thead th{border-bottom:2px solid #333}
-.who{max-width:760px}.who td,.who th{text-align:left}.beyond td,.beyond th{font-weight:650}tbody th{font-weight:400}
-.warning{background:#fff3cd;border-left:4px solid #8a6100;padding:6px 10px;margin:6px 0}.scroll{overflow-x:auto}
-img{width:100%;height:auto}figure{margin:0}figcaption,.soft{color:#484848;font-size:13.5px}
-@media print{body{max-width:none;padding:0;font-size:11px}@page{size:A4;margin:14mm}h2{break-after:avoid}
-tr,figure,.warning{break-inside:avoid}.scroll{overflow:visible}th,td{padding:2px 5px}figure img{max-height:245mm}}
-"""
-POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-
-Row = Sequence[str]
 
 
 def comparison_page(
@@ -72,16 +59,15 @@ def comparison_page(
     facts = [dict(known) for known in people]
     labels = dict.fromkeys(label for known in facts for label in known)
     parts = [
-        f"<h1>{escape(title)}</h1>",
-        _table(
+        plain_table(
             "Person and session",
             ("", *names),
             [(label, *(known.get(label, "–") for known in facts)) for label in labels],
             name="who",
         ),
-        *(f'<p class="warning" role="note">{escape(text)}</p>' for text in comparison.warnings),
+        *map(warning, comparison.warnings),
         "<h2>What differs</h2>",
-        "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in comparison.words) + "</ul>",
+        listed(comparison.words),
     ]
     for sheet, variables in sheets.items():
         if picture := _sheet(comparison, convention, variables):
@@ -96,19 +82,14 @@ def comparison_page(
     if scores:
         against = (f"{name}, against {norm}" if norm else name for name, norm in zip(names, norms, strict=True))
         head = ("deg, ± standard error", *against, "difference")
-        parts += ["<h2>Gait Profile Score and Movement Analysis Profile</h2>", _table("Scores", head, scores)]
+        parts += ["<h2>Gait Profile Score and Movement Analysis Profile</h2>", plain_table("Scores", head, scores)]
     steps = [d for d in comparison.found if d.kind == "spatiotemporal"]
     rest = [d for d in comparison.found if d.kind != "spatiotemporal"]
     parts += [
         *_figures("Steps and phases", names, steps, len(steps)),
         *_figures("All other figures", names, rest, SHOWN),
     ]
-    return (
-        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-        f"<style>{STYLE}</style></head><body><main>{''.join(parts)}</main></body></html>\n"
-    )
+    return plain_page(title, parts)
 
 
 def _figures(title: str, names: tuple[str, str], found: Sequence[Difference], most: int) -> Iterator[str]:
@@ -117,21 +98,10 @@ def _figures(title: str, names: tuple[str, str], found: Sequence[Difference], mo
     yield f"<h2>{title}</h2>"
     rows = figure_rows(found[:most])
     head = ("figure", "unit", *names, "difference", "missed below", "times")
-    yield _table(title, head, rows, beyond=[d.exceeds for d in found[:most]])
+    yield plain_table(title, head, rows, beyond=[d.exceeds for d in found[:most]])
     if len(found) > most:
         yield f'<p class="soft">and {len(found) - most} more in differences.csv</p>'
     yield '<p class="soft">Missed below: minimal detectable change (95 %). Times: difference over it; bold: beyond.</p>'
-
-
-def _table(label: str, head: Row, rows: Iterable[Row], name: str = "", beyond: Sequence[bool] = ()) -> str:
-    top = "".join(f'<th scope="col">{escape(text)}</th>' if text else "<td></td>" for text in head)
-    body = ""
-    for k, (first, *cells) in enumerate(rows):
-        marked = ' class="beyond"' if k < len(beyond) and beyond[k] else ""
-        of_row = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
-        body += f'<tr{marked}><th scope="row">{escape(first)}</th>{of_row}</tr>'
-    table = f'<table class="{name}"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
-    return f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(label)}">{table}</div>'
 
 
 def _sheet(comparison: SessionComparison, convention: Convention, variables: Sequence[str]) -> str:

@@ -28,7 +28,7 @@ from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
 from gaitcal.gait.cycles import WALKING, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import explained
-from gaitcal.gait.norms import FREE_WORDS, Norm
+from gaitcal.gait.normal_bands import FREE_WORDS, Norm
 from gaitcal.gait.peaks import Figure, PeakMean, peak_means
 from gaitcal.gait.profile_score import Score, score_title
 from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, OF_BOTH_LEGS
@@ -37,7 +37,6 @@ from gaitcal.model.anthropometry import looks_like_child
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, SEGMENT_ANGLES
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.page.fit import fit_blocks
 from gaitcal.page.joints import joint_blocks
 from gaitcal.page.plain_data import (
     Block,
@@ -54,7 +53,7 @@ from gaitcal.page.plain_data import (
 from gaitcal.page.provenance import Origin, further_sections, provenance_blocks, recorded_blocks
 from gaitcal.page.summary import TONES, clinician_blocks, further_lines, top_lines
 from gaitcal.page.trial_data import trial_page_data
-from gaitcal.page.trust import trust_blocks
+from gaitcal.page.trust import fit_blocks, trust_blocks
 from gaitcal.session.result import Calibration, TrialResult
 
 PAGE_DATA: Final = "page.json"

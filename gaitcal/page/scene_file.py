@@ -31,8 +31,7 @@ from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
 from gaitcal.page.bone_files import EXTRA
 from gaitcal.page.bone_landmarks import KneeEvidence, PersonLandmarks
-from gaitcal.page.bone_placement import Landmarked, fitted_bones
-from gaitcal.page.knee_axis import knee_axes, knee_words
+from gaitcal.page.bone_placement import Landmarked, fitted_bones, knee_axes, knee_words
 from gaitcal.page.plain_data import LARGEST, base64_of, floats, lengths, script_json
 from gaitcal.page.scene import JointMark, MotionScene, Scene
 

@@ -26,12 +26,10 @@ from gaitcal.model.coordinates import COORDINATE_TABLE, FOOT_PROGRESSION, GROUPS
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.page.fit import trial_fit_blocks
 from gaitcal.page.plain_data import Sections, base64_of, floats, lengths, rounded
 from gaitcal.page.scene import MOST_FRAMES
-from gaitcal.page.stride_use import stride_uses
-from gaitcal.page.summary import gait_numbers, trial_clinician_blocks
-from gaitcal.page.trust import trial_trust_blocks
+from gaitcal.page.summary import gait_numbers, stride_uses, trial_clinician_blocks
+from gaitcal.page.trust import trial_fit_blocks, trial_trust_blocks
 from gaitcal.session.result import Loads, TrialResult, angle_counts
 from gaitcal.session.tables import foot_in_stride, pelvis_in_stride, taken_off, told_powers
 from gaitcal.session.truth_errors import CurveTruth, CurveTruths

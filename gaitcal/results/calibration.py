@@ -16,8 +16,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_external_loads, write_mjcf, write_mot, write_sto_moments, write_urdf
-from gaitcal.gait.normal_bands import Bands
-from gaitcal.gait.norms import Norm, norm_for, own_norm
+from gaitcal.gait.normal_bands import Bands, Norm, norm_for, own_norm
 from gaitcal.gait.profile_score import Score, profile_scores
 from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of

@@ -22,8 +22,7 @@ from gaitcal.gait.conventions import Convention, MomentUnit, Signs
 from gaitcal.gait.cycles import GROUND_REACTION, POINTS, WALKING, Kind, kind_of, known_variables
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
-from gaitcal.gait.normal_bands import BAND_SIGNS, Bands, NormalBand
-from gaitcal.gait.norms import FREE_WORDS, Norm, norm_for, own_norm
+from gaitcal.gait.normal_bands import BAND_SIGNS, FREE_WORDS, Bands, Norm, NormalBand, norm_for, own_norm
 from gaitcal.gait.profile_score import profile_scores
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_object
@@ -32,7 +31,7 @@ from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, person_facts, read_page_data
-from gaitcal.page.stride_use import StrideUse, reason_words, usable_words
+from gaitcal.page.summary import StrideUse, reason_words, usable_words
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.cycles_export import strides_in_convention
 from gaitcal.results.saved import load_result_model

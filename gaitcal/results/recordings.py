@@ -24,7 +24,7 @@ from gaitcal.gait.moments import counted
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d.reader import PER_METRE
 from gaitcal.io.c3d.writer import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d, write_c3d
-from gaitcal.io.event_table import EVENTS
+from gaitcal.io.csv import EVENTS
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, WALKING, typed
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
-from gaitcal.gait.norms import Norm
+from gaitcal.gait.normal_bands import Norm
 from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, stride_peaks
 from gaitcal.gait.profile_score import Score
 from gaitcal.gait.spatiotemporal import MEASURES, Average, MeasureMeans, counting, counts, measure_means

@@ -21,8 +21,16 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.csv import CORNER_HEADER, FACT_HEADER, is_force_header, read_header
-from gaitcal.io.event_table import EVENTS, FOREIGN, is_event_table, read_events
+from gaitcal.io.csv import (
+    CORNER_HEADER,
+    EVENTS,
+    FACT_HEADER,
+    FOREIGN,
+    is_event_table,
+    is_force_header,
+    read_events,
+    read_header,
+)
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import FORCE_READERS, read_forces, read_recording

@@ -37,8 +37,7 @@ from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.still import runs, spans
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, gait_parameters, leg_parameters
-from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.robust import Loss, RobustTracking, robust_tracking
+from gaitcal.motion.motion import Loss, RobustTracking, robust_tracking, tracked_motion
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.runtime import Progress, silent
 from gaitcal.session.result import HeldOut

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.io.event_table import events_beside
+from gaitcal.io.csv import events_beside
 from gaitcal.io.labels import OLDEST, Facts, years_between
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording

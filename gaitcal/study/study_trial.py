@@ -19,7 +19,7 @@ import numpy as np
 from gaitcal.arrays import Array, IntArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.io.event_table import events_beside, with_corrected_events
+from gaitcal.io.csv import events_beside, with_corrected_events
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, seen_mask

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.errors import UsageError
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.force_plate import point_and_torque
 from gaitcal.io.recording import ForcePlate, Recording
@@ -85,20 +86,21 @@ def synthesize(
     seed : the same seed gives the same files.
     noise : add the paper's marker noise, up to 10 mm (`synthetic/motion.py`); the static trial has none.
     perturb : draw the true parameters at random within 10 mm, 10 degrees and 10 %; else they are the published ones.
-    also : movements that are no walk, each as a trial more: squat, sit_to_stand, jump, run, stairs.
+    also : movements that are no walk, each as a trial more: squat, sit-to-stand, jump, run, stairs.
 
     Raises
     ------
     InputError
-        The folder cannot be written, or holds files that are not ours.
+        The folder cannot be written, or holds files that are not ours; `also` names no such movement.
     """
+    activities = [_activity(name) for name in also]
     folder = Path(out)
     person, noise_waves = _generators(seed)
     model, tracking = synthetic_model(person, perturb=perturb), published_model().markers.labels
     pose = standing_pose(model.parameters)
     trials = {"static": static_motion(standing=pose), **{j: isolated_motion(j, pose) for j in ISOLATED_JOINTS}}
     trials["gait"] = two_strides(model.parameters)
-    movements = {name: movement(Activity(name), model.parameters) for name in also}
+    movements = {activity.value: movement(activity, model.parameters) for activity in activities}
     trials |= {name: found.motion for name, found in movements.items()}
     with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
         entries = []
@@ -120,8 +122,17 @@ def synthesize(
         (target / "study.toml").write_text(study.to_toml(), encoding="utf-8")
         write_truth(target, model, curves)
         made = {"gaitcal": "synthetic subject", "seed": seed, "noise": noise, "perturb": perturb}
+        made |= {"movements": [*movements]} if movements else {}
         (target / MANIFEST).write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     return folder / "study.toml"
+
+
+def _activity(name: str) -> Activity:
+    try:
+        return Activity(name.replace("-", "_"))
+    except ValueError:
+        allowed = ", ".join(activity.value.replace("_", "-") for activity in Activity)
+        raise UsageError(f"found '{name}'; allowed: {allowed}", field="--movement") from None
 
 
 def true_gait(seed: int) -> tuple[Parameters, TrueMotion]:

@@ -1,12 +1,12 @@
 """Does the built-in person walk like a person? True moments beside the normal bands, centres of pressure in the soles.
 
-    python -m scripts.tools.walking_person [--seed N] [--out walking_person.png]
+    python -m scripts.tools.walking_person [--seed N]
 
-Drawn and printed is the truth of the built-in person, or of the one that `gaitcal synthesize --perturb --seed N` writes
+Printed is the truth of the built-in person, or of the one that `gaitcal synthesize --perturb --seed N` writes
 (`gaitcal demo`: 2009), not a fit: internal moments per kg of body mass over each leg's stride, ground reactions, the
-pelvis residual, and from above where the ground reactions act in the soles (`dynamics/foot_contact.py`). The bands are
+pelvis residual, and whether the ground reactions act in the soles (`dynamics/foot_contact.py`). The bands are
 those of `models/norms/schwartz2008_free.csv`, which tells source, people and licence, and the peak of the hip
-abductors that is published for adults; other moments are drawn without a band.
+abductors that is published for adults; of other moments the range is told.
 
 Perturbed people walk the same walk with axes up to 10 mm and 10 degrees elsewhere: about these, the moment that adducts
 a knee is up to 6 standard deviations from people's (16 seeds), other peaks up to 3.
@@ -18,36 +18,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from numpy.typing import ArrayLike
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import HEEL_M, SHAPE, FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
-from gaitcal.figures.chart import (
-    FAINT,
-    FONT,
-    NORMAL,
-    SIDE_COLOURS,
-    SIDE_DASHES,
-    TITLE,
-    dress,
-    line_style,
-    new_figure,
-    write,
-)
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.force_plate import point_and_torque
@@ -204,93 +186,6 @@ def passes(walk: Walk) -> bool:
     return inside and pushes and all(abs(p.off) <= WITHIN for p in peaks(walk, normal_bands()))
 
 
-SINGLE_SUPPORT = (12, 50)
-"""% of the stride."""
-SOURCES = "Bands: Schwartz et al. 2008, children 4 to 17 years, free speed; models/norms/ tells more."
-
-
-def draw(walk: Walk) -> Figure:
-    """All of it in one figure."""
-    bands = normal_bands()
-    figure = new_figure(9.0, 8.8, dpi=150)
-    ratios, edges = (1, 1, 1, 0.62), {"left": 0.07, "right": 0.985, "top": 0.935, "bottom": 0.085}
-    cells = figure.add_gridspec(4, 3, height_ratios=ratios, **edges, hspace=0.4, wspace=0.24)
-
-    def curves(axes: Axes, values: Callable[[int, str], Array], width: float = 1.6) -> None:
-        """Both legs' over the stride, one line for each stride: they begin where the percent falls."""
-        for foot, side in enumerate(SIDES):
-            percent, curve, style = walk.percent(foot), values(foot, side), line_style(SIDE_DASHES[side])
-            for s in np.split(np.arange(len(percent)), np.flatnonzero(np.diff(percent) < 0) + 1):
-                axes.plot(percent[s], curve[s], color=SIDE_COLOURS[side], ls=style, lw=width)
-        axes.set_xlim(0, 100)
-
-    for k, (stem, (title, low, high)) in enumerate(MOMENTS.items()):
-        axes = figure.add_subplot(cells[divmod(k, 3)])
-        dress(axes, title=title, ylabel=f"{low}  ·  {high}" if k % 3 else f"N·m/kg   {low}  ·  {high}")
-        if stem in bands:
-            _band(axes, *(bands[stem][column] for column in ("percent", "mean", "sd")))
-        for mean, sd in (ADULT_PEAKS[stem, name] for name in (low, high) if (stem, name) in ADULT_PEAKS):
-            _band(axes, SINGLE_SUPPORT, mean, sd)  # a peak whose time is not published is in single support
-            write(axes, 52, mean, "peak of adults", va="center")
-        curves(axes, lambda _, side, stem=stem: walk.moments[f"{stem}_{side}"])
-    for k, (title, directions) in enumerate({"Vertical": (1,), "Horizontal": (0, 2)}.items()):
-        axes = figure.add_subplot(cells[2, 1 + k])
-        dress(axes, title=f"{title} ground reaction", ylabel="body weights")
-        for axis in directions:  # both sides alike: sideways is towards the other foot
-            inward = {"r": -1.0 if axis == 2 else 1.0, "l": 1.0}
-            curves(
-                axes, lambda foot, side, a=axis, i=inward: i[side] * walk.force[:, foot, a], 0.8 if axis == 2 else 1.6
-            )
-        if len(directions) > 1:
-            write(axes, 99, axes.get_ylim()[1] * 0.95, "thick: forward\nthin: inward", ha="right", va="top")
-    _soles(figure.add_subplot(cells[3, :]), walk)
-    handles: list[Line2D | Patch] = [
-        Line2D([], [], color=SIDE_COLOURS[s], ls=line_style(SIDE_DASHES[s]), label=SIDE_WORDS[s]) for s in SIDES
-    ]
-    shades = ((1, 0.34), (2, 0.16))
-    handles += [Patch(color=FAINT, alpha=alpha, label=f"normal, mean ± {n} SD", lw=0) for n, alpha in shades]
-    figure.legend(handles=handles, loc="upper right", ncols=4, frameon=False, prop={"family": FONT, "size": NORMAL})
-    figure.text(0.012, 0.978, "The built-in person's walk", family=FONT, fontsize=TITLE + 2, fontweight="bold")
-    said = f"Over each leg's stride (%). Moments are internal. {SOURCES}"
-    figure.text(0.012, 0.012, said, family=FONT, fontsize=NORMAL - 1)
-    return figure
-
-
-def _band(axes: Axes, percent: ArrayLike, mean: ArrayLike, sd: ArrayLike) -> None:
-    mean, sd = np.asarray(mean), np.asarray(sd)
-    for width, alpha in ((2.0, 0.16), (1.0, 0.2)):
-        axes.fill_between(percent, mean - width * sd, mean + width * sd, color=FAINT, alpha=alpha, linewidth=0)
-
-
-def _soles(axes: Axes, walk: Walk) -> None:
-    """From above: the sole of every step in the middle of its stance, and the way of the centre of pressure."""
-    dress(axes, title="Centres of pressure in the soles, from above", xlabel="forward (m)", ylabel="right (m)")
-    for foot, side in enumerate(SIDES):
-        frames = np.flatnonzero(walk.loaded[:, foot])
-        for step in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1):
-            outline = _outline(walk.feet, foot, int(step[np.argmin(walk.feet.toe_speed[step, foot])]))
-            axes.fill(*outline.T, facecolor=SIDE_COLOURS[side], alpha=0.12, linewidth=0)
-            axes.plot(*outline.T, color=SIDE_COLOURS[side], linewidth=0.8)
-            x, z = walk.centre[step, foot][:, [0, 2]].T
-            away = outside_sole(walk, foot)[step] > 0
-            axes.plot(x, z, color=SIDE_COLOURS[side], linewidth=0.7)
-            axes.scatter(x[~away], z[~away], s=5, color=SIDE_COLOURS[side], linewidth=0)
-            axes.scatter(x[away], z[away], s=9, marker="x", color="#c00000", linewidth=0.7)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.invert_yaxis()
-
-
-def _outline(feet: FootPoints, foot: int, frame: int) -> Array:
-    """(n, 2) m, forward and right: the edge of a sole."""
-    heel, tip = (p[frame, foot][[0, 2]] for p in (feet.heel, feet.tip))
-    forward = (tip - heel) / np.linalg.norm(tip - heel)
-    aside = np.array([-forward[1], forward[0]])
-    part = np.linspace(0.0, 1.0, 40)
-    middle = heel + np.outer(HEEL_M + part * (np.linalg.norm(tip - heel) - HEEL_M), forward)
-    half = np.outer(feet.width * np.interp(part, *SHAPE) / 2, aside)
-    return np.vstack([middle + half, (middle - half)[::-1], middle[:1] + half[:1]])
-
-
 def lines(walk: Walk) -> Iterator[str]:
     """The report."""
     bands = normal_bands()
@@ -317,14 +212,10 @@ def lines(walk: Walk) -> Iterator[str]:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, help="a picture, .png or .svg")
     parser.add_argument("--seed", type=int, help="of a perturbed person; else the nominal one")
     chosen = parser.parse_args(arguments)
     walk = true_walk(chosen.seed)
     print("\n".join(lines(walk)))
-    if chosen.out is not None:
-        draw(walk).savefig(chosen.out)
-        print(chosen.out)
     return 0 if passes(walk) else 1
 
 

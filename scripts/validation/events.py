@@ -5,27 +5,24 @@
 Every study is one laboratory. Its gait trials are tracked with the nominal model. The truth is where the vertical force
 under a foot passes 20 N, on a plate that holds the heel at the strike and the toes at the off; and what the file's own
 events say. Told for each study, in ms: mean and standard deviation of motion less truth, how many, and how many of the
-truth's events the motion missed. Beside our rule (`gaitcal/gait/events.py`) stands the one that it replaced: heel
-furthest in front of the pelvis, toe furthest behind it (Zeni 2008). At the end, left out in turn: every laboratory with
-thresholds that suit the others.
+truth's events the motion missed.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points
 from gaitcal.dynamics.plate_errors import outline_known, outside
-from gaitcal.gait.events import OFF, SIDES, STRIKE, motion_events, plate_events, times_of
+from gaitcal.gait.events import SIDES, motion_events, plate_events, times_of
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import Recording
@@ -43,8 +40,6 @@ AFTER_STRIKE, BEFORE_OFF = 0.02, 0.1
 """s: when heel and toes are looked at."""
 SHORTEST, LONGEST = 0.4, 1.5
 """s of a whole contact; a shorter or longer one is a part of it, or two."""
-THRESHOLDS = np.linspace(0.5, 2.0, 16)
-"""Times our own."""
 
 
 @dataclass(frozen=True)
@@ -54,36 +49,13 @@ class Walk:
     time: Array
     """(nf,) s."""
     feet: FootPoints
-    pelvis: Array
-    """(nf, 3) m."""
     plates: Sequence[FootEvent]
     file: Sequence[FootEvent]
 
 
-Rule = Callable[[Walk], list[FootEvent]]
-
-
-def ours(strike: float = STRIKE, off: float = OFF) -> Rule:
-    """The slower end of the foot comes to rest, and leaves."""
-    return lambda walk: motion_events(
-        walk.time, np.minimum(walk.feet.heel_speed, walk.feet.toe_speed), strike=strike, off=off
-    )
-
-
-def extremes(walk: Walk) -> list[FootEvent]:
-    """Zeni's: heel furthest before the pelvis along x, toe furthest behind it."""
-    out = []
-    for foot, side in enumerate(SIDES):
-        for moment, sign, points in ((FootMoment.STRIKE, 1, walk.feet.heel), (FootMoment.OFF, -1, walk.feet.toe)):
-            ahead = sign * (points[:, foot, 0] - walk.pelvis[:, 0])
-            low = float(ahead.min())
-            prominence = max(0.1, 0.25 * float(np.ptp(ahead)))
-            peaks, _ = find_peaks(np.concatenate([[low], ahead, [low]]), prominence=prominence)
-            out += [FootEvent(moment, side, float(walk.time[k - 1])) for k in peaks if 1 < k < len(ahead)]
-    return out
-
-
-RULES: dict[str, Rule] = {"extremes": extremes, "ours": ours()}
+def events_of(walk: Walk) -> list[FootEvent]:
+    """As gaitcal finds them: the slower end of the foot comes to rest, and leaves."""
+    return motion_events(walk.time, np.minimum(walk.feet.heel_speed, walk.feet.toe_speed))
 
 
 def walks_of(study: Study) -> list[Walk]:
@@ -97,8 +69,7 @@ def walks_of(study: Study) -> list[Walk]:
         if recording.plates:
             loaded = measured_reactions(ready, model, model.parameters, motion, study.settings).loaded
             plates = whole_contacts(plate_events(motion.time, loaded, recording.plates), feet, recording)
-        start = motion.coordinates.index("pelvis_tx")
-        out.append(Walk(motion.time, feet, motion.q[:, start : start + 3], plates, recording.events))
+        out.append(Walk(motion.time, feet, plates, recording.events))
     return out
 
 
@@ -130,9 +101,9 @@ def differences(found: Sequence[FootEvent], truth: Sequence[FootEvent], moment: 
     return out
 
 
-def all_differences(walks: Sequence[Walk], rule: Rule, moment: FootMoment, by: str = "plates") -> Array:
+def all_differences(walks: Sequence[Walk], moment: FootMoment, by: str = "plates") -> Array:
     """(n,) s over all walks; `by` is `plates` or `file`."""
-    return np.array([d for w in walks for d in differences(rule(w), getattr(w, by), moment, w.time)])
+    return np.array([d for w in walks for d in differences(events_of(w), getattr(w, by), moment, w.time)])
 
 
 def told(found: Array) -> str:
@@ -142,33 +113,13 @@ def told(found: Array) -> str:
     return f"{1e3 * seen.mean():4.0f} ±{1e3 * seen.std():3.0f} ({len(seen)}{missed})" if len(seen) else "-"
 
 
-def left_out(labs: dict[str, list[Walk]], moment: FootMoment) -> Iterator[str]:
-    """Every laboratory with the threshold that brings the median of the others' means to zero."""
-    own, strike = (STRIKE, True) if moment is FootMoment.STRIKE else (OFF, False)
-    rules = [ours(own * k, OFF) if strike else ours(STRIKE, own * k) for k in THRESHOLDS]
-    found = [[all_differences(walks, rule, moment) for walks in labs.values()] for rule in rules]
-    table = np.array([[np.nanmean(d) if np.isfinite(d).any() else np.nan for d in row] for row in found])
-    for k, name in enumerate(labs):
-        others = np.delete(table, k, axis=1)
-        best = int(np.nanargmin(np.abs(np.nanmedian(others, axis=1))))
-        yield f"{name:12}{moment.value:13} threshold {own * THRESHOLDS[best]:.2f}: {1e3 * table[best, k]:4.0f} ms"
-
-
 def lines(labs: dict[str, list[Walk]]) -> Iterator[str]:
     """The report."""
     yield "events of the motion less those of force plates and of the file, ms: mean ± deviation (number)"
     for moment in FootMoment:
         for name, walks in labs.items():
-            cells = (
-                f"{rule:>9} {by:6}{told(all_differences(walks, of, moment, by)):24}"
-                for by in ("plates", "file")
-                for rule, of in RULES.items()
-            )
+            cells = (f"{by:>9} {told(all_differences(walks, moment, by)):24}" for by in ("plates", "file"))
             yield f"{name:12}{moment.value:13}" + "".join(cells).rstrip()
-    if len(labs) > 2:
-        yield "left out: each with the threshold that suits the others"
-        for moment in FootMoment:
-            yield from left_out(labs, moment)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

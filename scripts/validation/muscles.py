@@ -1,15 +1,23 @@
 """Do muscles of an OpenSim model get their moment arms back, and do error bars of moment arms hold?
 
-    muscles [--draws 25] [--models 20] [--noise MM] [--only REGEX] [--seed N] [--jobs 2]
+    muscles [--parts back,people,drawn,same] [--draws 25] [--models 20] [--noise MM] [--only REGEX] [--osim FILE ...]
 
 Two people that OpenSim simulated walk once (`opensim_truth`). In their models the joints of the legs are put 10 to 20
 mm off, across their axes, as nothing tells where along it a hinge is; `gaitcal.export.into_osim` brings them back by
-what calibration finds: first without noise, whose largest errors of moment arms are listed, then with marker noise as
-published (one sinusoid a marker coordinate), in the static trial, too. Each draw of noise has standard deviations of
-its own, of so many drawn models. Wanted: its 95 % intervals, Student's, hold 90 to 99 % of the true moment arms of the
-right leg, in two postures of each coordinate. (Both people are scaled from one pelvis, whose hips lie 15 mm farther in
-and 13 to 24 mm lower than regressions from people have them: with much noise arms of hip adduction are off by that in
-every draw.) Needs the `opensim` package.
+what calibration finds.
+
+back      without noise, by the walk, and by isolated trials of hip, knee and ankle, too: the largest errors of moment
+          arms, and whether they are as large as their standard deviations say
+people    with marker noise as published (one sinusoid a marker coordinate), in the static trial, too. Each draw of
+          noise has standard deviations of its own, of so many drawn models. Wanted: its 95 % intervals, Student's, hold
+          90 to 99 % of the true moment arms of the right leg, in two postures of each coordinate. Both people are
+          scaled from one pelvis, whose hips lie 15 mm farther in and 13 to 24 mm lower than regressions from people
+          have them: with much noise arms of hip adduction are off by that in every draw
+drawn     the same with a prior of which these people are a draw (`people/drawn.py`): what intervals must hold
+same      of these models and those of `--osim`: an export of the joints that are in place leaves every byte, and moment
+          arms bit by bit in 1000 postures; joints put off come back; seconds of an export and of a draw
+
+Needs the `opensim` package.
 """
 
 from __future__ import annotations
@@ -17,33 +25,46 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from scipy.stats import t as student
 
-from gaitcal import Study, calibrate
+from gaitcal import calibrate
 from gaitcal.arrays import Array
+from gaitcal.errors import InputError
 from gaitcal.export import into_osim
 from gaitcal.export.muscle_paths import MusclePath, leg_ranges, muscle_paths
-from gaitcal.export.osim_correspondence import leg_joints
-from gaitcal.export.osim_reader import Place, peer_of, read_document
+from gaitcal.export.osim_correspondence import LegJoint, leg_joints
+from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
 from gaitcal.model.linkage import COORDINATES
+from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.motion import marker_noise
+from scripts.validation.error_bars import rms
 from scripts.validation.harness import judged, matching, say, side_by_side
+from scripts.validation.osim_people import person_of
+from scripts.validation.people.drawn import prior_about_truth
+from scripts.validation.recordings import only
+from scripts.validation.truth.people import isolated_person
 
-SHARED = ("--jobs", "--only", "--json", "--seed")
+SHARED = ("--jobs", "--only", "--json", "--seed", "--cache")
 MODELS = {"p01": "subject01.osim", "p18": "subject18.osim"}
 OFF = (0.010, 0.020)
 """m, how far joints are put from their place."""
 WANTED = (90.0, 99.0)
 """%, of true moment arms within intervals of 95 %."""
-POSTURES = (4, 8)
+VALUES = (4, 8)
 """Of the thirteen values of a coordinate's range."""
+POSTURES = 1000
+"""Of a model whose joints are in place."""
+TRIALS = {"a walk": ("gait",), "a walk and isolated trials": ("gait", "joint")}
+"""Words -> roles."""
 Arms = Mapping[tuple[str, str], MusclePath]
 
 
@@ -76,13 +97,22 @@ class Draw:
     largest: Array
     """(n,) m, the true moment arm that is largest in size."""
     deviations: Array
-    """(n, 2) m; none without drawn models."""
+    """(n, 2) m."""
 
 
-def draw(person: str, seed: int | None, noise: float, models: int) -> Draw:
-    """`seed`: of the noise (m), None: there is none."""
-    folder = Path(os.environ["GAITCAL_DATA"]).resolve() / "opensim_truth" / person
-    study = Study.load(folder / "study.toml")
+def draw(
+    person: str,
+    seed: int | None,
+    noise: float,
+    models: int,
+    cache: Path,
+    drawn: bool = False,
+    roles: tuple[str, ...] = ("gait",),
+) -> Draw:
+    """`seed`: of the noise (m), None: without; `drawn`: the person is a draw from the prior; `roles`: of its trials."""
+    data = Path(os.environ["GAITCAL_DATA"]).resolve() / "opensim_truth"
+    made = isolated_person(person, data, cache, with_gait=True)
+    study = only(made.study, *roles)
     rng = np.random.default_rng(seed)
     if seed is not None:
         recordings = [t.recording for t in study.trials]
@@ -90,30 +120,162 @@ def draw(person: str, seed: int | None, noise: float, models: int) -> Draw:
             replace(r, markers=r.markers + marker_noise(r.time, r.markers.shape[1], rng, noise)) for r in recordings
         ]
         study = replace(study, trials=tuple(replace(t, recording=r) for t, r in zip(study.trials, noisy, strict=True)))
+    if drawn:
+        study, _, _ = prior_about_truth(made, study, rng)
     found = calibrate(study)
-    recorded = dict(zip(COORDINATES, found.trials[0].calibrated.q.T, strict=True))
+    walk = next(t for t in found.trials if t.role is Role.GAIT)
+    recorded = dict(zip(COORDINATES, walk.calibrated.q.T, strict=True))
+    source = data / person / MODELS[person]
     with tempfile.TemporaryDirectory() as name:
-        wrong, back = disturbed(folder / MODELS[person], Path(name) / "wrong.osim", across=True), Path(name) / "m.osim"
+        wrong, back = disturbed(source, Path(name) / "wrong.osim", across=True), Path(name) / "m.osim"
         done = into_osim(
-            found.model, wrong, errors=found.uncertainty.joint, recorded=recorded, marker_set=study.marker_set
+            found.model,
+            wrong,
+            errors=found.uncertainty.joint,
+            prior=study.joint_prior,
+            recorded=recorded,
+            marker_set=study.marker_set,
         )
-        ranges = {c: values[list(POSTURES)] for c, values in leg_ranges(done.legs).items() if c.endswith("_r")}
+        ranges = {c: values[list(VALUES)] for c, values in leg_ranges(done.legs).items() if c.endswith("_r")}
 
         def arms(content: bytes) -> Arms:
             back.write_bytes(content)
             return muscle_paths(back, ranges)
 
-        truth, now = arms((folder / MODELS[person]).read_bytes()), arms(done.content)
-        drawn = [arms(done.drawn(rng)) for _ in range(models)]
-    keys = [key for key in truth if all(key in other for other in (now, *drawn))]
-    spread = np.array([[d[key].arm for key in keys] for d in drawn])
+        truth, now = arms(source.read_bytes()), arms(done.content)
+        others = [arms(done.drawn(rng)) for _ in range(models)]
+    keys = [key for key in truth if all(key in other for other in (now, *others))]
     return Draw(
         muscles=tuple(muscle for muscle, _ in keys),
         coordinates=tuple(coordinate for _, coordinate in keys),
         errors=np.array([now[key].arm - truth[key].arm for key in keys]),
         largest=np.array([np.abs(truth[key].arm).max() for key in keys]),
-        deviations=spread.std(axis=0, ddof=1) if models else np.full((len(keys), 2), np.nan),
+        deviations=np.array([[other[key].arm for key in keys] for other in others]).std(axis=0, ddof=1),
     )
+
+
+def back(chosen: argparse.Namespace) -> dict[str, float]:
+    """Errors without noise, in mm and relative to the largest moment arm of the muscle about the coordinate."""
+    out = {}
+    for person, (words, roles) in product(matching(chosen.only, MODELS), TRIALS.items()):
+        found = draw(person, None, 0.0, chosen.models, chosen.cache, roles=roles)
+        say(f"{person}, {words}: arms back to 1 % of their largest; errors over SD, RMS; the worst, mm")
+        for coordinate in dict.fromkeys(found.coordinates):
+            of = [k for k, c in enumerate(found.coordinates) if c == coordinate]
+            error = np.abs(found.errors[of]).max(axis=1)
+            good = int((error / found.largest[of] < 0.01).sum())
+            worst = [of[k] for k in np.argsort(-error)[:3]]
+            off, sizes = (1e3 * np.abs(x).max(axis=1) for x in (found.errors, found.deviations))
+            told = (f"{found.muscles[k]} {off[k]:.2f} (SD {sizes[k]:.2f})" for k in worst)
+            z = rms(found.errors[of] / found.deviations[of])
+            say(f"  {coordinate:20}{good:4} of {len(of):3}{z:6.2f}: {', '.join(told)}")
+            out[f"{person}, {words}: {coordinate}"] = 100.0 * good / len(of)
+    return out
+
+
+def held(drawn: bool, chosen: argparse.Namespace) -> dict[str, float]:
+    """Share of true moment arms within their intervals, %, by coordinate."""
+    seeds = [int(s.generate_state(1)[0]) for s in np.random.SeedSequence(chosen.seed).spawn(chosen.draws)]
+    tasks = [
+        partial(draw, person, seed, 1e-3 * chosen.noise, chosen.models, chosen.cache, drawn)
+        for person in matching(chosen.only, MODELS)
+        for seed in seeds
+    ]
+    width = float(student.ppf(0.975, chosen.models - 1))
+    rows: dict[str, list[Array]] = {}
+    for found in side_by_side(tasks, chosen.jobs):
+        for name, error, deviation in zip(found.coordinates, found.errors, found.deviations, strict=True):
+            for of in (name, "all"):
+                rows.setdefault(of, []).append(np.stack([error, deviation], axis=1))
+    say(f"{len(tasks)} draws of noise up to {chosen.noise:g} mm, {chosen.models} models each")
+    say(f"{'':20}{'inside, %':>12}{'error, mm':>12}{'SD, mm':>10}")
+    out = {}
+    for name, pairs in rows.items():
+        error, deviation = np.concatenate(pairs).T
+        out[name] = 100.0 * float(np.mean(np.abs(error) <= width * deviation))
+        say(f"{name:20}{out[name]:12.1f}{1e3 * rms(error):12.2f}{1e3 * rms(deviation):10.2f}")
+    judged("95 % intervals of moment arms hold", f"{out['all']:.1f} %", "90 to 99 %", met=_holds(out["all"]))
+    return out
+
+
+def _holds(share: float) -> bool:
+    return WANTED[0] <= share <= WANTED[1]
+
+
+def same(chosen: argparse.Namespace) -> dict[str, float]:
+    """A row for every model: 1 where bytes and moment arms are the same, else 0."""
+    data = Path(os.environ["GAITCAL_DATA"]).resolve()
+    known = [data / "opensim_truth" / person / file for person, file in MODELS.items()]
+    known += [data / "subject01/reference/subject01_simbody.osim", data / "uf3/reference/scaled.osim"]
+    say(f"{'model':40}{'bytes':>7}{'arms':>6}{'muscles':>9}{'back, mm':>10}{'export, s':>11}{'draw, s':>9}")
+    files = [*known, *chosen.osim]
+    tasks = [partial(_same, file) for file in files]
+    out = {}
+    for file, (words, good) in zip(files, side_by_side(tasks, chosen.jobs), strict=True):
+        say(f"{file.name:40}{words}")
+        out[file.name] = float(good)
+    return out
+
+
+def _same(file: Path) -> tuple[str, bool]:
+    try:
+        peer = read_osim(file)
+        person = person_of(peer)
+        start = time.perf_counter()
+        done = into_osim(person, file)
+        seconds = time.perf_counter() - start
+    except InputError as error:
+        return f"  {error}", False
+    with tempfile.TemporaryDirectory() as name:
+        other = Path(name) / "other.osim"
+        wrong = into_osim(person, disturbed(file, other, across=True))
+        start = time.perf_counter()
+        wrong.drawn(np.random.default_rng(0))
+        of_draw = time.perf_counter() - start
+        other.write_bytes(wrong.content)
+        apart = max(_apart(done.legs, leg_joints(read_osim(other))))
+        other.write_bytes(done.content)
+        pairs = list(zip(_arms_in_postures(file, done.legs), _arms_in_postures(other, done.legs), strict=True))
+    bytes_same, arms_same = done.content == file.read_bytes(), all(np.array_equal(a, b) for a, b in pairs)
+    words = f"{bytes_same!s:>7}{arms_same!s:>6}{len(pairs[0][0]):9}{1e3 * apart:10.4f}{seconds:11.2f}{of_draw:9.2f}"
+    return words, bytes_same and arms_same
+
+
+def _apart(was: tuple[LegJoint, ...], now: tuple[LegJoint, ...]) -> Iterator[float]:
+    """m, from joints in their bodies to where they are now; not of the talus, which lies anywhere."""
+    for a, b in zip(was, now, strict=True):
+        gap = b.theirs.in_child.translation - a.theirs.in_child.translation
+        if a.hinge is not None:
+            axis = a.hinge.in_child.rotation[:, 2]
+            gap = gap - axis * (axis @ gap)
+        if not a.ours.startswith("talocrural"):
+            yield float(np.linalg.norm(gap))
+
+
+def _arms_in_postures(file: Path, legs: tuple[LegJoint, ...]) -> Iterator[Array]:
+    """(muscles,) m, about one coordinate of the legs after the other, the others anywhere in their ranges."""
+    import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
+
+    rng, ranges = np.random.default_rng(0), leg_ranges(legs)
+    model = opensim.Model(str(file))
+    state, names = model.initSystem(), list(ranges)
+    coordinates = [model.getCoordinateSet().get(name) for name in names]
+    muscles = [model.getMuscles().get(i) for i in range(model.getMuscles().getSize())]
+    for k in range(POSTURES):
+        for coordinate, values in zip(coordinates, ranges.values(), strict=True):
+            coordinate.setValue(state, rng.uniform(values[0], values[-1]), False)
+        model.assemble(state)
+        model.realizePosition(state)
+        about = coordinates[k % len(coordinates)]
+        yield np.array([muscle.computeMomentArm(state, about) for muscle in muscles])
+
+
+PARTS: dict[str, Callable[[argparse.Namespace], dict[str, float]]] = {
+    "back": back,
+    "people": partial(held, False),
+    "drawn": partial(held, True),
+    "same": same,
+}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -121,42 +283,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--draws", type=int, default=25, help="of noise, a person")
     parser.add_argument("--models", type=int, default=20, help="drawn models of each, for standard deviations")
     parser.add_argument("--noise", type=float, default=10.0, help="largest amplitude of marker noise, mm")
+    parser.add_argument("--osim", type=Path, action="append", default=[], help="a model more in part same; repeatable")
 
 
-def run(chosen: argparse.Namespace) -> dict[str, float]:
-    """Print the tables; share of true moment arms within their intervals, %, by coordinate."""
-    people = matching(chosen.only, MODELS)
-    for person in people:
-        _tell_worst(person, draw(person, None, 0.0, 0))
-    seeds = [int(s.generate_state(1)[0]) for s in np.random.SeedSequence(chosen.seed).spawn(chosen.draws)]
-    tasks = [partial(draw, person, seed, 1e-3 * chosen.noise, chosen.models) for person in people for seed in seeds]
-    draws = list(side_by_side(tasks, chosen.jobs))
-    width = float(student.ppf(0.975, chosen.models - 1))
-    within: dict[str, list[Array]] = {}
-    for found in draws:
-        inside = np.abs(found.errors) <= width * found.deviations
-        for coordinate, row in zip(found.coordinates, inside, strict=True):
-            within.setdefault(coordinate, []).append(row)
-    shares = {name: 100.0 * float(np.mean(rows)) for name, rows in within.items()}
-    shares["all"] = 100.0 * float(np.mean(np.concatenate([np.ravel(rows) for rows in within.values()])))
-    say(f"{len(draws)} draws of noise up to {chosen.noise:g} mm, {chosen.models} models each: % of moment arms inside")
-    say(*(f"{name:20}{share:8.1f}" for name, share in shares.items()))
-    judged("95 % intervals of moment arms hold", f"{shares['all']:.1f} %", "90 to 99 %", met=passed(shares))
-    return shares
+def run(chosen: argparse.Namespace) -> dict[str, dict[str, float]]:
+    """Print the tables of the parts; their figures."""
+    out = {}
+    for part in chosen.parts:
+        say("", f"== {part}")
+        out[part] = PARTS[part](chosen)
+        chosen.keep(out)
+    return out
 
 
-def passed(shares: Mapping[str, float]) -> bool:
-    """Whether intervals of 95 % hold as many as they should, on the whole."""
-    return WANTED[0] <= shares["all"] <= WANTED[1]
-
-
-def _tell_worst(person: str, found: Draw) -> None:
-    """Errors without noise, in mm and relative to the largest moment arm of the muscle about the coordinate."""
-    say(f"{person} without noise: moment arms that come back to 1 % of their largest, and the worst muscles")
-    for coordinate in dict.fromkeys(found.coordinates):
-        of = [k for k, c in enumerate(found.coordinates) if c == coordinate]
-        error = np.abs(found.errors[of]).max(axis=1)
-        share = error / found.largest[of]
-        worst = [of[k] for k in np.argsort(-error)[:3]]
-        told = (f"{found.muscles[k]} {1e3 * np.abs(found.errors[k]).max():.2f} mm" for k in worst)
-        say(f"  {coordinate:20}{int((share < 0.01).sum()):4} of {len(of):3}: {', '.join(told)}")
+def passed(found: Mapping[str, Mapping[str, float]]) -> bool:
+    """Whether intervals of 95 % hold as many as they should, where people are a draw from the prior."""
+    return all(_holds(found["drawn"]["all"]) for _ in {"drawn"} & set(found)) and all(found.get("same", {}).values())

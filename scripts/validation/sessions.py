@@ -32,7 +32,6 @@ from gaitcal import Study, calibrate, write_results
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.compare.difference import difference_variance, pooled, shared_variance, told_parameters
-from gaitcal.compare.shared_model import JointKnowledge, joined
 from gaitcal.compare.stride_sets import Common, Session, StrideSet, common_to, mean_over, stride_sets
 from gaitcal.gait.cycles import kind_of
 from gaitcal.io.recording import Recording
@@ -42,6 +41,7 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.sessions import load_session
+from gaitcal.results.shared_model import JointKnowledge, joined
 from gaitcal.synthetic.motion import (
     TrueMotion,
     marker_noise,

@@ -45,7 +45,6 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.session.result import Calibration, Stage
 from gaitcal.session.session import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Trial
@@ -212,24 +211,6 @@ def walk_of(study: Study, name: str, trial: str) -> Walk:
     )
 
 
-def calibrated_walk(calibration: Calibration, trial: str, stage: Stage) -> Walk | None:
-    """A trial of a calibration, its moments with the model of that stage; None without forces, or without moments."""
-    found = calibration.trial(trial)
-    if found.loads is None or found.loads.kinetics is None or stage not in found.loads.moments:
-        return None
-    recorded = next(t for t in calibration.study.trials if t.name == trial)
-    return Walk(
-        name=f"{calibration.study.subject.name} {trial}",
-        mass=calibration.model.subject.mass,
-        motion=found.body,
-        moments=found.loads.moments[stage],
-        kinetics=found.loads.kinetics,
-        reactions=found.loads.reactions,
-        theirs=_theirs(recorded, len(found.body.time)),
-        events=found.recording.events,
-    )
-
-
 def _theirs(trial: Trial, frames: int) -> dict[str, Array]:
     return {key: c for key, c in vendor_curves(trial.recording.source).items() if len(c) == frames}
 
@@ -243,7 +224,7 @@ class Agreement:
     """The vendor's is multiplied by it."""
     correlation: float
     rms: dict[str, float]
-    """`raw` and `even` (without offset) of an angle; `whole`, `leg`, `new`, `swing too` of a moment or power."""
+    """`raw` and `even` (without offset) of an angle; `whole`, `leg`, `new` of a moment or power."""
     frames: dict[str, int]
     """Of each."""
 
@@ -291,7 +272,7 @@ def _frames(quantity: Quantity, reactions: GroundReactions, foot: int) -> dict[s
         return {"raw": every, "even": every}
     every = reactions.valid_legs[:, foot]
     leg = every & reactions.loaded[:, foot]
-    return {"whole": leg & reactions.valid, "leg": leg, "new": leg & ~reactions.valid, "swing too": every}
+    return {"whole": leg & reactions.valid, "leg": leg, "new": leg & ~reactions.valid}
 
 
 def counted(walks: Sequence[Walk]) -> Counter[str]:

@@ -19,12 +19,12 @@ from gaitcal.cohort.one_person import CommonSettings, _contradictions
 from gaitcal.cohort.outcome import Outcome, fingerprint, keep
 from gaitcal.cohort.people import Cohort, CohortPerson, read_cohort
 from gaitcal.cohort.run import mark
-from gaitcal.compare.shared_model import require_fit_to_share
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.results.saved import load_result
 from gaitcal.results.sessions import load_session
+from gaitcal.results.shared_model import require_fit_to_share
 from gaitcal.session.draft import settings_text
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable

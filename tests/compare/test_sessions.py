@@ -12,10 +12,10 @@ from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
 from gaitcal.compare.comparison import ComparisonRow, osim_words
 from gaitcal.compare.difference import MDC, difference_variance, numbers_of, own_causes, placement, sentence
 from gaitcal.compare.sessions import compare_sessions, curve_figures
-from gaitcal.compare.shared_model import JointKnowledge, joined, shared_joints
 from gaitcal.compare.stride_sets import Common, StrideSet
 from gaitcal.errors import InputError
 from gaitcal.model.parameters import JP_INDEX
+from gaitcal.results.shared_model import JointKnowledge, joined, shared_joints
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import ParameterPriorTable
 from tests.compare.made_sessions import NAMES, SD, SHARED, made_session, placed_anew

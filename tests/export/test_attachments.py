@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from gaitcal.export.joint_transfer import into_osim
 from gaitcal.export.muscle_paths import leg_ranges, muscle_paths
 from gaitcal.export.osim_correspondence import leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
-from tests.export.osim_people import person_of
+from scripts.validation.osim_people import person_of
 
 MODELS = ("opensim_truth/p01/subject01.osim", "subject01/reference/subject01_simbody.osim")
 """Wraps, patella by constraint; points that move with a coordinate, knee that rolls, no wraps."""
@@ -87,6 +88,23 @@ def test_points_follow_however_their_body_is_named(tmp_path: Path, tag: str, bod
     fixed, moving = made.split("<MovingPathPoint")
     assert "<location>0.0 0.5 0.0</location>" in fixed and "<location>1.0 0.5 0.0</location>" in moving
     assert "<y>0.0 2.0</y>" in moving and "<value>0.5</value>" in moving
+    if tag.startswith("socket"):  # in an offset frame of the body, z to its left
+        frame = """<components><PhysicalOffsetFrame name="f"><socket_parent>..</socket_parent>
+            <translation>1 0 0</translation><orientation>0 0 1.5707963267948966</orientation>
+            <WrapObjectSet><objects><WrapSphere name="w"><translation>0 0 0</translation>
+            <xyz_body_rotation>0 0 0</xyz_body_rotation></WrapSphere></objects></WrapObjectSet>
+            </PhysicalOffsetFrame></components>"""
+        offset = tmp_path / "offset.osim"
+        offset.write_text(
+            path.read_text()
+            .replace('<Body name="femur_r"/>', f'<Body name="femur_r">{frame}</Body>')
+            .replace(f"{body}</{tag}>", f"{body}/f</{tag}>")
+        )
+        document = read_document(offset)
+        bone = replace(UP, was=np.array([1.0, 2.0, 0.0]), now=np.array([1.0, 2.7, 0.0]), stretch=1.5)
+        ((at,), (m, *_), *_, (wrap, _)) = (c[2] for c in carried(document, {"femur_r": bone}))
+        assert at == pytest.approx([-0.3, 0.0, 0.0]) and m == pytest.approx([1.2, 0.0, 0.0])
+        assert wrap == pytest.approx(at)
     path.write_text(path.read_text().replace("<y>0 2</y>", "<polynomial>0 2</polynomial>"))
     document = read_document(path)
     with pytest.raises(InputError, match="model.osim: m: found x_location of another kind, allowed: "):

@@ -204,6 +204,23 @@ def test_other_frames_and_formats(
     assert_same(compare(model, tmp_path / "other.osim"))
 
 
+def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, tmp_path: Path) -> None:
+    write_osim(published, tmp_path / "m.osim")
+    tree = ET.parse(tmp_path / "m.osim")
+    body = next(b for b in tree.iter("Body") if b.get("name") == "thigh_r")
+    frame = ET.SubElement(ET.SubElement(body, "components"), "PhysicalOffsetFrame", name="f")
+    for tag, text in (("socket_parent", ".."), ("translation", "0.1 0 0"), ("orientation", f"0 0 {np.pi / 2}")):
+        ET.SubElement(frame, tag).text = text
+    for marker in tree.iter("Marker"):
+        socket, location = marker.find("socket_parent_frame"), marker.find("location")
+        assert socket is not None and location is not None
+        if socket.text == "/bodyset/thigh_r":
+            x, y, z = map(float, (location.text or "").split())
+            socket.text, location.text = "/bodyset/thigh_r/f", f"{y} {0.1 - x} {z}"
+    tree.write(tmp_path / "other.osim")
+    assert_same(compare(published, tmp_path / "other.osim"))
+
+
 def test_without_shared_markers_lengths_and_masses_remain(published: SubjectModel, tmp_path: Path) -> None:
     write_osim(published, tmp_path / "m.osim")
     text = (tmp_path / "m.osim").read_text(encoding="utf-8").replace('<Marker name="', '<Marker name="other ')

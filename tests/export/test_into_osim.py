@@ -15,9 +15,10 @@ from gaitcal import cli
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.errors import InputError
+from gaitcal.export.account import joint_tables, muscle_table
 from gaitcal.export.joint_moves import JOINTS_HEADER, Verdict, joints_csv
 from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.muscle_paths import leg_ranges, muscle_changes, muscle_paths, muscles_csv
+from gaitcal.export.muscle_paths import MusclePath, leg_ranges, muscle_changes, muscle_paths, muscles_csv
 from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import peer_of, read_document, read_osim
@@ -30,10 +31,12 @@ from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from scripts.validation.muscles import OFF, disturbed
-from tests.export.osim_people import person_of
+from scripts.validation.osim_people import person_of
 from tests.export.test_compare import in_old_format, in_other_frames
 from tests.kept import kept_result
 
+UNKNOWN = nominal_errors(JP_NAMES)
+"""Errors before any trial."""
 BACK = 1e-6
 """m, rad: the solvers' rounding, over 1 m."""
 DRAWN = 0.3
@@ -303,14 +306,13 @@ def test_what_recordings_say_little_of_is_left(published: SubjectModel, tmp_path
 def test_draws_have_left_joints_about_their_place(published: SubjectModel, tmp_path: Path) -> None:
     """Where the model has them, not where we have them, as far off in either body as is known before any trial."""
     path = disturbed(written(published, tmp_path / "m.osim", "opensim 4"), tmp_path / "wrong.osim")
-    before = nominal_errors(JP_NAMES)
-    done = into_osim(published, path, errors=before)
+    done = into_osim(published, path, errors=UNKNOWN)
     assert len(done.left) == 2 * len(LEG_JOINTS) and done.content == path.read_bytes()
     drawn = []
     for k in range(30):
         (tmp_path / "d.osim").write_bytes(done.drawn(np.random.default_rng(k)))
         drawn.append(read_osim(tmp_path / "d.osim").joints)
-    was, sizes = read_osim(path).joints, before.standard_errors
+    was, sizes = read_osim(path).joints, UNKNOWN.standard_errors
     for joint, body, end, segment in (
         ("hip_l", "thigh_l", "in_parent", "pelvis"),
         ("hip_l", "thigh_l", "in_child", "thigh"),
@@ -337,6 +339,27 @@ def test_the_users_own_names(published: SubjectModel, tmp_path: Path) -> None:
     names.write_text('[joints]\nhip_r = "hipr"\n')
     with pytest.raises(InputError, match="found 'hipr', which is no joint of the model; did you mean 'hip_r'"):
         leg_joints(read_osim(path), names)
+
+
+def test_the_account_of_joints_and_muscles(published: SubjectModel, tmp_path: Path) -> None:
+    """A verdict for every joint; of a muscle the place of its largest change, and jumps that were not there before."""
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    wrong = disturbed(path, tmp_path / "wrong.osim")
+    done = into_osim(published, wrong), into_osim(published, path), into_osim(published, wrong, errors=UNKNOWN)
+    for export, verdict in zip(done, ("moved", "in place", "left"), strict=True):
+        (joints,) = (table for table in joint_tables(export) if table.words[0] == "joint")
+        assert [row[2] for row in joints.rows] == [verdict] * (4 - 2 * (verdict == "left")) * len(LEG_JOINTS)
+    values, arm = np.radians([0.0, 45.0, 90.0]), np.array([0.01, 0.01, 0.03])
+    length = 0.3 - np.concatenate([[0.0], np.cumsum(0.5 * (arm[1:] + arm[:-1]) * np.diff(values))])
+    paths = [
+        MusclePath(
+            muscle="m", coordinate="knee_angle_r", values=values, length=length - [0, 0, by], arm=arm + [0, by, 0]
+        )
+        for by in (0.0, 0.005, 0.007)
+    ]
+    draws = [{("m", "knee_angle_r"): path} for path in paths[1:]]
+    (row,) = muscle_table(muscle_changes({("m", "knee_angle_r"): paths[0]}, draws[0]), draws).rows
+    assert row == ("m", "knee_angle_r", "10.0", "15.0", "1.4", "45", "-5.0", "68")
 
 
 def test_what_is_fixed_to_a_joints_frame_is_told(published: SubjectModel, tmp_path: Path) -> None:
@@ -439,6 +462,12 @@ def of_a_child(tree: ET.ElementTree, size: float = 0.8) -> None:
         element.set("name", f"x{k}")
 
 
+def without_a_body(tree: ET.ElementTree) -> None:
+    bodies = next(tree.iter("BodySet")).find("objects")
+    assert bodies is not None
+    bodies.remove(next(body for body in bodies if body.get("name") == "talus_l"))
+
+
 def misplaced_markers(tree: ET.ElementTree) -> None:
     for k, element in enumerate(tree.iter("Marker")):
         location = element.find("location")
@@ -449,6 +478,7 @@ def misplaced_markers(tree: ET.ElementTree) -> None:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
+        (without_a_body, "joint talocrural_l: found no body talus_l, which it joins"),
         (without_legs, "has no pelvis with two legs of three joints or more"),
         (misplaced_markers, r"its markers lie \d+ mm \(RMS\) from this person's on pelvis; allowed: up to 50 mm"),
         (
@@ -569,7 +599,10 @@ def test_the_command(
     assert ours.knee_in_thigh is not None
     assert ours.knee_in_thigh.distance(found["shank_r"].in_parent.translation) < 1e-4
     names = sorted(p.name for p in tmp_path.iterdir())
-    assert names == ["mine.joints.csv", "mine.osim", "mine_draws", "scaled.osim"]
+    assert names == ["mine.html", "mine.joints.csv", "mine.osim", "mine_draws", "scaled.osim"]
+    page = (tmp_path / "mine.html").read_text(encoding="utf-8")
+    assert "<h2>Every joint, in both of its bodies</h2>" in page and "<li>muscles: not computed" in page
+    assert page.count('<td class="text">moved</td>') == 4 * len(LEG_JOINTS), "either end of every joint"
     one, two = ((tmp_path / "mine_draws" / f"00{k}.osim").read_bytes() for k in (1, 2))
     assert one != two
     (tmp_path / "mine_draws" / "my own.osim").write_text("")

@@ -1,18 +1,22 @@
 """The page of two sessions: what it says, no script and no request, names as data, the band and what lies beyond it."""
 
 import base64
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from gaitcal.cli.other_programs import account_page
 from gaitcal.compare.sessions import compare_sessions
+from gaitcal.export.account import AccountTable
 from gaitcal.figures.comparison import comparison_page
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs
 from gaitcal.page.page_data import person_facts
 from tests.compare.made_sessions import made_session
 from tests.page.browser import browser, chromium
+from tests.page.test_accessible import FAULTS
 
 CONVENTION = Convention(signs=Signs.CLINICAL, unit=MomentUnit.NM_PER_KG)
 SHEETS = {"Kinematics": ("knee_angle", "ankle_angle"), "Kinetics": ("knee_angle_moment",)}
@@ -64,13 +68,30 @@ def test_moments_are_by_the_mass_of_each_session() -> None:
     assert same != grown and svgs(pages[0])[0] == svgs(pages[1])[0]
 
 
+def of_an_export() -> str:
+    """The other page of this kind, wide tables on it."""
+    heads = {
+        "title": "Every joint",
+        "says": "Moved.",
+        "words": ("joint", "body"),
+        "numbers": ("mm", "+-", "deg", "far"),
+    }
+    table = AccountTable(**heads, rows=(("hip_r", HOSTILE, "1.2", "0.3", "", "31, 42, 55, 67, 78, 89"),) * 30)
+    return account_page("mine.osim", (("person", HOSTILE), ("now", "mine.osim")), ["look"], [HOSTILE], [table])
+
+
 @pytest.mark.browser
 @pytest.mark.skipif(chromium() is None, reason="no browser")
-def test_it_opens_without_a_request_and_a_word_on_the_console(page: str, tmp_path: Path) -> None:
-    path = tmp_path / "comparison.html"
-    path.write_text(page, encoding="utf-8")
+def test_they_open_without_a_request_and_a_word_on_the_console(page: str, tmp_path: Path) -> None:
+    path, axe = tmp_path / "page.html", os.environ.get("GAITCAL_AXE", "")
     with browser(tmp_path, chromium() or "") as tab:
-        tab.open(path.as_uri(), 390, 844)
-        assert tab.run("document.documentElement.scrollWidth") <= 390
-        assert [r for r in tab.requests if not r.startswith(("file:", "data:"))] == [] and tab.console == []
-        assert tab.run("document.images.length === 2 && [...document.images].every(i => i.naturalWidth > 300)")
+        for text, images in ((page, 2), (of_an_export(), 0)):
+            path.write_text(text, encoding="utf-8")
+            tab.open(path.as_uri(), 390, 844)
+            assert tab.run("document.documentElement.scrollWidth") <= 390
+            assert [r for r in tab.requests if not r.startswith(("file:", "data:"))] == [] and tab.console == []
+            assert tab.run(f"document.images.length === {images}")
+            assert tab.run("[...document.images].every(i => i.naturalWidth > 300)")
+            if axe:
+                tab.run(f"{Path(axe).read_text(encoding='utf-8')}; true")
+                assert tab.run(FAULTS) == []

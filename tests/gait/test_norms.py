@@ -11,9 +11,19 @@ from gaitcal.dynamics.joint_kinetics import COMPONENTS, MomentFrame
 from gaitcal.errors import InputError
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.cycles import known_variables
-from gaitcal.gait.normal_bands import BAND_SIGNS, SHIPPED, bands_file, read_normal_bands
-from gaitcal.gait.norms import FREE as FREE_SPEEDS
-from gaitcal.gait.norms import SLOWEST, SPEEDS, free_steps, leg_length, norm_for, own_norm
+from gaitcal.gait.normal_bands import (
+    BAND_SIGNS,
+    SHIPPED,
+    SLOWEST,
+    SPEEDS,
+    bands_file,
+    free_steps,
+    leg_length,
+    norm_for,
+    own_norm,
+    read_normal_bands,
+)
+from gaitcal.gait.normal_bands import FREE as FREE_SPEEDS
 from gaitcal.gait.profile_score import ANGLES, BOTH, GPS, profile_scores
 from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES, REACTIONS

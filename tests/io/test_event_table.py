@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.csv import write_markers_csv
-from gaitcal.io.event_table import EVENTS, read_events, with_corrected_events
+from gaitcal.io.csv import EVENTS, read_events, with_corrected_events, write_markers_csv
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.session.draft import study_of
 from gaitcal.session.folder import FileKind, read_folder

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gaitcal.model.nominal import published_model
-from gaitcal.motion.motion import track_nodes
-from gaitcal.motion.robust import LEAST_SCALE, Loss, residual_scale, robust_tracking
+from gaitcal.motion.motion import LEAST_SCALE, Loss, residual_scale, robust_tracking, track_nodes
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem

@@ -17,11 +17,12 @@ from gaitcal.page.bone_placement import (
     Landmarked,
     apply,
     fitted_bones,
+    knee_axes,
+    knee_words,
     landmarked,
     place_of_femur,
     place_of_shank,
 )
-from gaitcal.page.knee_axis import knee_axes, knee_words
 from gaitcal.page.scene import JointMark, Scene, joint_marks
 from gaitcal.page.scene_file import scene_json
 from gaitcal.page.view import view_html

@@ -10,9 +10,9 @@ from PIL import Image
 
 from gaitcal.cli import view as view_command
 from gaitcal.cli.console import Console
+from gaitcal.cli.view import ViewServer
 from gaitcal.page import view as view_page
 from gaitcal.page.scene import Scene
-from gaitcal.page.server import ViewServer
 from gaitcal.page.view import view_html, write_view
 from gaitcal.results.calibration import write_page
 from tests.page.browser import Page

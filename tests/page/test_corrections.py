@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 import tomllib
 
-from gaitcal.io.csv import write_markers_csv
-from gaitcal.io.event_table import EVENTS, with_corrected_events
+from gaitcal.io.csv import EVENTS, with_corrected_events, write_markers_csv
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.page.view import Shown, page_html
 from gaitcal.results.gait_report import read_comments

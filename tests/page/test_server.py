@@ -11,16 +11,16 @@ from pathlib import Path
 
 import pytest
 
+from gaitcal.cli.view import ViewServer
 from gaitcal.errors import InputError
 from gaitcal.page.scene import Scene
 from gaitcal.page.scene_file import save_scene
-from gaitcal.page.server import ViewServer
 from gaitcal.page.view import view_html
 
 SERVE = """
 import sys
 from gaitcal.page import load_scene, view_html
-from gaitcal.page.server import serve
+from gaitcal.cli.view import serve
 serve(view_html(load_scene(sys.argv[1])), open_browser=False, ready=lambda url: print(url, flush=True))
 print("ended", flush=True)
 """

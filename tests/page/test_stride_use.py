@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitcal.gait.strides import strides_of
-from gaitcal.page.stride_use import (
+from gaitcal.page.summary import (
     BESIDE,
     ENDS,
     NO_PLATES,

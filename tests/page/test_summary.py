@@ -11,10 +11,10 @@ from gaitcal.findings import Severity
 from gaitcal.gait.moments import parameter_words
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from gaitcal.page.fit import marker_fits
 from gaitcal.page.joints import joint_blocks
 from gaitcal.page.plain_data import number
 from gaitcal.page.summary import top_lines
+from gaitcal.page.trust import marker_fits
 from gaitcal.session.parameter_words import blind_spots, counts_sentence, joint_groups, range_of_motion
 from gaitcal.session.result import Calibration, Stage
 from gaitcal.session.trial_result import RmsErrors

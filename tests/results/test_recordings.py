@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from gaitcal.cli.application import app
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d
-from gaitcal.io.event_table import EVENTS
+from gaitcal.io.csv import EVENTS
 from gaitcal.io.formats import convert, read_recording
 from gaitcal.io.labels import FootMoment
 from gaitcal.io.result_folder import listed, self_hash, sha256_of

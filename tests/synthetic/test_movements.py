@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -14,10 +16,13 @@ from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.motion.motion import track
 from gaitcal.session.movement import Shows, movement, standing
+from gaitcal.study.study_file import load_study_file
+from gaitcal.synthetic import subject
 from gaitcal.synthetic.motion import ground_on_feet, standing_pose, static_motion
-from gaitcal.synthetic.movements import Activity
+from gaitcal.synthetic.movements import Activity, Movement
 from gaitcal.synthetic.movements import movement as made_up
 from gaitcal.synthetic.subject import footholds, on_the_floor, recording_of, synthetic_model
+from tests.commands import gaitcal
 
 FLYING_N = 10.0
 """Of a body in flight that weighs 680 N."""
@@ -28,6 +33,21 @@ REPEATS = {Activity.SQUAT: 2, Activity.SIT_TO_STAND: 1, Activity.JUMP: 1}
 LEAST_STRIDES = 1
 LEFT_ON_SEAT = 0.1
 """Of body weight, where torques count again."""
+
+
+def test_command_writes_a_trial_of_each_movement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stands = static_motion(standing=standing_pose())
+    monkeypatch.setattr(subject, "ISOLATED_JOINTS", ())
+    monkeypatch.setattr(subject, "two_strides", lambda _: stands)
+    monkeypatch.setattr(subject, "movement", lambda *_: Movement(motion=stands))
+    words = ("synthesize", "--out", str(tmp_path / "person"), "--movement", "sit-to-stand", "--movement")
+    refused = gaitcal(*words, "stars")
+    assert refused.returncode == 2 and "sit-to-stand, jump, run, stairs" in refused.stderr
+    done = gaitcal(*words, "stairs")
+    assert done.returncode == 0, done.stderr
+    trials = {trial.name: trial.role for trial in load_study_file(tmp_path / "person/study.toml").trials}
+    assert trials == {"static": "static", "gait": "gait", "sit_to_stand": "motion", "stairs": "motion"}
+    assert (tmp_path / "person/truth/stairs_motion.csv").exists()
 
 
 @pytest.mark.slow

@@ -1,14 +1,12 @@
 """The built-in person beside the normal bands, and the bands themselves: the table, its signs, its source."""
 
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gaitcal.gait.normal_bands import bands_file, read_normal_bands
-from gaitcal.gait.norms import SPEEDS
+from gaitcal.gait.normal_bands import SPEEDS, bands_file, read_normal_bands
 from scripts.tools import walking_person
 
 SHARE = 0.75
@@ -80,10 +78,8 @@ def test_moments_stay_in_the_bands(walking: ModuleType, walk: Any, foot: int) ->
         assert walking.within(walk, band, stem, foot).mean() > SHARE, stem
 
 
-def test_the_program_prints_and_draws(walking: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    picture = tmp_path / "walk.png"
-    assert walking.main(["--out", str(picture)]) in (0, 1)
+def test_the_program_prints(walking: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    assert walking.main([]) in (0, 1)
     said = capsys.readouterr().out
     for words in ("ankle dorsiflexor", "centre of pressure in the right sole", "true pelvis residual"):
         assert words in said
-    assert picture.stat().st_size > 50_000

@@ -99,13 +99,6 @@ def test_the_same_fit_twice_does_not_differ() -> None:
     assert list(pairs.figures({("walk against walk", "a"): z}).values())[1] == pytest.approx(100.0)
 
 
-def test_third_markers_are_left_aside_where_there_are_three(data_dir: Path) -> None:
-    study = recordings.only(recordings.study_of_person("uf3"), "gait")
-    fewer = pairs.without_third(study, "thigh")
-    assert fewer.weights == dict(study.weights) | {"R_Thigh_Lateral": 0.0, "L_Thigh_Lateral": 0.0}
-    assert pairs.without_third(recordings.study_of_person("pig"), "thigh") is None
-
-
 def test_skin_of_people_has_the_size_of_its_task() -> None:
     angles = 40.0 * np.sin(np.arange(200) * 0.05)
     recording, rest = _bending(angles)
@@ -131,19 +124,6 @@ def test_joints_of_a_real_person(data_dir: Path, capsys: pytest.CaptureFixture[s
     found = results("people", "--parts", "hips", "--only", "one_frame")["hips"]
     assert found["all: RMS 3-D"] > 0.0 and found["hips"] == 2.0
     assert "hip.thigh.lat" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_a_calibration_of_a_real_person(data_dir: Path) -> None:
-    found = results("people", "--parts", "fit,moments", "--only", "kad")
-    assert 1.0 < found["fit"]["kad walk: over rigid floor"] < 3.0
-    assert 0.0 < found["moments"]["kad knee_angle moment, final"] < 0.2
-
-
-@pytest.mark.slow
-def test_fewer_markers_move_hips_of_a_real_person(data_dir: Path) -> None:
-    found = results("people", "--parts", "markers", "--only", "uf3")["markers"]
-    assert all(0.0 < distance < 50.0 for distance in found.values()) and len(found) == 2
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import _joint_lines, segment_frames
 from scripts.validation import error_bars
-from scripts.validation.harness import results, write_json
+from scripts.validation.harness import results
 from scripts.validation.truth import made_up, opensim_trials, people, report, rigid, skin
 from scripts.validation.truth.people import EXACT_PLATES
 from tests.kept import copied_person, kept_folder, kept_person
@@ -158,7 +158,7 @@ def test_laws_last_and_random_movement_does_not() -> None:
     assert not np.allclose(_moved(skin.Kind.LINEAR, angles), _moved(skin.Kind.LINEAR, angles, (2, 1)))
 
 
-def test_table_and_limits_of_a_few_fits(tmp_path: Path) -> None:
+def test_table_and_limits_of_a_few_fits() -> None:
     held = error_bars.Bars(20, (14, 19), 20.0)
     fits = [
         report.Outcome(
@@ -168,10 +168,7 @@ def test_table_and_limits_of_a_few_fits(tmp_path: Path) -> None:
             seed=seed,
             seconds=1.0,
             converged=True,
-            figures={
-                "hip in pelvis, mm": report.Figure(error=error, before=30.0, peer=12.0, bars=held),
-                "hip in pelvis, ant, mm": report.Figure(error=error),
-            },
+            figures={"hip in pelvis, mm": report.Figure(error=error, before=30.0, peer=12.0, bars=held)},
         )
         for seed, error in enumerate((3.0, 4.0, 8.0))
     ]
@@ -179,10 +176,6 @@ def test_table_and_limits_of_a_few_fits(tmp_path: Path) -> None:
     assert "isolated, linear: fits 3, people 1, median 1.00 s each" in rows
     (row,) = [row for row in rows if row.startswith("hip in pelvis")]
     assert row.split()[4:] == ["30.0", "4.00", "3.00", "to", "8.00", "5.45", "12.0", "1.00", "70.0", "95.0", "60"]
-    assert sum(row.startswith("hip in pelvis") for row in report.lines(fits, details=True)) == 2
-    write_json(fits[:1], tmp_path / "earlier.json")
-    (row,) = [r for r in report.lines(fits, report.read(tmp_path / "earlier.json")) if r.startswith("hip in pelvis")]
-    assert row.split()[-2:] == ["60", "3.00"]
     lost = [replace(fits[0], converged=False)]
     assert any("1 NOT CONVERGED" in r for r in report.lines(lost))
     found = {c.words: (c.met, round(c.found, 2)) for c in report.checks(fits)}

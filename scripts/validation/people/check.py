@@ -8,36 +8,28 @@ halves    hips by isolated trials alone against gait alone, as told and with a w
           they share their prior); of people with both
 pairs     straight against turn, first walks and strides against last, walk against walk, each calibrated by itself: how
           many differences of joint parameters are inside bars of 68 and 95 %
-markers   how far hips move when each thigh, or each shank, lacks its third marker
-fit       markers of each trial over the floor of rigid segments, and the pelvis residual
-moments   moments beside those of the hospital's own program, with the nominal model, our hips, and our masses too
 skin      hips of people simulated by OpenSim (`opensim_truth`), whose skin moves as `--kinds` says (`truth/skin.py`),
           by gait, by six isolated trials, and by both; needs the extra `peers` once, to make the trials in `--cache`
 drawn     the same people with a prior of which they are a draw (`people/drawn.py`): all joint parameters of the legs
 
 `GAITCAL_DATA` names the folder of recordings; `--study` adds a person by a study file. Settings are gaitcal's defaults
-but for `--set`, as `[calibration]` has them. All parts but `fit`
-and `moments` fit the joints alone.
+but for `--set`, as `[calibration]` has them. All parts fit the joints alone.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 import gaitcal
-from gaitcal import Calibration
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX
-from gaitcal.session.result import Stage
 from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.harness import commas, matching, say
 from scripts.validation.people import drawn, hips, pairs
@@ -46,65 +38,9 @@ from scripts.validation.recordings import PEOPLE, SIMULATED, changed, data, only
 from scripts.validation.truth.people import hip_parameters, isolated_person, made, static_frames
 from scripts.validation.truth.report import TO_UNIT
 from scripts.validation.truth.skin import TABLE_MM, Kind, disturbed
-from scripts.validation.vendors import LABS, QUANTITIES, agreement, calibrated_walk, unit_of_walks
 
 SHARED = ("--only", "--set", "--cache", "--json")
-STAGES = {"nominal": Stage.NOMINAL, "hips": Stage.JP, "final": Stage.JP_IP}
-"""Column -> model."""
-Settings = Mapping[str, object]
 Figures = dict[str, float]
-
-
-def calibrated(person: str, settings: Settings) -> Calibration:
-    """All recordings of a person together, once."""
-    return _calibrated(person, json.dumps(settings))
-
-
-@lru_cache(maxsize=32)
-def _calibrated(person: str, settings: str) -> Calibration:
-    return gaitcal.calibrate(changed(study_of_person(person), json.loads(settings)))
-
-
-def fit_lines(people: Sequence[str], settings: Settings, out: dict[str, float]) -> Iterator[str]:
-    """Marker distance of each trial over its floors, pelvis residual over valid frames; figures into `out`."""
-    yield (
-        f"{'RMS marker distance, mm':32}{'nominal':>8}{'final':>7}{'rigid':>7}{'ratio':>7}{'to joint floor':>16}"
-        f"{'pelvis residual':>20}   verdict"
-    )
-    for person in people:
-        calibration = calibrated(person, settings)
-        for trial in calibration.trials:
-            nominal, _, rigid = trial.rms_mm()
-            final, floor = 1e3 * (trial.final.errors.rms() or np.nan), trial.joint_floor_mm() or np.nan
-            ratio = final / (rigid or np.nan)
-            out[f"{person} {trial.name}: over rigid floor"] = float(ratio)
-            residual = ""
-            if trial.loads is not None and trial.loads.residuals:
-                last = trial.loads.residuals[-1]
-                residual = f"{last.rms_force:8.0f} N{last.rms_moment:6.1f} N·m"
-                out[f"{person} {trial.name}: residual N"] = last.rms_force
-                out[f"{person} {trial.name}: residual N·m"] = last.rms_moment
-            yield (
-                f"{person + ' ' + trial.name:32}{nominal or np.nan:8.1f}{final:7.2f}{rigid or np.nan:7.2f}{ratio:7.2f}"
-                f"{final / floor:16.2f}{residual:>20}   {calibration.verdict.judgement.value}"
-            )
-
-
-def moment_lines(people: Sequence[str], settings: Settings, out: dict[str, float]) -> Iterator[str]:
-    """RMS difference of moments (N·m/kg) to the vendor's, with the models of each stage: in stance; in swing too."""
-    for lab, of_lab in LABS.items():
-        found = [calibrated(person, settings) for person in of_lab if person in people]
-        every = {w: [calibrated_walk(c, t.name, stage) for c in found for t in c.trials] for w, stage in STAGES.items()}
-        walks = {words: [walk for walk in of if walk is not None] for words, of in every.items()}
-        if not all(walks.values()):
-            continue
-        unit = unit_of_walks(walks["nominal"])
-        yield f"{lab}: moments less the vendor's, N·m/kg RMS: {', '.join(STAGES)} in stance; the same, swing too"
-        for quantity in (q for q in QUANTITIES if q.kind == "moment"):
-            agreed = {words: agreement(quantity, of, unit) for words, of in walks.items()}
-            columns = ["".join(f"{a.rms[f]:8.3f}" for a in agreed.values()) for f in ("leg", "swing too")]
-            yield f"  {quantity.words:24}{'   '.join(columns)}"
-            out |= {f"{lab} {quantity.words}, {words}": a.rms["leg"] for words, a in agreed.items()}
 
 
 TRIALS = {"gait": ("gait",), "isolated": ("joint",), "gait and isolated": ("gait", "joint")}
@@ -187,18 +123,6 @@ def pairs_part(chosen: argparse.Namespace) -> Figures:
     return pairs.figures(found)
 
 
-def told(lines: Callable[[Sequence[str], Settings, Figures], Iterator[str]]) -> Callable[[argparse.Namespace], Figures]:
-    """A part that prints line by line."""
-
-    def part(chosen: argparse.Namespace) -> Figures:
-        out: Figures = {}
-        for line in lines(chosen.only, chosen.settings, out):
-            say(line)
-        return out
-
-    return part
-
-
 def skin_part(chosen: argparse.Namespace) -> Figures:
     """Simulated people with people's skin."""
     out: Figures = {}
@@ -225,16 +149,7 @@ def drawn_part(chosen: argparse.Namespace) -> Figures:
     return out
 
 
-PARTS = {
-    "hips": hips_part,
-    "halves": halves_part,
-    "pairs": pairs_part,
-    "markers": told(pairs.marker_lines),
-    "fit": told(fit_lines),
-    "moments": told(moment_lines),
-    "skin": skin_part,
-    "drawn": drawn_part,
-}
+PARTS = {"hips": hips_part, "halves": halves_part, "pairs": pairs_part, "skin": skin_part, "drawn": drawn_part}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

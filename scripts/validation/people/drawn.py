@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import ANATOMY
 from gaitcal.model.linkage import SIDES
@@ -23,7 +24,7 @@ from gaitcal.model.parameters import JP_INDEX, JP_TO_SI
 from scripts.validation.error_bars import bars, rms
 from scripts.validation.people.fits import fitted, nominal_of
 from scripts.validation.recordings import changed, only
-from scripts.validation.truth.people import isolated_person, leg_parameters, static_frames
+from scripts.validation.truth.people import IsolatedPerson, isolated_person, leg_parameters, static_frames
 from scripts.validation.truth.skin import TABLE_MM, Kind, disturbed
 
 DIRECTIONS_MM = ("ant", "sup", "lat")
@@ -45,14 +46,9 @@ def add_fits(
     made = isolated_person(person, folder, cache, with_gait=True)
     skin = np.random.default_rng([seed, *person.encode()]).integers(2**31)
     study = changed(disturbed(made.study, kind, TABLE_MM, int(skin)), settings)
-    nominal = nominal_of(study)
-    frames = static_frames(nominal, study.static.recording)
-    truth = {name: v for side in SIDES for name, v in leg_parameters(made, frames, side).items()}
+    rng = np.random.default_rng([seed, *person.encode(), 1])
+    study, truth, draw = prior_about_truth(made, study, rng)
     at, true = np.array([JP_INDEX[name] for name in truth]), np.array(list(truth.values()))
-    draw = np.random.default_rng([seed, *person.encode(), 1]).multivariate_normal(0 * ANATOMY.mean, ANATOMY.covariance)
-    mean = ANATOMY.mean.copy()
-    mean[at] = true - nominal.parameters.joint[at] + draw[at]
-    study = replace(study, joint_prior=replace(ANATOMY, mean=mean))
     groups = defaultdict(list)
     for k, name in enumerate(truth):
         joint, direction = name.partition("_")[0], name.rpartition(".")[2]
@@ -62,6 +58,20 @@ def add_fits(
         every = np.stack([draw[at], fit.parameters.joint[at] - true, fit.errors[at]], axis=1) / JP_TO_SI[at, None]
         for group, members in groups.items():
             rows.setdefault((words, group), []).append(every[members])
+
+
+def prior_about_truth(
+    made: IsolatedPerson, study: Study, rng: np.random.Generator
+) -> tuple[Study, dict[str, float], Array]:
+    """A study of a person with such a prior; the joint parameters of its legs (m, rad), and the draw, as `JP_NAMES`."""
+    nominal = nominal_of(study)
+    frames = static_frames(nominal, study.static.recording)
+    truth = {name: v for side in SIDES for name, v in leg_parameters(made, frames, side).items()}
+    at = np.array([JP_INDEX[name] for name in truth])
+    draw = rng.multivariate_normal(0 * ANATOMY.mean, ANATOMY.covariance)
+    mean = ANATOMY.mean.copy()
+    mean[at] = np.array(list(truth.values())) - nominal.parameters.joint[at] + draw[at]
+    return replace(study, joint_prior=replace(ANATOMY, mean=mean)), truth, draw
 
 
 def lines(rows: Rows, out: dict[str, float]) -> Iterator[str]:

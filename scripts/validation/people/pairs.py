@@ -2,7 +2,6 @@
 
 A straight walk against a turn, the first walks of a session against the last, the first strides of a long walk against
 the last, one walk against another. The two share the static trial, and the errors that come with it.
-And what becomes of the hips when each thigh, or each shank, lacks its third marker.
 """
 
 from __future__ import annotations
@@ -17,20 +16,17 @@ from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.compare.difference import difference_variance, told_parameters
 from gaitcal.compare.stride_sets import Common
-from gaitcal.model.linkage import LEG_JOINTS, SIDES
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.study.study_trial import Role, Trial
-from scripts.validation.error_bars import coverage, rms, shares
+from scripts.validation.error_bars import coverage, shares
 from scripts.validation.people.fits import Fit, fitted
-from scripts.validation.people.hips import HIP
 from scripts.validation.recordings import CHILDREN, changed, only, study_of_person
 
 LONG_S = 3.0
 """A walk that lasts longer is cut in two, of a stride or more each."""
 SESSION = 4
 """Walks from which a session is cut in two."""
-THIRD = 2
-"""Place of the marker that is left aside."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,41 +109,3 @@ def figures(found: Mapping[tuple[str, str], Array]) -> dict[str, float]:
         within = shares(np.concatenate([z for (k, _), z in found.items() if k == kind]))
         out |= {f"{kind}, {p} %": share for p, share in zip((68, 95), within, strict=True)}
     return out
-
-
-def without_third(study: Study, part: str) -> Study | None:
-    """The study with the third marker of each thigh (or shank) left aside; None where there are but two."""
-    weighted = study.marker_set.with_weights(study.weights).weights
-    seen = set.intersection(*(set(t.recording.labels) for t in study.moving))
-    aside: list[str] = []
-    for side in SIDES:
-        worn = [m for m in study.marker_set.tracking[f"{part}_{side}"] if m in seen and weighted.get(m, 1.0) > 0.0]
-        aside += worn[THIRD : THIRD + 1]
-    return replace(study, weights={**study.weights, **dict.fromkeys(aside, 0.0)}) if aside else None
-
-
-def marker_lines(people: Sequence[str], settings: Mapping[str, object], out: dict[str, float]) -> Iterator[str]:
-    """How far hips move without the markers beyond the second; RMS distances go into `out`, mm."""
-    yield f"hips of fits without a segment's third marker, less those with it: {'mm: ant, sup, outward (z)':>40}"
-    moved: dict[str, list[float]] = {}
-    for person in people:
-        study = changed(study_of_person(person), settings)
-        study = only(study, "gait")  # an isolated trial takes no segment of two markers
-        fewer = {part: without_third(study, part) for part in ("thigh", "shank") if study.walks}
-        if not any(fewer.values()):
-            continue
-        whole = fitted(person, study)
-        for part, few in fewer.items():
-            if few is None:
-                continue
-            fit = fitted(person, few)
-            for side in SIDES:
-                gap = 1e3 * (fit.moved(side) - whole.moved(side))[HIP]
-                if np.isfinite(gap).all():
-                    z = gap / (1e3 * fit.leg_errors(side)[HIP])
-                    told = "".join(f"{g:8.1f} ({s:+.1f})" for g, s in zip(gap, z, strict=True))
-                    yield f"  {person:12}{part:7}hip_{side}{np.linalg.norm(gap):8.1f}  {told}"
-                    moved.setdefault(part, []).append(float(np.linalg.norm(gap)))
-    for part, distances in moved.items():
-        out[f"without third marker of {part}, RMS mm"] = rms(distances)
-        yield f"  RMS, {part}: {rms(distances):.1f} mm"

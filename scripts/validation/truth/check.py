@@ -21,7 +21,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 from scripts.validation.harness import commas, matching, say, side_by_side
 from scripts.validation.recordings import SIMULATED, data
@@ -82,8 +81,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--know", choices=known, default=known[0], dest="settings_of_recovery", help="part recovery")
     parser.add_argument("--size", type=float, metavar="MM", help="of the movement, instead of each part's own")
     parser.add_argument("--with-gait", action="store_true", help="part isolated: the walk, without plates, as well")
-    parser.add_argument("--details", action="store_true", help="hips direction by direction, too")
-    parser.add_argument("--against", type=Path, metavar="FILE", help="an earlier --json: its RMS as `then`")
 
 
 def run(chosen: argparse.Namespace) -> list[Outcome]:
@@ -99,6 +96,5 @@ def run(chosen: argparse.Namespace) -> list[Outcome]:
     outcomes = list(side_by_side(tasks(chosen), chosen.jobs))
     if chosen.set:
         print(f"settings: {', '.join(chosen.set)}")
-    earlier = report.read(chosen.against) if chosen.against else None
-    print("\n".join([*report.lines(outcomes, earlier, details=chosen.details), *report.wanted_lines(outcomes)]))
+    print("\n".join([*report.lines(outcomes), *report.wanted_lines(outcomes)]))
     return outcomes

@@ -6,11 +6,9 @@ Figures of both legs are gathered on their way to one each, parameters beside th
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -133,15 +131,13 @@ class Gathered:
         self.add_bars(name, fitted.bars([parameter], unit))
 
     def hip(self, fitted: Fitted, side: str) -> None:
-        """A hip's centre in pelvis and thigh: its distance from the true one, and each coordinate."""
+        """A hip's centre in pelvis and thigh: its distance from the true one,"""
         for end in ("pelvis", "thigh"):
             names = [f"hip_{side}.{end}.{d}" for d in DIRECTIONS]
             for when, values in fitted.times:
                 gap = 1e3 * np.array([values[n] - fitted.truth[n] for n in names])
                 self.put(f"hip in {end}, mm", **{when: float(np.linalg.norm(gap))})
             self.add_bars(f"hip in {end}, mm", fitted.bars(names, "mm"))
-            for direction, parameter in zip(DIRECTIONS, names, strict=True):
-                self.single(f"hip in {end}, {direction}, mm", parameter, fitted, "mm")
 
     def figures(self) -> dict[str, Figure]:
         """RMS over the sides."""
@@ -149,28 +145,22 @@ class Gathered:
         return {n: Figure(**v, bars=self.held.get(n, Bars())) for n, v in each.items()}
 
 
-Earlier = Mapping[tuple[str, str, str], float]
-"""(part, case, figure) -> RMS of an earlier run."""
-
 HEADING = (
     f"{'figure':30}{'before':>9}{'median':>9}   {'least to most':17}{'RMS':>8}{'peer':>9}{'SE':>9}"
     f"{'in 68 %':>9}{'in 95 %':>9}{'bars':>8}"
 )
 
 
-def lines(outcomes: list[Outcome], earlier: Earlier | None = None, *, details: bool = False) -> Iterator[str]:
-    """The table: part by part and case by case, one line a figure; with `details` each direction by itself, too."""
-    yield HEADING + (f"{'then':>9}" if earlier else "")
+def lines(outcomes: list[Outcome]) -> Iterator[str]:
+    """The table: part by part and case by case, one line a figure."""
+    yield HEADING
     for part in dict.fromkeys(o.part for o in outcomes):
         of_part = [o for o in outcomes if o.part == part]
         for case in dict.fromkeys(o.case for o in of_part):
             fits = [o for o in of_part if o.case == case]
             yield from ("", _title(fits))
             for name in dict.fromkeys(name for o in fits for name in o.figures):
-                if details or name.count(", ") == 1:
-                    row = _row(name, [o.figures[name] for o in fits if name in o.figures])
-                    then = (earlier or {}).get((part, case, name))
-                    yield (row if then is None else f"{row:117}{_digits(then):>9}").rstrip()
+                yield _row(name, [o.figures[name] for o in fits if name in o.figures]).rstrip()
 
 
 def _title(fits: list[Outcome]) -> str:
@@ -199,15 +189,6 @@ def _digits(value: float | np.floating) -> str:
         return "0"
     places = int(np.clip(2 - np.floor(np.log10(abs(value))), 0, 4))
     return f"{value:.{places}f}"
-
-
-def read(file: Path) -> Earlier:
-    """RMS over the fits of an earlier run."""
-    found: dict[tuple[str, str, str], list[float]] = {}
-    for fit in json.loads(file.read_text(encoding="utf-8")):
-        for name, figure in fit["figures"].items():
-            found.setdefault((fit["part"], fit["case"], name), []).append(figure["error"])
-    return {key: rms(errors) for key, errors in found.items()}
 
 
 COVERAGE = (90.0, 98.0)

@@ -10,8 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
+from gaitcal.errors import InputError
 from gaitcal.export.osim import frames_of
-from gaitcal.export.osim_correspondence import leg_joints
+from gaitcal.export.osim_correspondence import Hinge, LegJoint, leg_joints
 from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
@@ -46,6 +47,12 @@ def person_of(peer: PeerModel, *, markers: bool = True) -> SubjectModel:
     return SubjectModel(subject=who, parameters=parameters, nominal=parameters, markers=placement, posture=posture)
 
 
+def _hinge(leg: LegJoint) -> Hinge:
+    if leg.hinge is None:
+        raise InputError(f"{leg.theirs.name} is no hinge; allowed: a hinge as {leg.ours}")
+    return leg.hinge
+
+
 def _leg(
     peer: PeerModel, side: str, bodies: dict[str, str], base: Parameters
 ) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
@@ -57,9 +64,8 @@ def _leg(
     zero: dict[str, float] = {}
 
     def axis(joint: str, body: str) -> Axis:
-        hinge = legs[joint].hinge
-        assert hinge is not None
-        found = Axis(hinge.in_parent.translation, hinge.in_parent.rotation[:, 2])
+        line = _hinge(legs[joint]).in_parent
+        found = Axis(line.translation, line.rotation[:, 2])
         return found.moved(peer.body_pose(legs[joint].theirs.parent, body)).pointing(0 if joint == "subtalar" else 2)
 
     def frames(joint: str) -> tuple[pin.SE3, pin.SE3]:
@@ -89,9 +95,8 @@ def _leg(
     }
 
     # one point of the knee's axis in both segments: where it crosses the thigh's sagittal plane
-    line, hinge = axis("knee", thigh), legs["knee"].hinge
-    assert hinge is not None
-    pose = hinge.pose(hinge.angle(peer.joint_pose(knee, {})))  # the hinge does not roll
+    line, hinge = axis("knee", thigh), _hinge(legs["knee"])
+    pose = peer.body_pose(knee.parent, thigh) * hinge.pose(hinge.angle(peer.joint_pose(knee, {})))  # it does not roll
     crossing = line.crossing(2)
     jp[f"knee_{side}.thigh.ant"], jp[f"knee_{side}.thigh.sup"] = map(float, crossing[:2])
     point(f"knee_{side}.shank", pose.actInv(crossing))
@@ -133,11 +138,12 @@ def _leg(
 
 
 def _markers(peer: PeerModel, bodies: dict[str, str]) -> Iterator[tuple[str, str, Array]]:
-    """Those that the model has on these bodies, or on the toes."""
+    """Those that the model has on these bodies, or on what hangs on them."""
     for label, (carrier, position) in peer.markers.items():
-        for segment, body in bodies.items():
-            if carrier == body or (segment.startswith("foot") and peer.is_below(carrier, body)):
+        for segment, body in reversed(bodies.items()):
+            if peer.is_below(carrier, body):
                 yield label, segment, peer.body_pose(carrier, body).act(position)
+                break
 
 
 def _free_points(bodies: dict[str, str]) -> Iterator[tuple[str, str, Array]]:
