@@ -31,6 +31,7 @@ from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
@@ -178,11 +179,15 @@ def placed_by_motion(study: Study) -> tuple[Study, tuple[knocked.Placement, ...]
 
 @remembered
 def moves_since_static(study: Study) -> dict[str, dict[str, PossibleMove]]:
-    """Trial -> segment that it is fitted by -> what its markers may have done since the static trial."""
+    """Trial -> segment that it is fitted by -> what its markers may have done since the static trial; a cluster that
+    was put back is as uncertain as its place.
+    """
     out = dict[str, dict[str, PossibleMove]]()
+    placed = {p.segment: study.loosened.get(p.name, 0.0) for p in JOINT_PARAMETERS if p.kind is Kind.ORIENTATION}
     for t in _looked_at(study)[2] if study.marker_set.noise is None else ():
         fitted = SEGMENTS if t.trial.joint is None else joint_segments(t.trial.joint)
-        out[t.name] = {s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted}
+        moves = {s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted}
+        out[t.name] = {s: replace(m, turn=np.hypot(m.turn, placed.get(s, 0.0))) for s, m in moves.items()}
     return out
 
 
