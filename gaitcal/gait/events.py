@@ -92,9 +92,10 @@ def trial_events(
 
 def activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
     """Of any activity, from the events `found` of its feet: those of strides, or else what the pelvis repeats."""
-    if alternate(*(found.of(side).strikes for side in SIDES)):
+    feet = [found.of(side) for side in SIDES]
+    if alternate(*(foot.strikes for foot in feet)):
         return found
-    return GaitEvents(repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")]))
+    return GaitEvents(repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")], feet))
 
 
 def corrected(time: Array, events: Sequence[FootEvent], shown: Sequence[FootEvent]) -> GaitEvents:
