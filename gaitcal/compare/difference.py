@@ -6,9 +6,9 @@ Of a figure with the mean m_s over the n_s strides of session s, d = m_B - m_A,
     se^2 = t^2 v (1 / n_A + 1 / n_B) + c^2,        mdc95 = 1.96 se.
 
 v is the variance between strides, pooled (Student's two-sample test): of this figure in both sessions and, where these
-give fewer than `ENOUGH` degrees of freedom, in both legs; t widens it for being known from few strides, by the 97.5 %
-point of Student's distribution against that of the normal one. Measurement error of the single stride is in v. c is
-what the errors c_A, c_B that all strides of a session share leave in the difference:
+give fewer than `LEAST_FREEDOM` degrees of freedom, in both legs; t widens it for being known from few strides, by the
+97.5 % point of Student's distribution against that of the normal one. Measurement error of the single stride is in v.
+c is what the errors c_A, c_B that all strides of a session share leave in the difference:
 
     one model            c = |c_A - c_B|                      one error, and as large as the posture makes it in each
     one static trial     c^2 = (f_A - f_B)^2 + (c_A^2 - f_A^2) + (c_B^2 - f_B^2),     f: axes and masses
@@ -49,7 +49,7 @@ inside bars of 68, 93 inside those of 95 (68 and 87 while those thighs were take
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -62,14 +62,14 @@ from gaitcal.compare.stride_sets import Common, Session, mean_over
 from gaitcal.dynamics.axis_errors import PALPATED_DEG
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted, parameter_words
-from gaitcal.model.coordinates import coordinate_words
+from gaitcal.model.coordinates import coordinate_words, senses_of
 from gaitcal.model.linkage import LEG_JOINTS, segment_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.parameters import Kind as ParameterKind
 from gaitcal.study.joint_prior import JointPrior
 
 MDC = 1.96  # Standard errors: the normal distribution's 97.5 % point
-ENOUGH = 8  # Degrees of freedom from which the leg's own strides tell their spread
+LEAST_FREEDOM = 8  # Degrees of freedom from which the leg's own strides tell their spread
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,7 @@ def spread_of(here: Sequence[Array], other_leg: Sequence[Array]) -> Spread:
     if not other_leg:
         return alone
     both = pooled([*here, *other_leg])
-    few = alone.freedom < ENOUGH
+    few = alone.freedom < LEAST_FREEDOM
     return Spread(
         variance=np.where(few, both.variance, alone.variance), freedom=np.where(few, both.freedom, alone.freedom)
     )
@@ -244,8 +244,15 @@ def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]
     return tuple(lines)
 
 
+def _told(d: Difference) -> Difference:
+    """A moment that is lowest counts in the sense in which it acts: as knee abduction, no negative adduction."""
+    acts = d.kind == Kind.MOMENT.words and d.measure.startswith("lowest")
+    return replace(d, a=-d.a, b=-d.b) if acts else d
+
+
 def sentence(d: Difference) -> str:
     """`right knee flexion, highest in swing: 8.1 deg less (52.3 against 60.4), 3.2 times what ... could miss`."""
+    d = _told(d)
     digits = 3 if d.unit == "m" or d.unit == "m/s" else 2 if d.unit == "s" else 1
     below = max(d.a, d.b) < 0.0  # of a negative moment, a larger number is less
     way = ("less negative" if below else "more") if d.difference > 0 else ("more negative" if below else "less")
@@ -266,9 +273,11 @@ def subject(d: Difference) -> str:
     if d.name == GROUND_REACTION:
         return f"{side}vertical ground reaction, {d.measure}"
     coordinate = coordinate_of(d.name)
-    words = coordinate_words(coordinate)
-    title = words.title[:1].lower() + words.title[1:]
-    title += {Kind.ANGLE: "", Kind.MOMENT: f" moment (+ {words.moment})", Kind.POWER: " power"}.get(kind, "")
+    title = coordinate_words(coordinate).title
+    title = title[:1].lower() + title[1:] + (" power" if kind is Kind.POWER else "")
+    if kind is Kind.MOMENT and (senses := senses_of(coordinate)):
+        figure, _, phase = d.measure.partition(" in ")
+        return f"{side}{title.split()[0]} {senses[figure == 'lowest']} moment, {phase}"
     if coordinate.startswith(("pelvis", "lumbar")):
         return f"{title} in {side}strides, {d.measure}"
     return f"{side}{title}, {d.measure}"
@@ -276,9 +285,9 @@ def subject(d: Difference) -> str:
 
 def numbers_of(d: Difference) -> tuple[str, ...]:
     """Both sessions, their difference, what could be missed, and how many times that it is."""
-    digits = 3 if d.unit in ("m", "m/s", "s") else 1
+    d, digits = _told(d), 3 if d.unit in ("m", "m/s", "s") else 1
     figures = [f"{round(value, digits) + 0.0:.{digits}f}" for value in (d.a, d.b, d.difference)]  # + 0.0: no -0.0
-    limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.3g}", f"{d.times:.1f}")
+    limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.{digits}f}", f"{d.times:.1f}")
     return (*figures, *limit)
 
 

@@ -61,7 +61,7 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     model = synthetic_model(np.random.default_rng(), perturb=False)
     found = made_up(activity, model.parameters)
     motion, ground = found.motion, ground_on_feet(model.parameters, found.motion)
-    state = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
+    state = [motion.basis.evaluate(motion.coefficients, k) for k in range(3)]
     truth = Dynamics(model.parameters).forces(*state, ground.wrench)
     up, share = ground.wrench[:, :, 1], ground.load_share.sum(axis=1)
     flies, sits = share == 0, (share > 0) & (share < 1.0 - 1e-9)
