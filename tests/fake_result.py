@@ -179,11 +179,13 @@ def _joint_floor(floor: MarkerErrors, joints: dict[str, float]) -> JointFloor:
 def _motion(names: Names, coordinates: tuple[str, ...], level: float, segments: tuple[str, ...]) -> Motion:
     basis = spline_basis(np.arange(FRAMES) / RATE, 30)
     phase = np.linspace(0.0, 5.0, 30)[:, None] + np.arange(len(coordinates))
-    nodes = 0.3 * np.sin(2.0 * phase) + level
+    coefficients = 0.3 * np.sin(2.0 * phase) + level
     if "pelvis_ty" in coordinates:
-        nodes[:, coordinates.index("pelvis_ty")] = 1.0
+        coefficients[:, coordinates.index("pelvis_ty")] = 1.0
     errors = _errors(names, level, segments)
-    return Motion(name="m", coordinates=coordinates, basis=basis, nodes=nodes, errors=errors, converged=True)
+    return Motion(
+        name="m", coordinates=coordinates, basis=basis, coefficients=coefficients, errors=errors, converged=True
+    )
 
 
 def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:

@@ -156,7 +156,7 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
     before.mkdir()
     (before / "walk.csv").write_text(ROWS.format(20.0))
     (before / "summary.json").write_text(json.dumps({"seconds": 1.5, "status": "converged", "rms": 5.5}, indent=1))
-    np.savez(before / "splines.npz", nodes=np.arange(4.0), trials=np.array(["walk"]))
+    np.savez(before / "splines.npz", coefficients=np.arange(4.0), trials=np.array(["walk"]))
     (before / "report.html").write_text("<p>before</p>")
     shutil.copytree(before, tmp_path / "after")
     return before, tmp_path / "after"
@@ -190,7 +190,7 @@ def test_other_numbers_gaps_and_words_are_told(folders: tuple[Path, Path], name:
 
 def test_arrays_and_missing_files_are_told(folders: tuple[Path, Path]) -> None:
     before, after = folders
-    np.savez(after / "splines.npz", nodes=np.arange(4.0) + 1e-6, trials=np.array(["walk"]))
+    np.savez(after / "splines.npz", coefficients=np.arange(4.0) + 1e-6, trials=np.array(["walk"]))
     (after / "walk.csv").unlink()
     lines = list(compare_results.differences(before, after))
     assert [line.split(":")[0] for line in lines] == ["walk.csv", "splines.npz"]

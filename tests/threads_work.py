@@ -47,7 +47,7 @@ def results(study: Path) -> Iterator[tuple[str, bytes]]:
     yield "a draw: unfinished", np.ascontiguousarray(end.loc[(-1, "noise"), list(COLUMNS)].iloc[0], float).tobytes()
     yield "a draw: alone", draw(MonteCarloContext(case, settings), Varied.NOISE, 50, 0).values.tobytes()
     joints = noisy_draw(0, 0, random_seeds=1).joints
-    yield "noisy_draw", np.concatenate([joint.nodes.ravel() for joint in joints.values()]).tobytes()
+    yield "noisy_draw", np.concatenate([joint.coefficients.ravel() for joint in joints.values()]).tobytes()
 
     found = gc.calibrate(gc.Study.load(study))
     yield "calibrate", found.model.parameters.joint.tobytes() + found.model.parameters.inertial.tobytes()

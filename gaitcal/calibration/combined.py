@@ -37,7 +37,7 @@ class CombinedProblem:
     """A trial of the combined fit."""
 
     problem: MotionProblem
-    nodes: Array
+    coefficients: Array
     """(nn, nq) where phases 1 and 2 ended."""
     wrench: Array | None = None
     """(nf, 2, 6) ground reactions of a whole-body trial; None: markers only."""
@@ -60,7 +60,7 @@ class CombinedFit:
     """Where the combined fit ended."""
 
     parameters: Parameters
-    nodes: tuple[Array, ...]
+    coefficients: tuple[Array, ...]
     marker_sigma: float
     """m, per coordinate."""
     load_share: float
@@ -88,11 +88,11 @@ def combined_fit(
     settings = settings or CombinedSettings()
     problem = _MarkersAndLoads(trials, parameters, free, which, subject, settings)
     theta = np.concatenate([parameters.joint[[JP_INDEX[n] for n in free]], np.zeros(problem.chart.size)])
-    end = descend(problem, problem.joined(theta, [trial.nodes for trial in trials]), settings.descent)
-    theta, nodes = problem.parted(end.x)
+    end = descend(problem, problem.joined(theta, [trial.coefficients for trial in trials]), settings.descent)
+    theta, coefficients = problem.parted(end.x)
     return CombinedFit(
         parameters=problem.parameters_at(theta),
-        nodes=tuple(nodes),
+        coefficients=tuple(coefficients),
         marker_sigma=problem.sigma,
         load_share=settings.load_share,
         cost=end.cost,
@@ -103,7 +103,7 @@ def combined_fit(
 
 
 class _MarkersAndLoads(SharedMotions):
-    """The cost by theta = (joint parameters, inertial variables) and the nodes of each trial."""
+    """The cost by theta = (joint parameters, inertial variables) and the coefficients of each trial."""
 
     def __init__(
         self,
@@ -122,7 +122,7 @@ class _MarkersAndLoads(SharedMotions):
         self.precision = 1.0 / self.chart.spread(settings.spread)
         square = count = 0.0
         for trial, problem in zip(trials, self.open, strict=True):
-            square += problem.marker_cost(trial.nodes, problem.constants(parameters))
+            square += problem.marker_cost(trial.coefficients, problem.constants(parameters))
             count += 3.0 * float((problem.data.weight > 0).sum())
         self.sigma = float(np.sqrt(square / count))
         """m per coordinate: the marker residual at the start, over all trials."""
@@ -142,19 +142,19 @@ class _MarkersAndLoads(SharedMotions):
 
     def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
         """The same with the arrow."""
-        theta, nodes = self.parted(x)
+        theta, coefficients = self.parted(x)
         parameters = self.parameters_at(theta)
-        equations = [self._trial(k, parameters, theta, n) for k, n in enumerate(nodes)]
+        equations = [self._trial(k, parameters, theta, n) for k, n in enumerate(coefficients)]
         precision = np.concatenate([np.zeros(len(self.free)), self.precision])  # markers alone hold joint parameters
         scaled = precision * theta
         prior = SharedPrior(float(scaled @ scaled), precision * scaled, np.diag(precision**2))
         return ArrowEquations(equations, [np.arange(self.size)] * len(equations), self.size, prior)
 
-    def _trial(self, k: int, parameters: Parameters, theta: Array, nodes: Array) -> NormalEquations:
+    def _trial(self, k: int, parameters: Parameters, theta: Array, coefficients: Array) -> NormalEquations:
         """One trial's markers in units of sigma_m, its parameters placed in theta, and its loads."""
         problem, trial, columns = self.open[k], self.trials[k], self.columns[k]
-        marker = problem.equations(nodes, problem.constants(parameters)).scaled(1.0 / self.sigma**2)
-        mixed, corner = np.zeros((nodes.size, self.size)), np.zeros((self.size, self.size))
+        marker = problem.equations(coefficients, problem.constants(parameters)).scaled(1.0 / self.sigma**2)
+        mixed, corner = np.zeros((coefficients.size, self.size)), np.zeros((self.size, self.size))
         gradient = np.zeros(self.size)
         mixed[:, columns], gradient[columns] = marker.mixed, marker.parameter_gradient
         corner[np.ix_(columns, columns)] = marker.parameters
@@ -162,7 +162,7 @@ class _MarkersAndLoads(SharedMotions):
         if trial.wrench is None:
             return placed
         valid = np.ones(len(problem.basis.time), bool) if trial.valid is None else trial.valid
-        q, v, a = (problem.basis.evaluate(nodes, d)[valid] for d in range(3))
+        q, v, a = (problem.basis.evaluate(coefficients, d)[valid] for d in range(3))
         load = root_residual(parameters, self.free, q, v, a, trial.wrench[valid])
         by_theta = self._by_theta(load, parameters, theta)
         return _with_loads(placed, problem.basis, valid, load, by_theta, self.load_weight)

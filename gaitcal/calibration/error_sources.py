@@ -133,17 +133,17 @@ def errors_by_source(
 class _NodeMoves:
     """What moves the nodes of one trial: its own marker coordinates, and unknowns that it shares with others."""
 
-    nodes: Array
+    coefficients: Array
     """(nn * nq, own) n_c: what the own coordinates do, the joint parameters being known."""
     sensitivity: Array
     """(nn * nq, np) S = - d N / d p, joint parameters before soft tissue."""
 
     def moved(self, basis: SplineBasis, frames: slice | IntArray, derivative: int) -> Array:
         """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
-        chosen, nq = np.arange(len(basis.time))[frames], len(self.nodes) // basis.nodes
+        chosen, nq = np.arange(len(basis.time))[frames], len(self.coefficients) // basis.nodes
         near = slice(int(basis.first[chosen[0]]), int(basis.first[chosen[-1]]) + ORDER)
         rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
-        by_node = np.hstack([self.nodes[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
+        by_node = np.hstack([self.coefficients[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
         out: Array = basis.matrices[derivative][frames][:, near] @ by_node
         return out.reshape(len(chosen), nq, -1)
 
@@ -153,7 +153,7 @@ class _NodeMoves:
         """
         states = np.concatenate([self.moved(basis, frames, derivative) for derivative in range(3)], axis=1)
         every: Array = by_state @ states
-        count = self.nodes.shape[1]
+        count = self.coefficients.shape[1]
         every[:, :, count : count + by_parameter.shape[2]] += by_parameter
         return every
 
@@ -174,7 +174,7 @@ class MotionSensitivity(_NodeMoves):
     """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source are np or fewer with the
     same covariance."""
     own: tuple[ErrorSource, ...]
-    """(own,) of the columns of `nodes`."""
+    """(own,) of the columns of `coefficients`."""
     others: tuple[ErrorSource, ...]
     """(nc,) of the columns of `shift`."""
 
@@ -182,7 +182,7 @@ class MotionSensitivity(_NodeMoves):
         """ErrorSource -> (frames, m) the variance that it makes; `moved`: (frames, m, own + np) what own coordinates
         and unknowns do.
         """
-        (nf, m, _), count, out = moved.shape, self.nodes.shape[1], dict[ErrorSource, Array]()
+        (nf, m, _), count, out = moved.shape, self.coefficients.shape[1], dict[ErrorSource, Array]()
         by_unknown = moved[:, :, count:].reshape(nf * m, -1)
         for source in dict.fromkeys((*self.own, *self.others)):
             own = [k for k, of in enumerate(self.own) if of is source]
@@ -227,35 +227,36 @@ def source_of(name: str) -> ErrorSource:
 
 
 def whole_body_scores(
-    problem: MotionProblem, nodes: Array, parameters: Parameters, joint: ErrorSources | None
+    problem: MotionProblem, coefficients: Array, parameters: Parameters, joint: ErrorSources | None
 ) -> MarkerScores:
     """Scores of one trial's markers, for the joint parameters of `joint`; None: no parameter is free."""
     problem = problem.with_free(joint.free if joint else ())
     constants = problem.constants(parameters)
-    eliminated = eliminate(problem.equations(nodes, constants))
-    columns = [_cluster_gradients(problem, constants, nodes)]
+    eliminated = eliminate(problem.equations(coefficients, constants))
+    columns = [_cluster_gradients(problem, constants, coefficients)]
     clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
     if problem.penalty is not None:
-        columns.append(problem.penalty.both(nodes)[1].reshape(-1, 1))
+        columns.append(problem.penalty.both(coefficients)[1].reshape(-1, 1))
         clusters.append(f"bandwidth/{problem.name}")
     for prior in problem.priors:
         if prior.centred:
             columns.append(prior.scores(problem.basis, problem.chain.coordinates))
             clusters += [f"posture/{problem.name}/{k}" for k in range(columns[-1].shape[1])]
     moves = -eliminated.factor.solve(np.hstack(columns))
-    return MarkerScores(nodes=moves, sensitivity=eliminated.sensitivity, clusters=tuple(clusters))
+    return MarkerScores(coefficients=moves, sensitivity=eliminated.sensitivity, clusters=tuple(clusters))
 
 
-def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, nodes: Array) -> Array:
-    """(nn * nq, nc) half gradients of each marker coordinate's own cost by the nodes, residuals inflated."""
+def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, coefficients: Array) -> Array:
+    """(nn * nq, nc) half gradients of each marker coordinate's own cost by the coefficients, residuals inflated."""
     chain, data, basis = problem.chain, problem.data, problem.basis
     nq = len(chain.coordinates)
-    q = basis.evaluate(nodes)
+    q = basis.evaluate(coefficients)
     poses = forward(chain, constants, q, data.secondary)
     spatial = jacobian(chain, constants, poses, data.secondary)
-    x = problem.positions(nodes, constants)
+    x = problem.positions(coefficients, constants)
     residual = x - data.measured
     least = 0.0 if problem.noise is None else 1e-3 * problem.noise.size_mm
+    of_one = np.arange(len(data.segment)) if problem.noise is None else _first_alike(data.measured)
     inverse = _frame_inverses(problem, constants, q)
     matrix = basis.matrices[0]
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
@@ -274,8 +275,14 @@ def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, nodes:
             inflated = inflated * np.maximum(least / np.maximum(spread, 1e-9), 1.0)
         pull = velocity * (data.weight[m] * inflated)
         for i in range(3):
-            by_node[:, own, 3 * m + i] = (pull[:, i] @ matrix).T
+            by_node[:, own, 3 * of_one[m] + i] += (pull[:, i] @ matrix).T
     return by_node.reshape(basis.nodes * nq, -1)
+
+
+def _first_alike(measured: Array) -> IntArray:
+    """(nm,) of each point of (nm, 3, nf) m the first that is the same: a key point of two segments errs once."""
+    _, first, which = np.unique(measured.reshape(len(measured), -1), axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[which.ravel()])
 
 
 def _frame_inverses(problem: MotionProblem, constants: ChainConstants, q: Array) -> Array:
@@ -290,7 +297,7 @@ def _frame_inverses(problem: MotionProblem, constants: ChainConstants, q: Array)
 
 def marker_moves(
     problem: MotionProblem,
-    nodes: Array,
+    coefficients: Array,
     parameters: Parameters,
     joint: ErrorSources | None,
     scores: MarkerScores | None = None,
@@ -302,7 +309,7 @@ def marker_moves(
     joint : None where no joint parameters were calibrated.
     scores : of `whole_body_scores`, where known already.
     """
-    scores = scores or whole_body_scores(problem, nodes, parameters, joint)
+    scores = scores or whole_body_scores(problem, coefficients, parameters, joint)
     found = [source_of(c) for c in scores.clusters]
     own = [source if source in (ErrorSource.BANDWIDTH, ErrorSource.POSTURE) else ErrorSource.MOTION for source in found]
     shift, others = np.zeros((scores.sensitivity.shape[1], 0)), list[ErrorSource]()
@@ -315,7 +322,11 @@ def marker_moves(
             shift = np.hstack([shift, compressed])
             others += [source] * compressed.shape[1]
     return MotionSensitivity(
-        nodes=scores.nodes, sensitivity=scores.sensitivity, shift=shift, own=tuple(own), others=tuple(others)
+        coefficients=scores.coefficients,
+        sensitivity=scores.sensitivity,
+        shift=shift,
+        own=tuple(own),
+        others=tuple(others),
     )
 
 

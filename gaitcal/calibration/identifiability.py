@@ -23,8 +23,10 @@ from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.codes import Code
 from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
-from gaitcal.model.linkage import LEG_JOINTS, SIDE_WORDS, SIDES, moved_joints
+from gaitcal.model.linkage import LEG_JOINTS, LOWER_BODY, SIDE_WORDS, SIDES, moved_joints
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.motion.motion import rigid_floor
+from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 
@@ -40,6 +42,8 @@ UNBOUNDED = 1e6
 """Variance, in squares of the largest error believed, of what the markers cannot see at all."""
 MANY_BEYOND = 4
 """Leg joint parameters beyond their bounds from which no single joint is odd: the body is another one."""
+PLACED_ANEW = 0.001
+"""m, RMS: no hand puts markers on another body, or on anew, so that all distances within segments stay to this."""
 LARGEST_ARM_TURN = np.deg2rad(90.0)
 """From where a coordinate begins, the median over a trial: no noise and no bound of joint parameters turns so far."""
 MOVEMENTS = {
@@ -96,18 +100,20 @@ def unmoved_parameters(free: Sequence[str], joint: str, turned: Mapping[str, flo
     return tuple(name for name in free if name.split(".")[0] in still)
 
 
-def _turns(problem: MotionProblem, nodes: Array, joint: str) -> dict[str, float]:
+def _turns(problem: MotionProblem, coefficients: Array, joint: str) -> dict[str, float]:
     """Coordinate of an isolated joint, without its side -> its range (rad) over a trial."""
-    ranges = dict(zip(problem.chain.coordinates, np.ptp(problem.basis.evaluate(nodes), axis=0).tolist(), strict=True))
+    ranges = dict(
+        zip(problem.chain.coordinates, np.ptp(problem.basis.evaluate(coefficients), axis=0).tolist(), strict=True)
+    )
     return {name: ranges[f"{name}_{joint[-1]}"] for names in _axes(joint).values() for name in names}
 
 
 def turns_of(
-    problems: Sequence[MotionProblem], nodes: Sequence[Array], joints: Sequence[str | None]
+    problems: Sequence[MotionProblem], coefficients: Sequence[Array], joints: Sequence[str | None]
 ) -> dict[str, dict[str, float]]:
     """How far isolated trials move their joints; `joints` names that of each problem, None for gait."""
     out: dict[str, dict[str, float]] = {}
-    for problem, own, joint in zip(problems, nodes, joints, strict=True):
+    for problem, own, joint in zip(problems, coefficients, joints, strict=True):
         if joint is not None:
             found = out.setdefault(joint, {})
             for name, turned in _turns(problem, own, joint).items():
@@ -115,7 +121,7 @@ def turns_of(
     return out
 
 
-def small_turns(problem: MotionProblem, nodes: Array, joint: str) -> tuple[Finding, ...]:
+def small_turns(problem: MotionProblem, coefficients: Array, joint: str) -> tuple[Finding, ...]:
     """Movements of an isolated trial that are too small to show their axis."""
     return tuple(
         Finding(
@@ -128,7 +134,7 @@ def small_turns(problem: MotionProblem, nodes: Array, joint: str) -> tuple[Findi
             leg=joint[-1],
             code=Code.SMALL_MOVEMENT,
         )
-        for name, turned in _turns(problem, nodes, joint).items()
+        for name, turned in _turns(problem, coefficients, joint).items()
         if turned < NEEDED_TURN
     )
 
@@ -177,10 +183,23 @@ def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, 
     return tuple(out)
 
 
-def beyond_bounds(names: Sequence[str]) -> tuple[Finding, ...]:
-    """Of joint parameters on their bounds, or beyond; notes where no leg moves by them."""
+def worn_as_standing(problems: Sequence[MotionProblem]) -> bool:
+    """Whether the markers of legs and pelvis sit in trials just as in the static trial: on this body, wherever joints
+    are found. False where skin or cameras leave that open, and of points that are no markers.
+    """
+    floors = [rigid_floor(problem) for problem in problems if problem.noise is None]
+    shown = [(floor, s) for floor in floors for s in LOWER_BODY if floor.kept(s).sum() >= FEWEST_MARKERS]
+    apart = [floor.rms(segment) or 0.0 for floor, segment in shown]
+    return bool(apart) and len(floors) == len(problems) and max(apart) < PLACED_ANEW
+
+
+def beyond_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Finding, ...]:
+    """Of joint parameters on their bounds, or beyond; notes where no leg moves by them.
+
+    `same_body`: markers show that the static trial is of the body of the others.
+    """
     legs = [name for name in names if name.split(".")[0].rpartition("_")[0] in LEG_JOINTS]
-    many = len(legs) >= MANY_BEYOND and len({name.split(".")[0] for name in legs}) > 1
+    many = not same_body and len(legs) >= MANY_BEYOND and len({name.split(".")[0] for name in legs}) > 1
     out = []
     for joint in dict.fromkeys(name.split(".")[0] for name in names):
         own = [name for name in names if name.split(".")[0] == joint]
@@ -205,12 +224,12 @@ def beyond_bounds(names: Sequence[str]) -> tuple[Finding, ...]:
 
 
 def arm_ambiguity(
-    problems: Sequence[MotionProblem], nodes: Sequence[Array], parameters: Parameters
+    problems: Sequence[MotionProblem], coefficients: Sequence[Array], parameters: Parameters
 ) -> Mapping[str, float]:
     """Side -> rad by which its arm is turned from where rigid fits with `parameters` begin, where that is too far."""
     out: dict[str, float] = {}
     arm = [row.name for row in COORDINATE_TABLE.values() if row.group == "arm"]
-    for problem, own in zip(problems, nodes, strict=True):
+    for problem, own in zip(problems, coefficients, strict=True):
         start = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
         apart = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(own - start))))
         median = dict(zip(problem.chain.coordinates, np.median(apart, axis=0).tolist(), strict=True))

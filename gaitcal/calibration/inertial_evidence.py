@@ -79,7 +79,7 @@ class LoadedProblem:
 
     problem: MotionProblem
     """Of the whole body, with the skin that moves."""
-    nodes: Array
+    coefficients: Array
     """(nn, 27)."""
     reactions: GroundReactions
     scores: MarkerScores | None = None
@@ -134,16 +134,16 @@ def residual_noise(
     for trial in trials:
         basis, wrenches = trial.problem.basis, trial.reactions.wrench
         opened = trial.problem.with_free(sources.free)
-        moves = trial.scores or whole_body_scores(trial.problem, trial.nodes, parameters, sources)
-        shift, own = sources.parameters[opened.places_in(sources.free)], moves.nodes.shape[1]
+        moves = trial.scores or whole_body_scores(trial.problem, trial.coefficients, parameters, sources)
+        shift, own = sources.parameters[opened.places_in(sources.free)], moves.coefficients.shape[1]
         rates = wrench_rates(basis.time, wrenches)
-        coarse = None if trial.problem.penalty else _coarser(basis, trial.nodes)
+        coarse = None if trial.problem.penalty else _coarser(basis, trial.coefficients)
         names = [*sources.clusters, *moves.clusters, *feet, "plate/clock"]
         names += [f"inertia/{n}" for n in range(by_kept.shape[1])] + (["bandwidth"] if coarse else [])
         repeated = max(plates.memory * frame_rate(basis), 1.0)
         valid = np.flatnonzero(trial.reactions.valid)
         for at in (valid[k : k + BLOCK] for k in range(0, len(valid), BLOCK)):
-            q, v, a = (basis.evaluate(trial.nodes, k)[at] for k in range(3))
+            q, v, a = (basis.evaluate(trial.coefficients, k)[at] for k in range(3))
             residual = root_residual(parameters, opened.chain.free[: opened.joint_parameters], q, v, a, wrenches[at])
             by_state = np.concatenate([residual.by_position, residual.by_velocity, residual.by_acceleration], axis=2)
             every = moves.through(basis, at, by_state, residual.by_parameter)
@@ -173,11 +173,11 @@ def _plate_moves(q: Array, errors: Array) -> Array:
     return np.concatenate([force, moment - np.cross(q[:, :3, None], force, axis=1)], axis=1)
 
 
-def _coarser(basis: SplineBasis, nodes: Array) -> tuple[SplineBasis, Array]:
+def _coarser(basis: SplineBasis, coefficients: Array) -> tuple[SplineBasis, Array]:
     """The same motion with longer knot spans."""
     spans = max(round((basis.nodes - MINIMUM_NODES + 1) / COARSER), 1)
     coarse = spline_basis(basis.time, spans + MINIMUM_NODES - 1)
-    return coarse, coarse.fit(basis.evaluate(nodes))
+    return coarse, coarse.fit(basis.evaluate(coefficients))
 
 
 def stay_nominal(

@@ -62,9 +62,9 @@ class JointFit:
     """Free parameters that ended on a bound."""
 
     @property
-    def nodes(self) -> tuple[Array, ...]:
+    def coefficients(self) -> tuple[Array, ...]:
         """Per trial (nn, nq)."""
-        return tuple(trial.nodes for trial in self.state.trials)
+        return tuple(trial.coefficients for trial in self.state.trials)
 
     @property
     def tissue(self) -> Array:
@@ -94,7 +94,7 @@ class JointSearch:
         problems : the trials; each has its own motion, all share the joint parameters.
         parameters : where the search starts, and the values of all that is not free.
         free : of these, the joint parameters that some trial passes are fitted.
-        starts : per trial, nodes (nn, nq) to start from.
+        starts : per trial, coefficients (nn, nq) to start from.
         nominal : where bounds are centred; `parameters` unless given.
         tissue : prior of the soft tissue that the problems have.
         expected : (np,) m, rad and (np, np) mean and precision of the joint parameters `free` before any trial; nothing

@@ -224,7 +224,7 @@ def noise_of(problems: Sequence[MotionProblem], nominal: Parameters, free: tuple
         state = search.approach(NOISE_TOLERANCE)
         effective = float(np.trace(np.linalg.solve(state.hessian + precision, state.hessian)))
         moved, at = search.problem.moved(state.p), search.problem.linkage(state.p)
-        left = [forbidden_noise(p, at, trial.nodes) for p, trial in zip(moved, state.trials, strict=True)]
+        left = [forbidden_noise(p, at, trial.coefficients) for p, trial in zip(moved, state.trials, strict=True)]
         noise = trial_noises(left, least, effective)
     return noise
 
@@ -314,11 +314,11 @@ def _coupling(
     out = np.zeros((len(names), len(names)))
     if considered:
         joints = tuple(name for name in names if name in JP_INDEX)
-        for problem, nodes, nu in zip(problems, fit.nodes, noise, strict=True):
+        for problem, coefficients, nu in zip(problems, fit.coefficients, noise, strict=True):
             opened = problem.with_free(joints)
             z = [found.get(name, 0.0) for name in opened.unknowns[opened.joint_parameters :]]
             moved = opened.displaced(np.array(z)) if z else opened
-            of_trial = eliminate(moved.equations(nodes, moved.constants(fit.parameters)))
+            of_trial = eliminate(moved.equations(coefficients, moved.constants(fit.parameters)))
             places = moved.places_in(names)
             out[np.ix_(places, places)] += of_trial.hessian / nu**2
     return out[: len(unknowns), len(unknowns) :]

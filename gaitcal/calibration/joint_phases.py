@@ -37,6 +37,7 @@ from gaitcal.calibration.identifiability import (
     unmoved_parameters,
     unseen_parameters,
     without_arms,
+    worn_as_standing,
 )
 from gaitcal.calibration.joint_calibration import JointSettings, passed
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, Tasks, estimate_joints, free_of
@@ -226,7 +227,7 @@ def fit_phase(
         known=known,
     )
     estimate, errors = fit(plan.free)
-    turned = turns_of(plan.problems, estimate.nodes, plan.joints)
+    turned = turns_of(plan.problems, estimate.coefficients, plan.joints)
     frozen: tuple[str, ...] = ()
     if how.prior is None:
         (alone,) = plan.tasks if len(plan.tasks) == 1 else (GAIT,)
@@ -238,9 +239,9 @@ def fit_phase(
         iterations, seconds = iterations + estimate.iterations, seconds + estimate.seconds
     small = [
         finding
-        for problem, nodes, joint in zip(plan.problems, estimate.nodes, plan.joints, strict=True)
+        for problem, coefficients, joint in zip(plan.problems, estimate.coefficients, plan.joints, strict=True)
         if joint
-        for finding in small_turns(problem, nodes, joint)
+        for finding in small_turns(problem, coefficients, joint)
     ]
     weighed = how.equal_weights and how.prior is not None
     summary = Phase(
@@ -312,7 +313,8 @@ def calibrate_in_phases(phases: Sequence[JointPhase], nominal: Parameters, how: 
             posterior = JointPrior(names=free, mean=mean, covariance=covariance)
             following = replace(following, prior=following.prior.updated(posterior))
         done.append(found)
-    whole = _calibration_of(done, nominal, how.prior, how.search, known)
+    problems = [problem for plan in phases for task in plan.tasks.values() for problem in task]
+    whole = _calibration_of(done, nominal, how.prior, how.search, known, problems)
     reached = {name: phase.estimate.parameters for phase in done for name in phase.summary.trials}
     return replace(whole, reached=reached)
 
@@ -342,7 +344,8 @@ def calibrate_by_evidence(
         done.append(replace(found, errors=errors, notes=notes))
         tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
     done += _trunk_and_arms(trials, nominal, how)
-    return replace(_calibration_of(done, nominal, prior, bounds, nominal_errors(prior=prior)), tissue=tissue)
+    problems = [t.fitted for t in legs]
+    return replace(_calibration_of(done, nominal, prior, bounds, nominal_errors(prior=prior), problems), tissue=tissue)
 
 
 def _with_found_tissue(phase: FittedPhase) -> ErrorSources:
@@ -396,7 +399,7 @@ def _trunk_and_arms(trials: Sequence[JointProblem], nominal: Parameters, how: Ph
     if not plan.free:
         return []
     found = fit_phase(plan, nominal, how)
-    if turned := arm_ambiguity(problems, found.estimate.nodes, nominal):
+    if turned := arm_ambiguity(problems, found.estimate.coefficients, nominal):
         found = fit_phase(replace(plan, free=without_arms(plan.free, turned)), nominal, how)
     return [replace(found, findings=ambiguous_arm_findings(turned))]
 
@@ -407,6 +410,7 @@ def _calibration_of(
     prior: JointPrior | None,
     bounds: JointSettings,
     known: ErrorSources,
+    problems: Sequence[MotionProblem],
 ) -> JointCalibration:
     """All phases together.
 
@@ -415,6 +419,7 @@ def _calibration_of(
     prior : before any trial.
     bounds : joint parameters on them, or beyond, are told.
     known : errors of all joint parameters, of which those of phases that know of no other take the place.
+    problems : of all phases, whose markers show whether the static trial is of this body.
     """
     parameters, spread, bounded = nominal, dict[str, float](), dict[str, None]()
     for phase in done:
@@ -443,7 +448,7 @@ def _calibration_of(
         findings=(
             *(finding for phase in done for finding in phase.findings),
             *in_words([n for n in unseen if n.startswith(LEG_JOINTS)], kept, turned),
-            *beyond_bounds(tuple(bounded)),
+            *beyond_bounds(tuple(bounded), same_body=bool(bounded) and worn_as_standing(problems)),
         ),
         at_bound=tuple(bounded),
         notes=(*(prior.notes if prior else ()), *(note for phase in done for note in phase.notes)),

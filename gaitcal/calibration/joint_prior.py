@@ -234,19 +234,19 @@ def least_noise(basis: SplineBasis, noise: PointNoise | None = None) -> float:
     return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * frame_rate(basis), 1.0)))
 
 
-def forbidden_noise(problem: MotionProblem, parameters: Parameters, nodes: Array) -> ForbiddenNoise:
-    """The noise at a motion, nodes (nn, nq).
+def forbidden_noise(problem: MotionProblem, parameters: Parameters, coefficients: Array) -> ForbiddenNoise:
+    """The noise at a motion, coefficients (nn, nq).
 
     Segments of fewer than three markers have no rigid fit, and leave their joints out. Where no joint is left, d is
     what the linkage leaves of the markers themselves, in c = 3 (markers) - (coordinates) directions.
     """
     chain, count = problem.chain, len(problem.chain.coordinates)
-    gap, segments, seen = _rigid_gap(problem, parameters, nodes)
+    gap, segments, seen = _rigid_gap(problem, parameters, coefficients)
     carried = chain.support[:count][problem.active][:, segments].any(axis=1)
     directions = 6 * len(segments) - int(carried.sum())
     if directions < 1:
         data = problem.data
-        gap = problem.positions(nodes, problem.constants(parameters)) - data.measured
+        gap = problem.positions(coefficients, problem.constants(parameters)) - data.measured
         gap *= np.sqrt(data.weight)[:, None]
         pulling = (data.weight > 0).sum(axis=0)
         seen = pulling > pulling.max(initial=0) // 2
@@ -258,14 +258,16 @@ def forbidden_noise(problem: MotionProblem, parameters: Parameters, nodes: Array
     return ForbiddenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
 
 
-def _rigid_gap(problem: MotionProblem, parameters: Parameters, nodes: Array) -> tuple[Array, list[int], BoolArray]:
+def _rigid_gap(
+    problem: MotionProblem, parameters: Parameters, coefficients: Array
+) -> tuple[Array, list[int], BoolArray]:
     """(nm, 3, nf) m, weighted, from the linkage to the rigid fits; the segments that have one; and the frames (nf,) in
     which all of them do.
     """
     data = problem.data
     gap, segments = np.zeros_like(data.measured), list[int]()
     seen = np.ones(data.weight.shape[1], dtype=bool)
-    model = problem.positions(nodes, problem.constants(parameters))
+    model = problem.positions(coefficients, problem.constants(parameters))
     for segment, markers in data.placed.groups:
         weight = data.weight[markers]
         if ((weight > 0).any(axis=1)).sum() < FEWEST_MARKERS:
@@ -278,8 +280,8 @@ def _rigid_gap(problem: MotionProblem, parameters: Parameters, nodes: Array) -> 
     return gap, segments, seen
 
 
-def trial_noises(seen: Sequence[ForbiddenNoise], least: Sequence[float], served: float) -> list[float]:
-    """m, nu of every trial of a fit in which `served` parameters were found from the samples of all of them."""
+def trial_noises(seen: Sequence[ForbiddenNoise], least: Sequence[float], effective_parameters: float) -> list[float]:
+    """m, nu of every trial of a fit in which so many parameters were found from the samples of all of them."""
     samples = sum(trial.samples for trial in seen)
-    spent = samples / max(samples - served - 2.0, LEAST_SAMPLES * samples)
+    spent = samples / max(samples - effective_parameters - 2.0, LEAST_SAMPLES * samples)
     return [max(float(np.sqrt(spent * s.variance)), floor) for s, floor in zip(seen, least, strict=True)]

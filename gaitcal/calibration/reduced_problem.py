@@ -49,21 +49,23 @@ COST_FALLEN_TO = 0.5
 
 @dataclass(frozen=True)
 class Matrices:
-    """A trial's normal equations at one point, the nodes eliminated; kept for points nearby."""
+    """A trial's normal equations at one point, the coefficients eliminated; kept for points nearby."""
 
     values: Array
     """(np_t,) the free parameters of this trial's chain where they were formed."""
-    nodes: Array
+    coefficients: Array
     """(nn, nq) where they were formed."""
     eliminated: Elimination
 
-    def near(self, values: Array, nodes: Array) -> bool:
+    def near(self, values: Array, coefficients: Array) -> bool:
         """Whether another point is near enough."""
-        apart = max(np.abs(values - self.values).max(initial=0.0), np.abs(nodes - self.nodes).max(initial=0.0))
+        apart = max(
+            np.abs(values - self.values).max(initial=0.0), np.abs(coefficients - self.coefficients).max(initial=0.0)
+        )
         return bool(apart < KEPT_WITHIN)
 
     def solve(self, gradient: Array) -> Array:
-        """H_qq^-1 times a gradient by the nodes, one after the other."""
+        """H_qq^-1 times a gradient by the coefficients, one after the other."""
         return self.eliminated.factor.solve(gradient)
 
 
@@ -71,7 +73,7 @@ class Matrices:
 class MotionState:
     """One trial at the joint parameters last visited."""
 
-    nodes: Array
+    coefficients: Array
     """(nn, nq)."""
     matrices: Matrices
     cost: float
@@ -95,7 +97,7 @@ class OpenEvaluation(Evaluation):
 
 
 class OpenMotion:
-    """A trial's marker cost by its nodes; what the free joint parameters would change is carried along."""
+    """A trial's marker cost by its coefficients; what the free joint parameters would change is carried along."""
 
     nothing_left = 0.0
     has_curvature = False
@@ -103,63 +105,65 @@ class OpenMotion:
     def __init__(self, problem: MotionProblem, constants: ChainConstants, values: Array) -> None:
         self.problem, self.constants, self.values = problem, constants, values
 
-    def nodes(self, x: Array) -> Array:
+    def coefficients(self, x: Array) -> Array:
         """(nn, nq) of a vector of them all."""
         return x.reshape(self.problem.basis.nodes, -1)
 
     def evaluate(self, x: Array) -> OpenEvaluation:
         """Cost and half gradients."""
-        cost, by_nodes, by_parameter = self.problem.both_gradients(self.nodes(x), self.constants)
+        cost, by_nodes, by_parameter = self.problem.both_gradients(self.coefficients(x), self.constants)
         return OpenEvaluation(cost, by_nodes.ravel(), by_parameter)
 
     def linearise(self, x: Array, *, curved: bool) -> OpenMatrix:
         """The equations there."""
-        nodes = self.nodes(x)
-        return OpenMatrix(self.values, nodes, self.problem.equations(nodes, self.constants, curved=curved))
+        coefficients = self.coefficients(x)
+        return OpenMatrix(
+            self.values, coefficients, self.problem.equations(coefficients, self.constants, curved=curved)
+        )
 
-    def corrected(self, nodes: Array, kept: Matrices | None) -> MotionState | None:
-        """The trial where plain steps from `nodes` (nn, nq) converge; None where they do not."""
-        end = descend(self, nodes.ravel(), CORRECTOR, kept)
+    def corrected(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
+        """The trial where plain steps from `coefficients` (nn, nq) converge; None where they do not."""
+        end = descend(self, coefficients.ravel(), CORRECTOR, kept)
         if not end.converged:
             return None
         matrices = end.factor or self.linearise(end.x, curved=False).factor(0.0)
         return self._state(end.x, end.evaluation, matrices, end.predicted_reduction, converged=True)
 
-    def stepped(self, nodes: Array, *, converged: bool) -> tuple[MotionState, float]:
-        """The trial one plain step from `nodes` (nn, nq), and the share of the cost that this promises to gain."""
-        matrix = self.linearise(nodes.ravel(), curved=False)
+    def stepped(self, coefficients: Array, *, converged: bool) -> tuple[MotionState, float]:
+        """The trial one plain step from `coefficients` (nn, nq), and the share of the cost that it should gain."""
+        matrix = self.linearise(coefficients.ravel(), curved=False)
         here, matrices = matrix.evaluation, matrix.factor(0.0)
         step = -matrices.solve(here.gradient)
-        promise = -float(here.gradient @ step)
-        state = self._state(nodes.ravel() + step, here, matrices, promise, converged=converged)
-        return state, promise / here.cost if here.cost > 0.0 else 0.0
+        predicted_reduction = -float(here.gradient @ step)
+        state = self._state(coefficients.ravel() + step, here, matrices, predicted_reduction, converged=converged)
+        return state, predicted_reduction / here.cost if here.cost > 0.0 else 0.0
 
     def _state(
-        self, x: Array, before: OpenEvaluation, matrices: Matrices, promise: float, *, converged: bool
+        self, x: Array, before: OpenEvaluation, matrices: Matrices, predicted_reduction: float, *, converged: bool
     ) -> MotionState:
-        """At nodes x, reached from `before` by a last step that promised to gain `promise`."""
+        """At coefficients x, reached from `before` by a last step predicted to gain `predicted_reduction`."""
         return MotionState(
-            nodes=self.nodes(x),
+            coefficients=self.coefficients(x),
             matrices=matrices,
-            cost=max(before.cost - promise, 0.0),
+            cost=max(before.cost - predicted_reduction, 0.0),
             reduced_gradient=matrices.eliminated.reduced(before.gradient, before.by_parameter),
             converged=converged,
         )
 
 
 class OpenMatrix:
-    """Its equations at some nodes."""
+    """Its equations at some coefficients."""
 
     spent = False
 
-    def __init__(self, values: Array, nodes: Array, equations: NormalEquations) -> None:
-        self.values, self.nodes, self.equations = values, nodes, equations
+    def __init__(self, values: Array, coefficients: Array, equations: NormalEquations) -> None:
+        self.values, self.coefficients, self.equations = values, coefficients, equations
         by_node, by_parameter = equations.node_gradient.ravel(), equations.parameter_gradient
         self.evaluation = OpenEvaluation(equations.cost, by_node, by_parameter)
 
     def factor(self, damping: float) -> Matrices:
-        """With the nodes eliminated."""
-        return Matrices(self.values, self.nodes, eliminate(self.equations, damping))
+        """With the coefficients eliminated."""
+        return Matrices(self.values, self.coefficients, eliminate(self.equations, damping))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,11 +285,11 @@ class ReducedProblem:
         if self.best is None:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
             about = self.settings if damped else replace(near, gain=max(near.gain, FIRST_GAIN))
-            predicted = track_nodes(fixed, motion.constants.without_parameters(), self.starts[k], about).nodes
+            predicted = track_nodes(fixed, motion.constants.without_parameters(), self.starts[k], about).coefficients
         else:
             last = self.best.trials[k]
             ahead = last.matrices.eliminated.follow((p - self.best.p)[self.columns[k]])
-            predicted = last.nodes - ahead.reshape(last.nodes.shape)
+            predicted = last.coefficients - ahead.reshape(last.coefficients.shape)
             kept = last.matrices if last.matrices.near(motion.values, predicted) else None
         if self._curved(k):
             return self._tracked(k, predicted, fixed, motion, self.settings)
@@ -293,18 +297,22 @@ class ReducedProblem:
 
     def _settled(self, k: int, trial: MotionState, p: Array, parameters: Parameters) -> MotionState:
         fixed, motion = self._motion(k, p, parameters)
-        stepped, share = motion.stepped(trial.nodes, converged=trial.converged)
-        return stepped if share <= self.settings.gain else self._tracked(k, trial.nodes, fixed, motion, self.settings)
+        stepped, share = motion.stepped(trial.coefficients, converged=trial.converged)
+        return (
+            stepped
+            if share <= self.settings.gain
+            else self._tracked(k, trial.coefficients, fixed, motion, self.settings)
+        )
 
     def _tracked(
-        self, k: int, nodes: Array, fixed: MotionProblem, motion: OpenMotion, settings: DescentSettings
+        self, k: int, coefficients: Array, fixed: MotionProblem, motion: OpenMotion, settings: DescentSettings
     ) -> MotionState:
         """The motion found by tracking, and one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=self._curved(k))
-        tracked = track_nodes(fixed, motion.constants.without_parameters(), nodes, settings)
+        tracked = track_nodes(fixed, motion.constants.without_parameters(), coefficients, settings)
         if tracked.curved and not settings.curved:
             self.slow_at[k] = min(self.slow_at[k], tracked.cost)
-        return motion.stepped(tracked.nodes, converged=tracked.converged)[0]
+        return motion.stepped(tracked.coefficients, converged=tracked.converged)[0]
 
     def _curved(self, k: int) -> bool:
         """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where it did."""

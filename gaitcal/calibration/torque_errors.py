@@ -41,7 +41,7 @@ class ErringForces:
     def __init__(
         self,
         problem: MotionProblem,
-        nodes: Array,
+        coefficients: Array,
         parameters: Parameters,
         wrenches: Array,
         joint: ErrorSources | None,
@@ -64,11 +64,11 @@ class ErringForces:
         """
         self.problem, self.parameters, self.wrenches = problem, parameters, wrenches
         self.free: tuple[str, ...] = joint.free if joint else ()
-        self.moves = moves or marker_moves(problem, nodes, parameters, joint)
+        self.moves = moves or marker_moves(problem, coefficients, parameters, joint)
         self.inertial, self.axes, self.plates = inertial, axes, plates
         self._dynamics = Dynamics(parameters, HELD)
         self._rates = wrench_rates(problem.basis.time, wrenches)
-        self._state = [problem.basis.evaluate(nodes, k) for k in range(3)]
+        self._state = [problem.basis.evaluate(coefficients, k) for k in range(3)]
 
     @property
     def parts(self) -> list[slice]:

@@ -85,9 +85,9 @@ def draw_figures(
         step("reading the result")
         if purpose == REPORT:
             told, read = read_whole(result, names, lambda: _told(result, normal))
-            charts, sheet = report_charts(told), told.sheet
+            charts, page_data = report_charts(told), told.page_data
         else:
-            (strides, sheet), read = read_whole(result, names, lambda: _strides(result, normal))
+            (strides, page_data), read = read_whole(result, names, lambda: _strides(result, normal))
             charts = paper_charts(strides, signs, wide) if signs else []
             charts += [one for table in _moment_arms(result, only or ()) for one in moment_arm_charts(table, wide)]
         charts = chosen(charts, only or ())
@@ -98,7 +98,7 @@ def draw_figures(
             read.require_unchanged()
     for remark in read.remarks:
         console.line(f"warning: {remark}")
-    verdict = sheet["verdict"]
+    verdict = page_data["verdict"]
     if verdict["judgement"] != "trustworthy":
         console.line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
     for file in files:
@@ -185,17 +185,17 @@ def _sheet(folder: Path) -> dict[str, Any]:
     )
 
 
-def _subject(sheet: Mapping[str, Any]) -> Subject:
-    person = sheet["person"]
+def _subject(page_data: Mapping[str, Any]) -> Subject:
+    person = page_data["person"]
     return Subject(
         name=person["name"], mass=person["mass"], height=person["height"], sex=person["sex"], session=person["session"]
     )
 
 
-def _healthy(sheet: Mapping[str, Any], normal: Path | None) -> HealthyBands:
+def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
     """Bands of the file the user names, else those the result was made with."""
     if normal is not None:
-        subject = _subject(sheet)
+        subject = _subject(page_data)
         bands = read_normal_bands(normal)
         return {name: {side: band.for_person(subject, side) for side in "rl"} for name, band in bands.items()}
     endings = {kind.words: kind.ending for kind in Kind if kind is not Kind.FORCE}
@@ -204,13 +204,13 @@ def _healthy(sheet: Mapping[str, Any], normal: Path | None) -> HealthyBands:
             side: (np.array(band[side][0], dtype=np.float64), np.array(band[side][1], dtype=np.float64))
             for side in "rl"
         }
-        for band in sheet["bands"]
+        for band in page_data["bands"]
     }
 
 
 def _told(folder: Path, normal: Path | None) -> Told:
-    sheet = _sheet(folder)
-    if not sheet["trials"]:
+    page_data = _sheet(folder)
+    if not page_data["trials"]:
         raise InputError(
             f"has no {PAGE_DATA} of its own; run its trials again, or draw --for paper",
             source=folder,
@@ -220,26 +220,26 @@ def _told(folder: Path, normal: Path | None) -> Told:
     known = pd.read_csv(folder / TRUTH, comment="#") if (folder / TRUTH).exists() else None
     truth = {} if known is None else dict(zip(known["name"], known["truth"].astype(float), strict=True))
     return Told(
-        sheet=sheet,
+        page_data=page_data,
         summary=read_object(folder / SUMMARY),
         parameters=parameters,
         truth=truth,
-        healthy=_healthy(sheet, normal),
+        healthy=_healthy(page_data, normal),
     )
 
 
 def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:
-    sheet = _sheet(folder)
+    page_data = _sheet(folder)
     if not (folder / CYCLES).exists():
         raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
-    strides = [stride for trial in sheet["trials"] for stride in trial["strides"] if not stride["turns"]]
+    strides = [stride for trial in page_data["trials"] for stride in trial["strides"] if not stride["turns"]]
     offs = {side: [_off(s) for s in strides if s["side"] == side and s["off"] is not None] for side in "rl"}
     return Strides(
         table=ensemble(_of_one_activity(read_cycles(folder), folder)),
-        subject=_subject(sheet),
+        subject=_subject(page_data),
         offs={side: float(np.mean(found)) for side, found in offs.items() if found},
-        healthy=_healthy(sheet, normal),
-    ), sheet
+        healthy=_healthy(page_data, normal),
+    ), page_data
 
 
 def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:

@@ -149,8 +149,8 @@ def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFra
         except InputError as error:
             return f"warning: the page was not brought up to date: {error}"
         rms = _marker_rms(folder, study.case.name)
-        sheet = with_monte_carlo(shown.data or {}, study, marker_rms=rms, contributions=contributions)
-        rewrite_page(stage, shown.scene, sheet)
+        page_data = with_monte_carlo(shown.data or {}, study, marker_rms=rms, contributions=contributions)
+        rewrite_page(stage, shown.scene, page_data)
     return f"page: {folder / PAGE}, preset Trust"
 
 

@@ -32,7 +32,7 @@ from gaitcal.faults.verdict import Judgement, stopping
 from gaitcal.findings import STUDY
 from gaitcal.gait.cycles import WALKING, Kind, kind_of
 from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.gait.peaks import PEAKS
+from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS
 from gaitcal.gait.profile_score import BOTH, GPS
 from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_room, sha256_of
@@ -226,6 +226,7 @@ def _columns() -> tuple[Column, ...]:
             ("laboratory", "as the study file says"),
         ),
         Column("walks", int, "", "walks that were used"),
+        Column("activities", str, "", "trials of any other activity; activity_peaks.csv has what they repeat"),
         *(Column(f"walks_refused_{s}", int, "", f"walks in which the {leg} leg is refused") for s, leg in _LEGS),
     ]
     for where, markers in (("marker_rms", "all markers"), ("legs_rms", "markers of pelvis and legs")):
@@ -283,13 +284,19 @@ DIGITS = 6
 _FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
 
 
-def _table(path: Path) -> pd.DataFrame | None:
-    """A table of a result, as text, of walking alone; None where there is none."""
+def _table(path: Path, *, walking: bool = True) -> pd.DataFrame | None:
+    """A table of a result, as text, of walking, or of other activities, alone; None where there is none."""
     try:
         table, _ = read_csv(path)
     except (OSError, pd.errors.EmptyDataError):
         return None
-    return table[table["activity"] == WALKING] if "activity" in table else table
+    return table[(table["activity"] == WALKING) == walking] if "activity" in table else table
+
+
+def activity_peaks(folder: Path) -> list[list[str]]:
+    """The rows of `peaks.csv` of a result folder that are of other activities than walking."""
+    table = _table(folder / PEAKS_FILE, walking=False)
+    return [] if table is None else table[[*PEAK_COLUMNS]].to_numpy().tolist()
 
 
 def _by_mass(variable: str, mass: float) -> float:
@@ -355,6 +362,7 @@ def row_of(folder: Path) -> dict[str, Cell]:
         "status": summary.get("status", ""),
         **{name: subject.get(name) for name in ("sex", "mass_kg", "height_m", "age_years", *RECORD)},
         "walks": len(walks),
+        "activities": " ".join(name for name, trial in trials.items() if trial.get("role") == "motion"),
         **_legs(walks),
         **dict(_fits(walks or list(trials.values()))),
         **dict(_residuals(walks)),

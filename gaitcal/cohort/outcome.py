@@ -219,7 +219,7 @@ def _read_in(folder: Path) -> list[Path]:
     return [p for p in paths if p.suffix.lower() in READ and p.name[0] not in ".~" and p.is_file()]
 
 
-FORMAT = 3
+FORMAT = 4
 """Of what a cohort keeps of a person: a change of it makes everyone be computed again."""
 
 
@@ -239,7 +239,7 @@ def fingerprint(person: CohortPerson, common: CommonSettings) -> str:
 
 
 STRIDE_TYPES = {
-    **dict.fromkeys(("person", "session", "trial", "side", "variable", "activity"), pa.string()),
+    **dict.fromkeys(("person", "session", "trial", "side", "variable", "activity", "phase"), pa.string()),
     **dict.fromkeys(("stride", "percent"), pa.int32()),
     "valid": pa.int8(),
     **dict.fromkeys(("value", "se", "se_stride", "turn"), pa.float64()),

@@ -21,7 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from gaitcal.codes import Code
-from gaitcal.cohort.one_person import COLUMNS, NAMES, Cell, CommonSettings
+from gaitcal.cohort.one_person import COLUMNS, NAMES, Cell, CommonSettings, activity_peaks
 from gaitcal.cohort.outcome import (
     COMPRESSION,
     STATE,
@@ -36,13 +36,14 @@ from gaitcal.cohort.outcome import (
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import Cohort, CohortPerson
 from gaitcal.errors import InputError
+from gaitcal.gait.peaks import PEAK_COLUMNS
 from gaitcal.io import result_folder
 from gaitcal.io.atomic import UNFINISHED, real_path
 from gaitcal.io.toml import package_version
 from gaitcal.published.workers import LocalProcesses, Workers, alone
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
-FAILURES, TIMES, MEANINGS = "failures.csv", "times.csv", "columns.csv"
+FAILURES, TIMES, MEANINGS, PEAKS = "failures.csv", "times.csv", "columns.csv", "activity_peaks.csv"
 FAILURE_COLUMNS = ("person", "session", "group", "folder", "code", "cause", "what_to_do")
 TIME_COLUMNS = ("person", "session", "seconds", "worker_mebibytes")
 WAIT_S = 5.0
@@ -176,10 +177,13 @@ def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, 
     schema, home = pa.schema([(column.name, _ARROW[column.kind]) for column in COLUMNS]), source.resolve()
     with result_folder.amended(ended.out) as stage:
         with ExitStack() as stack:
-            table, failed, times = (
-                _csv(stack, stage / name, columns)
-                for name, columns in ((PEOPLE_CSV, NAMES), (FAILURES, FAILURE_COLUMNS), (TIMES, TIME_COLUMNS))
-            )
+            of_tables = {
+                PEOPLE_CSV: NAMES,
+                FAILURES: FAILURE_COLUMNS,
+                TIMES: TIME_COLUMNS,
+                PEAKS: ("person", "session", "group", *PEAK_COLUMNS),
+            }
+            table, failed, times, peaks = (_csv(stack, stage / name, of) for name, of in of_tables.items())
             rows = stack.enter_context(pq.ParquetWriter(stage / PEOPLE_PARQUET, schema, compression=COMPRESSION))
             strides = stack.enter_context(pq.ParquetWriter(stage / CYCLES, _GROUPED, compression=COMPRESSION))
             waiting: list[Mapping[str, Cell]] = []
@@ -195,6 +199,7 @@ def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, 
                     continue
                 row = {**outcome.row, "group": person.group}
                 table.writerow(["" if row.get(name) is None else row[name] for name in NAMES])
+                peaks.writerows((*person.key, person.group, *of) for of in activity_peaks(ended.out / person.place))
                 waiting.append(row)
                 if len(waiting) == ROWS:
                     rows.write_table(_rows(waiting, schema))

@@ -6,9 +6,9 @@ Of a figure with the mean m_s over the n_s strides of session s, d = m_B - m_A,
     se^2 = t^2 v (1 / n_A + 1 / n_B) + c^2,        mdc95 = 1.96 se.
 
 v is the variance between strides, pooled (Student's two-sample test): of this figure in both sessions and, where these
-give fewer than `ENOUGH` degrees of freedom, in both legs; t widens it for being known from few strides, by the 97.5 %
-point of Student's distribution against that of the normal one. Measurement error of the single stride is in v. c is
-what the errors c_A, c_B that all strides of a session share leave in the difference:
+give fewer than `LEAST_FREEDOM` degrees of freedom, in both legs; t widens it for being known from few strides, by the
+97.5 % point of Student's distribution against that of the normal one. Measurement error of the single stride is in v.
+c is what the errors c_A, c_B that all strides of a session share leave in the difference:
 
     one model            c = |c_A - c_B|                      one error, and as large as the posture makes it in each
     one static trial     c^2 = (f_A - f_B)^2 + (c_A^2 - f_A^2) + (c_B^2 - f_B^2),     f: axes and masses
@@ -69,7 +69,7 @@ from gaitcal.model.parameters import Kind as ParameterKind
 from gaitcal.study.joint_prior import JointPrior
 
 MDC = 1.96  # Standard errors: the normal distribution's 97.5 % point
-ENOUGH = 8  # Degrees of freedom from which the leg's own strides tell their spread
+LEAST_FREEDOM = 8  # Degrees of freedom from which the leg's own strides tell their spread
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,7 @@ def spread_of(here: Sequence[Array], other_leg: Sequence[Array]) -> Spread:
     if not other_leg:
         return alone
     both = pooled([*here, *other_leg])
-    few = alone.freedom < ENOUGH
+    few = alone.freedom < LEAST_FREEDOM
     return Spread(
         variance=np.where(few, both.variance, alone.variance), freedom=np.where(few, both.freedom, alone.freedom)
     )

@@ -55,7 +55,7 @@ class OurTrial:
     valid: Mapping[str, BoolArray]
     """Side -> (nf,)."""
     cutoff: float | None
-    """Hz, at which its motion is smoothed; None: by its nodes alone."""
+    """Hz, at which its motion is smoothed; None: by its coefficients alone."""
     loads: Path
     """Of the forces under the feet, as `write_external_loads` writes them."""
     missed: Mapping[str, float]
@@ -132,7 +132,7 @@ def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurTrial]) 
                 raise InputError(message, source=osim, field=trial.name, code=Code.OTHER_MODEL) from None
         both = [value for label, value in trial.missed.items() if same_label(label, tuple(peer.markers)) is not None]
         missed.append((float(np.sqrt(np.mean(np.square(both)))), error))
-        q = trial.motion.basis.evaluate(trial.motion.nodes)
+        q = trial.motion.basis.evaluate(trial.motion.coefficients)
         for k, name in enumerate(COORDINATES):
             if name not in theirs or is_translation(name):
                 continue
@@ -213,10 +213,10 @@ def _of_opensim(
         missed = float(np.sqrt(np.mean(read_table(error).column("marker_error_RMS") ** 2)))
     frames = np.column_stack([np.interp(time, table.time, column) for column in table.values.T])
     basis = trial.motion.basis
-    nodes = basis.fit(frames)
+    coefficients = basis.fit(frames)
     if trial.cutoff is not None:
-        nodes = Smoother(basis).nodes(basis.matrices[0].T @ frames, trial.cutoff)
-    smooth = replace(table, time=time, values=basis.evaluate(nodes))
+        coefficients = Smoother(basis).coefficients(basis.matrices[0].T @ frames, trial.cutoff)
+    smooth = replace(table, time=time, values=basis.evaluate(coefficients))
     turning = [name for name in table.names if name in COORDINATES and not is_translation(name)]
     angles = {name: np.radians(smooth.column(name)) for name in turning}
     if trial.torques is None or not trial.loads.is_file():

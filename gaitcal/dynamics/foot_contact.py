@@ -9,7 +9,8 @@ The sole, seen from above, begins a little before the heel marker, which sits on
 tip of the foot; it is as wide as Winter (2009) gives the foot, less at heel and toes. Its cells count by their area.
 
 A loading of a plate is of the foot under whose sole its centre of pressure lies; one that two feet make one after the
-other is divided where the first has left the ground and the second rests.
+other is divided where the first has left the ground and the second rests. One that lasts over steps, on a belt that
+carries both feet, is of each foot from where it stands alone on.
 """
 
 from __future__ import annotations
@@ -63,13 +64,29 @@ class FootPoints:
     """(nf, 2) m/s, against the ground."""
     width: float = 0.0
     """m, of the sole where it is widest; 0: not known, a line from heel to tip."""
-    ground: Array = field(default_factory=lambda: np.zeros(3))
-    """(3,) m/s, how the ground moves: zero on a floor, the belt's velocity on a treadmill."""
+    ground: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    """(2, 3) m/s, how the ground moves under each foot: zero on a floor, its belt's velocity on a treadmill."""
 
     @property
     def resting(self) -> BoolArray:
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
         return np.minimum(self.heel_speed, self.toe_speed) < RESTING
+
+
+def belts(points: Array, velocity: Array) -> Array:
+    """(2, 3) m/s, how the ground moves under both feet: as one, unless their lowest points show two belts.
+
+    `points`, `velocity`: (nf, 2 k, 3) of the right and the left foot in turn.
+    """
+    common = ground_velocity(points, velocity)
+    out = np.tile(common, (len(SIDES), 1))
+    whole = np.isfinite(points).all(axis=(1, 2)) & np.isfinite(velocity).all(axis=(1, 2))
+    lowest = points[whole, :, 1].argmin(axis=1) if common.any() else np.zeros(0, dtype=int)
+    if set(lowest % len(SIDES)) != set(range(len(SIDES))):
+        return out
+    under = velocity[whole, lowest]
+    own = np.array([np.median(under[lowest % len(SIDES) == foot], axis=0) for foot in range(len(SIDES))])
+    return own if np.linalg.norm(own[0] - own[1]) > 2.0 * SLOWEST_BELT else out
 
 
 def ground_velocity(points: Array, velocity: Array) -> Array:
@@ -242,6 +259,8 @@ UNDER_FOOT = 0.15
 """m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
 SEAT_ABOVE_M = 0.25
 """A plate that lies higher above the lower heel is no step: stairs rise by 0.2 m at most."""
+FEWEST_IN_TURN = 3
+"""Times that feet stand on a plate in turn, from which nobody merely steps from one foot to the other."""
 SHORTEST = 0.05
 """s: a shorter loading is a knock, not a step."""
 
@@ -293,12 +312,19 @@ def steps_on(
         if duration(time, stretch) < SHORTEST:
             continue
         foot = SIDES.index(side) if side else foot_under(wrench, stretch, feet)
-        if foot is None:
+        alone = [] if side else taken_in_turn(wrench, stretch, time, feet)
+        if alone:  # each until the other foot stands alone
+            ends = [*(frames.start for frames, _ in alone[1:]), stretch.stop]
+            begins = [stretch.start, *ends[:-1]]
+            parts = [(slice(a, b), of) for a, b, (_, of) in zip(begins, ends, alone, strict=True)]
+        elif foot is None:
             lowest = float(np.nanmin(feet.heel[stretch][..., 1]))
             seat = height > lowest + SEAT_ABOVE_M
             findings.append(_under_neither(plate, f"plate {plate.name}, {spans(time, [stretch])}", seat))
             continue
-        for frames, of in [(stretch, foot)] if side else _divided(wrench, stretch, foot, time, feet):
+        else:
+            parts = [(stretch, foot)] if side else _divided(wrench, stretch, foot, time, feet)
+        for frames, of in parts:
             steps.append(
                 Step(
                     foot=of,
@@ -326,6 +352,26 @@ def foot_under(wrench: Array, stretch: slice, feet: FootPoints) -> int | None:
     distances = [np.average(_away(wrench, stretch, feet, k), weights=wrench[stretch, 1]) for k in range(len(SIDES))]
     best = int(np.argmin(distances))
     return best if distances[best] < UNDER_FOOT else None
+
+
+def taken_in_turn(wrench: Array, stretch: slice, time: Array, feet: FootPoints) -> list[tuple[slice, int]]:
+    """Frames in which one foot alone stands under a loading, and which; none where it is a step or two of feet so near
+    to each other that one of them is under all of it.
+
+    On a belt that carries both feet a loading lasts for many steps, and its sum tells of a foot only there.
+    """
+    resting, away = feet.resting, np.stack([_away(wrench, stretch, feet, k) for k in range(len(SIDES))], axis=1)
+    alone = resting[stretch] & ~near(resting, time)[stretch, ::-1] & (away < np.fmin(UNDER_FOOT, away[:, ::-1]))
+    stands = [(run, foot) for foot in range(len(SIDES)) for run in runs(alone[:, foot])]
+    out = list[tuple[slice, int]]()
+    for run, foot in sorted(stands, key=lambda found: found[0].start):
+        frames = slice(stretch.start + run.start, stretch.start + run.stop)
+        if out and out[-1][1] == foot:
+            out[-1] = slice(out[-1][0].start, frames.stop), foot
+        elif duration(time, frames) >= SHORTEST:
+            out.append((frames, foot))
+    fewest = 2 if foot_under(wrench, stretch, feet) is None else FEWEST_IN_TURN
+    return out if len(out) >= fewest else []
 
 
 def _divided(wrench: Array, stretch: slice, foot: int, time: Array, feet: FootPoints) -> list[tuple[slice, int]]:

@@ -18,16 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
-from gaitcal.dynamics.foot_contact import (
-    FOOT_BREADTH,
-    RESTING,
-    FootPoints,
-    Step,
-    ground_velocity,
-    near,
-    on_the_floor,
-    steps_on,
-)
+from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, Step, belts, near, on_the_floor, steps_on
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
 from gaitcal.dynamics.off_sole import beside_plates, off_sole_frames, shared_plates
 from gaitcal.dynamics.plate_errors import foot_tip
@@ -385,7 +376,7 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
             both.append(np.einsum("j,jif->fi", local, axes[segment]) + origins[segment].T)
         points[end] = np.stack(both, axis=1)
     velocity = {end: np.gradient(p, motion.time, axis=0) for end, p in points.items()}
-    ground = ground_velocity(*(np.concatenate([of["heel"], of["toe"]], axis=1) for of in (points, velocity)))
+    ground = belts(*(np.concatenate([of["heel"], of["toe"]], axis=1) for of in (points, velocity)))
     speed = {end: np.linalg.norm(v - ground, axis=2) for end, v in velocity.items()}
     # the feet of who jumps stand still at the top, and rest on nothing
     falls = [np.gradient(v[:, :, 1], motion.time, axis=0) < -FALLING * GRAVITY for v in velocity.values()]

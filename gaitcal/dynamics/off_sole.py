@@ -335,7 +335,7 @@ def shared_plates(
     plates : all that may carry a foot.
     on_floor : (nf, 2) a foot is on the ground and no plate was given to it.
     """
-    shared, findings = np.zeros(len(time), dtype=bool), []
+    shared, findings, of_plate = np.zeros(len(time), dtype=bool), list[Finding](), dict[str, BoolArray]()
     surface = [plate for plate in plates if outline_known(plate, LOADED_N)]
     for step in steps:
         other, own = 1 - step.foot, _marked(step.frames, len(time))
@@ -348,12 +348,13 @@ def shared_plates(
             both = own & foot_contact.near(_marked(step.frames, len(time), much), time)
         else:
             both = own & on_floor[:, other] & _leaves_sole(step, steps, feet, on_floor[:, other])
+        of_plate.setdefault(step.plate.name, np.zeros(len(time), dtype=bool))[both] = True
+    for name, both in of_plate.items():
         if both.any():
             shared |= both
-            first, last = time[both][[0, -1]]
-            found = f"plate {step.plate.name}, {first:.2f}-{last:.2f} s: it carries both feet at once, and tells their "
+            found = f"plate {name}, {spans(time, runs(both))}: it carries both feet at once, and tells their "
             found += "sum; not valid for either leg"
-            findings.append(_note(Code.BOTH_FEET, f"both feet are on plate {step.plate.name}", found))
+            findings.append(_note(Code.BOTH_FEET, f"both feet are on plate {name}", found))
     return shared, findings
 
 

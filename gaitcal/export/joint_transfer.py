@@ -22,9 +22,9 @@ rolling is at q0, which is told.
 Between shank and foot lies the talus, which no marker shows: it goes with the joint above it. Of the joints that move
 between two registered bodies all but the last keep their place in their child, and the last closes the chain.
 
-A joint whose parameters the recordings say little of stays as it is: where their standard errors are more than `LITTLE`
-of what they were before any trial was looked at. In draws it goes about its place by these errors: in either body by
-what takes our axis of the calibrated parameters to that of the drawn ones.
+A joint whose parameters the recordings say little of stays as it is: where their standard errors are more than
+`UNDETERMINED_SHARE` of what they were before any trial was looked at. In draws it goes about its place by these errors:
+in either body by what takes our axis of the calibrated parameters to that of the drawn ones.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior
 
-LITTLE = 0.9
+UNDETERMINED_SHARE = 0.9
 """Of the standard error before; nine tenths are a fifth of the variance."""
 APART = 0.010
 """m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to some millimetres."""
@@ -242,7 +242,7 @@ class Transfer:
         return other._content(other.moves(), other._weights()[0], self.legs)
 
     def _is_left(self, joint: str) -> bool:
-        return self.known[joint] > LITTLE
+        return self.known[joint] > UNDETERMINED_SHARE
 
     def _weights(self) -> tuple[dict[str, Weight], tuple[SegmentMass, ...]]:
         if not self.masses:

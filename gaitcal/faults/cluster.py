@@ -30,7 +30,7 @@ from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
-from gaitcal.model.present_markers import complete_static, worn
+from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, across, lower_body, sign
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_fit
@@ -75,7 +75,7 @@ class Stance:
     ) -> Stance:
         """From the static trial of which `model` was made."""
         static = complete_static(marker_set.renamed(static), marker_set)
-        marker_set = worn(marker_set, static)
+        marker_set = present_markers(marker_set, static)
         posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
         legs = lower_body(posture, model.subject.height, hip_centre, widths=JointWidths.of(model.subject))
         right = across(legs.frames["pelvis"].rotation[:, 2], UP)

@@ -40,7 +40,7 @@ class MarkerEvidence:
     """Nominal; None where the static trial gives none."""
     stance: Stance | None = None
     """The static posture of pelvis and legs; None where there is no model."""
-    strays: tuple[Outlier, ...] = ()
+    outliers: tuple[Outlier, ...] = ()
     """Markers that the recording lacks where they were metres away from the body."""
     rebuilding: Rebuilding | None = None
     """Of the static trial that makes the model: markers that it lost, and what other trials gave back."""
@@ -58,7 +58,7 @@ class MarkerEvidence:
         """The evidence of a trial without markers that are metres away from the body, as it will be fitted."""
         trial = cleaned_trial(trial, marker_set.segment_of, marker_set.noise)
         found = cls(trial=trial, marker_set=marker_set, subject=subject, settings=settings, model=model)
-        return replace(found, stance=stance, strays=trial.strays or ())
+        return replace(found, stance=stance, outliers=trial.outliers or ())
 
     def with_recording(self, recording: Recording) -> MarkerEvidence:
         """The same trial as another recording has it."""
@@ -167,7 +167,7 @@ class MarkerEvidence:
         groups = list(self.marker_set.tracking.items())
         if self.is_static:
             groups += list(self.marker_set.static_only.items())
-        lost = {stray.label for stray in self.strays if stray.frames == stray.of}
+        lost = {outlier.label for outlier in self.outliers if outlier.frames == outlier.of}
         lost |= set() if self.rebuilding is None else {*self.rebuilding.labels, *self.rebuilding.left}
         return tuple(m for _, labels in groups for m in labels if self.weight(m) > 0 and m not in lost)
 

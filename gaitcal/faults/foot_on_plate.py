@@ -23,10 +23,11 @@ from gaitcal.dynamics.foot_contact import (
     UNDER_FOOT,
     FootPoints,
     Loading,
+    belts,
     distance_to_line,
-    ground_velocity,
     near,
     sole_of,
+    taken_in_turn,
 )
 from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
 from gaitcal.dynamics.plate_errors import foot_tip, outline_known
@@ -71,7 +72,7 @@ class Feet:
                 self.seen[:, k] = np.isfinite(heel).all(axis=1) & np.isfinite(toe).all(axis=1)
         points = np.concatenate([self.heel, self.toe], axis=1)
         velocity = np.gradient(points, self.time, axis=0)
-        speed = np.linalg.norm(velocity - ground_velocity(points, velocity), axis=2)
+        speed = np.linalg.norm(velocity - np.tile(belts(points, velocity), (2, 1)), axis=2)
         self.heel_speed, self.toe_speed = speed[:, :2], speed[:, 2:]
         self.resting: BoolArray = np.fmin(self.heel_speed, self.toe_speed) < RESTING
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
@@ -126,9 +127,15 @@ def steps_of(trial: MarkerEvidence) -> tuple[Step, ...]:
     feet, found = feet_of(trial), []
     if feet is None:
         return ()
-    for plate in trial.recording.plates:
-        wrench = np.nan_to_num(resample_wrench(plate, feet.time))
-        for run in runs(wrench[:, 1] > LOADED_N, 2):
+    points = feet.points(trial.subject.height)
+    wrenches = [np.nan_to_num(resample_wrench(plate, feet.time)) for plate in trial.recording.plates]
+    one_loaded = np.sum([wrench[:, 1] > LOADED_N for wrench in wrenches], axis=0) == 1
+    for plate, wrench in zip(trial.recording.plates, wrenches, strict=True):
+        loadings = list[slice]()
+        for whole in runs(wrench[:, 1] > LOADED_N, 2):
+            turns = taken_in_turn(wrench, whole, feet.time, points) if one_loaded[whole].all() else []
+            loadings += [part for part, _ in turns] or [whole]
+        for run in loadings:
             if duration(feet.time, run) < SHORTEST or wrench[run, 1].max() < BODY_N:
                 continue
             height = float(np.nanmedian(plate.point[:, 1])) if np.isfinite(plate.point[:, 1]).any() else 0.0

@@ -68,18 +68,18 @@ TOGETHER = 20
 """Frames in which two markers must be seen together for that."""
 
 
-def strays(trial: MarkerEvidence) -> Iterator[Finding]:
+def outliers(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers metres away from the body, which take no part there."""
-    if not trial.strays:
+    if not trial.outliers:
         return
-    names = listed([f"'{stray.label}'" for stray in trial.strays])
-    weighed = any(trial.weight(stray.label) > NEGLIGIBLE_WEIGHT for stray in trial.strays)
+    names = listed([f"'{outlier.label}'" for outlier in trial.outliers])
+    weighed = any(trial.weight(outlier.label) > NEGLIGIBLE_WEIGHT for outlier in trial.outliers)
     yield trial.finding(
         Severity.WARNING if weighed else Severity.INFO,
         "strays",
-        listed([stray.words for stray in trial.strays]),
+        listed([outlier.words for outlier in trial.outliers]),
         "they take no part there; label the trial again if they are needed",
-        cause=f"{names} {'is' if len(trial.strays) == 1 else 'are'} metres away from the body",
+        cause=f"{names} {'is' if len(trial.outliers) == 1 else 'are'} metres away from the body",
         code=Code.STRAY_MARKER,
     )
 

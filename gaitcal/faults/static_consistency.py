@@ -27,7 +27,7 @@ from gaitcal.runtime import remembered
 
 SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
 """Of a segment's pose at its joints, from which a result is wrong by more than its error bar."""
-SURE = 1.15
+REFUSED_TIMES_LIMIT = 1.15
 """Times a limit: below, heavy skin can do as much, and the result is doubtful but not refused."""
 BEYOND_SKIN_M = 0.025
 """Way of a single marker that no skin goes for a whole trial."""
@@ -128,7 +128,7 @@ def _severity(cause: Contradiction) -> Severity:
     elif cause.fault is Fault.UNKNOWN:
         refused = cause.excess > REFUSED_EXCESS
     else:
-        sure = cause.excess > SURE or (cause.fault is Fault.MARKER and cause.offset > BEYOND_SKIN_M)
+        sure = cause.excess > REFUSED_TIMES_LIMIT or (cause.fault is Fault.MARKER and cause.offset > BEYOND_SKIN_M)
         refused = sure and (cause.shift > SHIFT_M or cause.turn > TURN_RAD)
     return Severity.ERROR if refused else Severity.WARNING
 

@@ -44,7 +44,7 @@ UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consisten
 """Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
-    markers.strays,
+    markers.outliers,
     markers.missing,
     markers.rebuilt,
     markers.not_rebuilt,

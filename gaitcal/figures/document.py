@@ -53,15 +53,17 @@ class ReportContent:
     """What speaks against the result, and what to do about it; the worst first."""
     fit: tuple[str, ...]
     """How well the model follows markers and forces, a sentence each."""
+    walked: bool
+    """Whether there is a walk among the trials."""
     walks: tuple[tuple[str, ...], ...]
-    """Head, then a row for each walk and leg: which strides count."""
+    """Head, then a row for each whole-body trial and leg: which strides count."""
     steps: tuple[tuple[str, ...], ...]
     """Head, then a row for each spatiotemporal measure."""
     steps_norm: str
     """Whom their norm is of; empty where there is none."""
     sheets: tuple[Sheet, ...]
-    toe_off: Mapping[str, float]
-    """Side -> % of the gait cycle, the mean over strides."""
+    peaks: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...]
+    """Title, then head and rows of the peaks of each activity that is no gait."""
     norm: str
     """Whom the grey bands are of; empty where there are none."""
     norm_remark: str
@@ -79,8 +81,8 @@ class ReportContent:
 
     @property
     def title(self) -> str:
-        """Whose report it is."""
-        return self.person[0][1]
+        """Of what it is, and whose."""
+        return f"{'Gait' if self.walked else 'Movement'} report  ·  {self.person[0][1]}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,8 +133,7 @@ def _drawn(content: Any, story: Callable[[Any, float, float], list[Flowable]], t
     """The file, and how many pages it has; drawn a first time only to learn that."""
     width, height = A4
     out = BytesIO()
-    title = f"Gait report: {content.title}"
-    document = BaseDocTemplate(out, pagesize=A4, title=title, author="", creator=content.footer, invariant=1)
+    document = BaseDocTemplate(out, pagesize=A4, title=content.title, author="", creator=content.footer, invariant=1)
     frame = Frame(MARGIN, MARGIN + 6 * mm, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm, 0, 0, 0, 0)
     seen = 0
 
@@ -141,7 +142,7 @@ def _drawn(content: Any, story: Callable[[Any, float, float], list[Flowable]], t
         seen = canvas.getPageNumber()
         canvas.setFillColor(INK)
         canvas.setFont(BOLD, 8)
-        canvas.drawString(MARGIN, height - MARGIN, f"Gait report  ·  {content.title}"[:90])
+        canvas.drawString(MARGIN, height - MARGIN, content.title[:90])
         canvas.setFont(SANS, 7)
         canvas.setFillColor(FAINT)
         canvas.drawString(MARGIN, MARGIN - 2 * mm, content.footer)
@@ -159,7 +160,7 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
     out += [printed(sentence, before=3) for sentence in content.fit]
     out += _comment(content, "summary")
     if len(content.walks) > 1:
-        out += [_heading("Which strides count for moments"), Spacer(1, 1.5 * mm), _table(content.walks, width)]
+        out += [_heading("What counts for moments"), Spacer(1, 1.5 * mm), _table(content.walks, width)]
     if len(content.steps) > 1:
         out += [_heading("Steps and phases"), Spacer(1, 1.5 * mm), _table(content.steps, width)]
         out += [printed(content.steps_norm, 7, colour=FAINT, before=2)] if content.steps_norm else []
@@ -171,8 +172,9 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
     together = _height([*out, *profile], width, height) < height
     out += profile if together else []
     for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
-        note = " ".join(filter(None, (sheet.note, content.norm_remark)))
-        out += _sheet(sheet, note, content, (width, height), content.toe_off, content.norm)
+        out += _sheet(sheet, content, (width, height), content.norm)
+    for title, rows in content.peaks:
+        out += [PageBreak(), _heading(title), Spacer(1, 1.5 * mm), _table(rows, width)]
     out += [PageBreak(), *([] if together else profile), _heading("Joints: where calibration moved them")]
     stayed = printed("Joint parameters stayed as they were.")
     out += [Spacer(1, 1.5 * mm), _table(content.joints, width) if len(content.joints) > 1 else stayed]
@@ -184,21 +186,16 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
 
 
 def _sheet(
-    sheet: Sheet,
-    note: str,
-    content: ReportContent | ComparisonContent,
-    size: tuple[float, float],
-    toe_off: Mapping[str, float],
-    norm: str = "",
+    sheet: Sheet, content: ReportContent | ComparisonContent, size: tuple[float, float], norm: str = ""
 ) -> list[Flowable]:
     """A page of curves with its comment, which has a page of its own where it leaves the curves too little."""
-    head = [_heading(sheet.title), printed(note, 7, colour=FAINT), Spacer(1, 2 * mm)]
+    head = [_heading(sheet.title), printed(sheet.note, 7, colour=FAINT), Spacer(1, 2 * mm)]
     comment = _comment(content, sheet.comment)
     high = size[1] - _height(head, *size)
     left = high - _height(comment, *size)
     if left < LEAST_SHEET:
         left, comment = high, [PageBreak(), _heading(sheet.title), *comment]
-    return [PageBreak(), *head, SheetOfCurves(sheet, toe_off, norm, (size[0], left)), *comment]
+    return [PageBreak(), *head, SheetOfCurves(sheet, norm, (size[0], left)), *comment]
 
 
 def _of_sessions(content: ComparisonContent, width: float, height: float) -> list[Flowable]:
@@ -213,7 +210,7 @@ def _of_sessions(content: ComparisonContent, width: float, height: float) -> lis
     out += _comment(content, "spatiotemporal")
     for sheet in content.sheets:
         if sheet.has_curves:
-            out += _sheet(sheet, sheet.note, content, (width, height), {})
+            out += _sheet(sheet, content, (width, height))
         else:
             out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
     if len(content.others) > 1:
@@ -227,7 +224,7 @@ def _height(parts: Sequence[Flowable], width: float, height: float) -> float:
 
 def _profile(content: ReportContent, width: float) -> list[Flowable]:
     """Gait Profile Scores; of somebody whom no norm fits, why; nothing where there are no curves at all."""
-    if not any(sheet.has_curves for sheet in content.sheets):
+    if not content.walked or not any(sheet.has_curves for sheet in content.sheets):
         return []
     out: list[Flowable] = [_heading("Gait Profile Score and Movement Analysis Profile"), Spacer(1, 1 * mm)]
     if not content.profile:

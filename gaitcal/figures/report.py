@@ -45,7 +45,7 @@ def unpacked(packed: Mapping[str, Any]) -> Array:
 
 @dataclass(frozen=True)
 class SheetRecording:
-    """One trial of a sheet."""
+    """One trial of a page_data."""
 
     content: Mapping[str, Any]
 
@@ -123,7 +123,7 @@ class SheetRecording:
         return np.ones(len(self.time), dtype=bool)
 
     def limit(self) -> tuple[float, float] | None:
-        """N and N·m: what is commonly asked of pelvis residuals, where a picture of the sheet draws it."""
+        """N and N·m: what is commonly asked of pelvis residuals, where a picture of the page_data draws it."""
         for block in _blocks(self.content.get("sections", {}).values()):
             limits = block.get("limits") or {}
             if "residual_force" in limits and "residual_moment" in limits:
@@ -152,7 +152,7 @@ DRAWN_POWERS = ("hip", "knee", "ankle", "lumbar")  # Joints, over all their axes
 class Told:
     """What a result folder tells."""
 
-    sheet: Mapping[str, Any]  # `page.json`
+    page_data: Mapping[str, Any]  # `page.json`
     summary: Mapping[str, Any]  # `summary.json`
     parameters: Sequence[Mapping[str, Any]] = ()  # Rows of `parameters.csv`; none of further trials
     truth: Mapping[str, float] = field(default_factory=dict)  # Parameter -> true value, of made-up people
@@ -161,7 +161,7 @@ class Told:
     @property
     def mass(self) -> float:
         """Kg."""
-        return float(self.sheet["person"]["mass"])
+        return float(self.page_data["person"]["mass"])
 
     def about(self, trial: str) -> Mapping[str, Any]:
         """What the summary says of one trial."""
@@ -177,7 +177,7 @@ def stem(number: int, name: str) -> str:
 
 def report_charts(told: Told) -> list[Chart]:
     """All of them, in order; nothing is drawn yet."""
-    trials = [SheetRecording(content) for content in told.sheet["trials"]]
+    trials = [SheetRecording(content) for content in told.page_data["trials"]]
     charts = [fit.fit_chart(_fits(told, trials)), fit.parameters_chart(_groups(told.parameters), told.truth)]
     for number, trial in enumerate(trials, start=1):
         if not trial.isolated:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -70,6 +70,8 @@ class Sheet:
     thick: str = "mean ± 1 standard error"
     thin: str = "thin: strides, vertical: toe-off"
     """What thick lines with their bands are, and thin ones."""
+    toe_off: Mapping[str, float] = field(default_factory=dict)
+    """Side -> %, the mean over strides."""
 
     @property
     def has_curves(self) -> bool:
@@ -104,9 +106,10 @@ def printed(text: str, size: float = 8.5, **style: Any) -> Paragraph:
 class SheetOfCurves(Flowable):  # type: ignore[misc]
     """Panels in rows of three, with one legend below."""
 
-    def __init__(self, sheet: Sheet, toe_off: Mapping[str, float], norm: str, size: tuple[float, float]) -> None:
+    def __init__(self, sheet: Sheet, norm: str, size: tuple[float, float]) -> None:
         super().__init__()
-        self.sheet, self.toe_off, self.norm = sheet, toe_off, norm
+        of_panels = (panel.norm for panel in sheet.panels if isinstance(panel, CurvePanel))
+        self.sheet, self.norm = sheet, norm if any(of is not None for of in of_panels) else ""
         self.width, self.height = size
 
     def wrap(self, *_: float) -> tuple[float, float]:
@@ -125,7 +128,7 @@ class SheetOfCurves(Flowable):  # type: ignore[misc]
                 _, high = part.wrap(size[0] - 14 * mm, size[1])
                 part.drawOn(self.canv, place[0] + 8 * mm, place[1] + 0.5 * (size[1] - high))
             else:
-                _Axes(self.canv, panel, place, size).draw(self.toe_off)
+                _Axes(self.canv, panel, place, size).draw(self.sheet.toe_off)
         self._legend()
 
     def _legend(self) -> None:

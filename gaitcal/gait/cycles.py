@@ -83,12 +83,13 @@ class FootEvents:
 
 @dataclass(frozen=True)
 class GaitCycle:
-    """One stride of one foot."""
+    """One stride of one foot, or one repetition of another activity."""
 
     start: float  # s, foot strike
     stop: float  # s, next strike of the same foot
     toe_off: float | None  # s, end of stance; None where it is not known
     sources: tuple[EventSource, ...] = ()  # of its first and of its second strike
+    parts: tuple[tuple[str, float], ...] = ()  # of a repetition, in order: phase, and when it ends, s
 
     def percent(self, time: Array | float) -> Array:
         """Percent of the cycle at `time` (s)."""
@@ -98,6 +99,14 @@ class GaitCycle:
     def stance(self) -> float | None:
         """Percent at which stance ends."""
         return None if self.toe_off is None else float(self.percent(self.toe_off))
+
+    @property
+    def phases(self) -> list[str]:
+        """Phase at 0, 1, ... 100 %: of a repetition its `parts`, else stance and swing; empty: not known."""
+        of_stride = (("", self.stop),) if self.toe_off is None else (("stance", self.toe_off), ("swing", self.stop))
+        names, ends = zip(*(self.parts or of_stride), strict=True)
+        at = np.searchsorted(ends[:-1], np.linspace(self.start, self.stop, POINTS), side="right")
+        return [names[k] for k in at]
 
 
 def is_stride(start: float, stop: float, foot: FootEvents, other: FootEvents | None = None) -> bool:
@@ -243,13 +252,18 @@ def known_variables() -> tuple[str, ...]:
 
 CYCLE_COLUMNS: Final = (
     *("person", "session", "trial", "side", "stride", "percent", "variable", "value", "se", "valid", "se_stride"),
-    *("turn", "activity"),
+    *("turn", "activity", "phase"),
 )
 WALKING: Final = "gait"
 """`activity` of strides of walks; repetitions, or strides, of any other activity have the name of their trial."""
 TOLD: Final = ("unit", "positive")
 """Further columns of a table in another convention (`gaitcal export --format cycles`): they say which."""
-_NAMES: Final = {"person": "", "session": "", "activity": WALKING}  # with what a table that lacks them means
+_NAMES: Final = {
+    "person": "",
+    "session": "",
+    "activity": WALKING,
+    "phase": "",
+}  # with what a table that lacks them means
 _LACKING: Final = ("se", "se_stride", "turn")  # numbers that a table or a stride may lack
 _WHOLE: Final = ("stride", "percent", "valid")
 _NEEDED: Final = tuple(name for name in CYCLE_COLUMNS if name not in (*_NAMES, *_LACKING))

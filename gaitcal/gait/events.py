@@ -50,7 +50,7 @@ OFF: Final = 0.25  # of the swing's peak
 SLOWEST_SWING: Final = 0.25  # m/s: a foot that is never faster does not swing
 SMALLEST_SWING: Final = 0.12  # of the trial's fastest swing: a lower peak is a shuffle on the spot
 DIP: Final = 0.7  # of the peak, by which the speed falls on both sides of a swing: less is a dip within one swing
-LEAST_TRAVEL: Final = 0.1  # m that the slower end of the foot travels in a swing: less is no step
+LEAST_TRAVEL: Final = 0.1  # m that the slower end of the foot travels in a swing, as far as it is seen: less is no step
 
 
 @dataclass(frozen=True)
@@ -92,9 +92,10 @@ def trial_events(
 
 def activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
     """Of any activity, from the events `found` of its feet: those of strides, or else what the pelvis repeats."""
-    if alternate(*(found.of(side).strikes for side in SIDES)):
+    feet = [found.of(side) for side in SIDES]
+    if alternate(*(foot.strikes for foot in feet)):
         return found
-    return GaitEvents(repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")]))
+    return GaitEvents(repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")], feet))
 
 
 def corrected(time: Array, events: Sequence[FootEvent], shown: Sequence[FootEvent]) -> GaitEvents:
@@ -211,7 +212,7 @@ def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float 
         peak = max(float(slower[k]), float(np.median(inner))) if cut and inner else float(slower[k])
         begin, end = _below(slower, int(k), off * peak, -1), _below(slower, int(k), strike * peak, 1)
         path = slower[slice((begin or 0), (len(time) if end is None else end + 1))]
-        if not cut and float(path.sum()) * float(np.median(np.diff(time))) < LEAST_TRAVEL:
+        if float(path.sum()) * float(np.median(np.diff(time))) < LEAST_TRAVEL:
             continue
         if end is not None:
             strikes.append(_crossing(time, slower, end - 1, strike * peak))

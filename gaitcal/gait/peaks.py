@@ -14,6 +14,10 @@ The highest or lowest value of a window is a peak only where the curve turns the
 window, and the curve goes on, it belongs to another phase: there is none, whatever wiggles lie beside it. Each stride
 has its own peaks, and means are of these: the peak of a mean curve is flatter than those of its strides
 (`gait/ensemble.py` has their statistics and errors).
+
+Other activities have whole phases for windows: stance and swing of runs and stairs, and what the pelvis does in a
+repetition (`gait/repetitions.py`). Their highest or lowest value counts wherever it lies in the phase, but not beside
+samples that are not valid, as on a seat: the curve may go on there.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from itertools import product
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -50,8 +55,8 @@ class Peak:
     name: str  # as in `peaks.csv`
     variable: str  # of `cycles.csv`, in its signs
     figure: Figure
-    phase: str  # in words
-    window: tuple[float, float]  # u, see the module
+    phase: str  # in words; of an activity that is no gait as in `cycles.csv`
+    window: tuple[float, float] | None = None  # u, see the module; None: the whole phase
 
     def title(self, *, external: bool = False) -> str:
         """`Hip extension moment, loading response`: loads by what they do, so that no choice of signs changes it."""
@@ -70,7 +75,9 @@ class Peak:
 
     @property
     def words(self) -> str:
-        """Its window: `8 to 45 % of stance`, `60 % of stance to 15 % of swing`."""
+        """Its window: `8 to 45 % of stance`, `60 % of stance to 15 % of swing`, `the pelvis goes down`."""
+        if self.window is None:
+            return PHASES[self.phase]
         begin, end = (round(100 * (u if u < 1 else u - 1)) for u in self.window)
         match self.window:
             case (0.0, 0.0):
@@ -138,6 +145,41 @@ def _peak(row: str) -> Peak:
 PEAKS: Final = {peak.name: peak for peak in map(_peak, _ROWS.strip().splitlines())}
 """Powers are numbered as H1 to H3, K1 to K4, A1 and A2 of Winter (The Biomechanics and Motor Control of Human Gait,
 1991)."""
+PHASES: Final = {
+    "stance": "strike to off of the foot",
+    "swing": "off of the foot to its next strike",
+    "lowering": "the pelvis goes down",
+    "rising": "the pelvis goes up",
+    "push-off": "the pelvis goes up until both feet are off the ground",
+    "landing": "from the first strike until the pelvis is lowest",
+}
+"""Phase of a stride or a repetition of an activity that is no gait -> what it is; flight has no peaks."""
+LEAST_SEEN: Final = 0.5  # of a phase whose peak counts: what comes before somebody leaves a seat is not valid
+_IN_PHASES: Final = """
+hip_flexion            hip_flexion              highest stance swing lowering rising push-off landing
+hip_extension          hip_flexion              lowest  stance
+knee_flexion           knee_angle               highest stance swing lowering rising push-off landing
+dorsiflexion           ankle_angle              highest stance lowering rising push-off landing
+hip_extension_moment   hip_flexion_moment       lowest  stance lowering rising push-off landing
+hip_abduction_moment   hip_adduction_moment     lowest  stance lowering rising push-off landing
+knee_extension_moment  knee_angle_moment        lowest  stance lowering rising push-off landing
+knee_abduction_moment  knee_adduction_moment    lowest  stance lowering rising push-off landing
+plantarflexion_moment  ankle_angle_moment       lowest  stance lowering rising push-off landing
+hip_power_absorbed     hip_power                lowest  stance lowering landing
+knee_power_absorbed    knee_power               lowest  stance lowering landing
+ankle_power_absorbed   ankle_power              lowest  stance lowering landing
+hip_power_generated    hip_power                highest stance rising push-off
+knee_power_generated   knee_power               highest stance rising push-off
+ankle_power_generated  ankle_power              highest stance rising push-off
+ground_reaction        ground_reaction_vertical highest stance lowering rising push-off landing
+"""
+PHASE_PEAKS: Final = {
+    name: Peak(name, variable, Figure(figure), phase)
+    for begin, variable, figure, *phases in map(str.split, _IN_PHASES.strip().splitlines())
+    for phase in phases
+    for name in (f"in_{phase.replace('-', '_')}_{begin}",)
+}
+"""Of activities that are no gait."""
 ADDUCTION_PEAK: Final = PEAKS["knee_abduction_moment_1"]
 """The first peak of the external knee adduction moment, which the internal one resists by abduction."""
 
@@ -157,10 +199,10 @@ def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: floa
     out: dict[str, PeakValue] = {}
     at = percent if toe_off is None else np.interp(percent, [0.0, toe_off, 100.0], [0.0, 1.0, 2.0])
     for peak in PEAKS.values():
-        known, (low, high) = curves.get(peak.variable), peak.window
-        if known is None or (toe_off is None and (low, high) not in ((0.0, 0.0), (0.0, 2.0))):
+        known, window = curves.get(peak.variable), peak.window
+        if known is None or window is None or (toe_off is None and window not in ((0.0, 0.0), (0.0, 2.0))):
             continue
-        value, error, own = known
+        (value, error, own), (low, high) = known, window
         inside = np.flatnonzero((at >= low) & (at <= high))
         if not len(inside) or np.isfinite(value[inside]).mean() < LEAST_VALID:
             continue
@@ -182,6 +224,20 @@ def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: floa
     return out
 
 
+def phase_peaks(curves: Mapping[str, tuple[Array, Array, Array]], phases: Sequence[str]) -> dict[str, PeakValue]:
+    """The same of a stride or repetition of an activity that is no gait; `phases`: of each percent (`cycles.csv`)."""
+    out: dict[str, PeakValue] = {}
+    for peak in PHASE_PEAKS.values():
+        inside = np.flatnonzero(np.array(phases) == peak.phase)
+        if peak.variable in curves and len(inside):
+            value, error, own = curves[peak.variable]
+            signed = np.where(np.isfinite(value), value if peak.figure is Figure.HIGHEST else -value, -np.inf)
+            k = int(inside[signed[inside].argmax()])
+            if np.isfinite(value[max(k - 1, 0) : k + 2]).all() and np.isfinite(value[inside]).mean() >= LEAST_SEEN:
+                out[peak.name] = (float(value[k]), float(error[k]), float(own[k]), float(k))
+    return out
+
+
 def _turning(value: Array, inside: IntArray) -> int | None:
     """Where a curve is highest in a window, if neither neighbour is above it; else None."""
     k = int(inside[np.nanargmax(value[inside])])
@@ -192,6 +248,7 @@ def _turning(value: Array, inside: IntArray) -> int | None:
 class PeakMean:
     """One peak of one leg over strides, in the unit of its variable; NaN where not known."""
 
+    activity: str  # as in `cycles.csv`
     peak: Peak
     side: str
     n: int  # strides that have it
@@ -203,38 +260,38 @@ class PeakMean:
 
 
 PEAK_COLUMNS: Final = (
-    *("side", "peak", "variable", "phase", "window", "unit", "strides", "n", "mean", "sd", "se", "percent"),
+    *("side", "peak", "variable", "phase", "window", "unit", "strides", "n", "mean", "sd", "se", "percent", "activity"),
 )
 DIGITS: Final = 6
 
 
-def peak_means(strides: Iterable[tuple[str, str, Mapping[str, PeakValue | Array]]]) -> tuple[PeakMean, ...]:
-    """Means of peaks over the strides that count.
+def peak_means(strides: Iterable[tuple[str, str, str, Mapping[str, PeakValue | Array]]]) -> tuple[PeakMean, ...]:
+    """Means of peaks over the strides that count, activity by activity.
 
-    `strides`: trial, side and peaks of each stride.
+    `strides`: activity, trial, side and peaks of each stride or repetition.
     """
     known = list(strides)
     out = []
-    for peak in PEAKS.values():
-        for side in SIDES:
-            of_leg = [(trial, found.get(peak.name)) for trial, leg, found in known if leg == side]
-            rows = [(trial, one) for trial, one in of_leg if one is not None]
-            if not rows:
-                continue
-            value, error, own, percent = np.array([one for _, one in rows], dtype=np.float64).T
-            over = spread(value[:, None], np.array([trial for trial, _ in rows]), own[:, None], error[:, None])
-            out.append(
-                PeakMean(
-                    peak=peak,
-                    side=side,
-                    n=len(rows),
-                    strides=len(of_leg),
-                    mean=float(over.mean[0]),
-                    sd=float(over.sd[0]),
-                    se=float(over.se[0]),
-                    percent=float(percent.mean()),
-                )
+    for activity, peak, side in product(dict.fromkeys(of for of, *_ in known), (PEAKS | PHASE_PEAKS).values(), SIDES):
+        of_leg = [(trial, found.get(peak.name)) for of, trial, leg, found in known if (of, leg) == (activity, side)]
+        rows = [(trial, one) for trial, one in of_leg if one is not None]
+        if not rows:
+            continue
+        value, error, own, percent = np.array([one for _, one in rows], dtype=np.float64).T
+        over = spread(value[:, None], np.array([trial for trial, _ in rows]), own[:, None], error[:, None])
+        out.append(
+            PeakMean(
+                activity=activity,
+                peak=peak,
+                side=side,
+                n=len(rows),
+                strides=len(of_leg),
+                mean=float(over.mean[0]),
+                sd=float(over.sd[0]),
+                se=float(over.se[0]),
+                percent=float(percent.mean()),
             )
+        )
     return tuple(out)
 
 
@@ -242,7 +299,7 @@ def peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
     """`PEAK_COLUMNS` of means, as in `peaks.csv`."""
     rows = [
         (m.side, m.peak.name, m.peak.variable, m.peak.phase, m.peak.words, unit_of(m.peak.variable), m.strides, m.n)
-        + tuple(round(value, DIGITS) for value in (m.mean, m.sd, m.se, m.percent))
+        + (*(round(value, DIGITS) for value in (m.mean, m.sd, m.se, m.percent)), m.activity)
         for m in means
     ]
     return {name: [row[k] for row in rows] for k, name in enumerate(PEAK_COLUMNS)}

@@ -11,14 +11,25 @@ So one squat is from standing to standing, one sit-to-stand from sitting to sitt
 jump from standing to standing with the flight in it. Who ends elsewhere (stands up once, drops from a box) repeats
 nothing: that is one repetition, from the first rest to where the pelvis comes to stay. A pelvis that keeps its height
 has none.
+
+The phases of a repetition are what the pelvis does while feet stand, and flight. Each stretch on the ground parts at
+its lowest or highest h, where that is beyond both its ends by more than `NEAR` of the range:
+
+    lowering, rising   h falls, rises               (squat: descent and ascent; sit-to-stand: rising, then sitting down)
+    push-off           h rises, and flight follows
+    flight             h'' < -`FALLING` g; from the last foot off to the first strike where plates or feet tell these
+    landing            h falls, and flight was before
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
 import numpy as np
 
-from gaitcal.arrays import Array
-from gaitcal.gait.cycles import GaitCycle
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.gait.cycles import FootEvents, GaitCycle
 from gaitcal.io.still import runs
 from gaitcal.model.subject_model import GRAVITY
 
@@ -28,8 +39,11 @@ FALLING = 0.8
 """Of gravity, by which the pelvis accelerates downwards at the top of a jump, where it rests on nothing."""
 LEAST_RANGE_M = 0.05
 """m: a pelvis goes up and down by as much in walking; less is no squat, rise or jump."""
+SHORTEST_FLIGHT_S = 0.1
+"""s that the pelvis falls: a hop of 12 mm."""
 TOGETHER_S = 0.1
-"""s between the strikes of both feet of a jump at most; sprinters' steps last 0.2 s."""
+"""s between the pelvis' fall and the feet's events in a jump, and between the strikes of both feet of one, at most;
+sprinters' steps last 0.2 s."""
 
 
 def alternate(right: Array, left: Array) -> bool:
@@ -40,12 +54,13 @@ def alternate(right: Array, left: Array) -> bool:
     return float(np.median([*apart.min(axis=0), *apart.min(axis=1)])) > TOGETHER_S
 
 
-def repetitions(time: Array, height: Array) -> tuple[GaitCycle, ...]:
-    """The repetitions of a trial, in order of time.
+def repetitions(time: Array, height: Array, feet: Sequence[FootEvents] = ()) -> tuple[GaitCycle, ...]:
+    """The repetitions of a trial with their phases, in order of time.
 
     Parameters
     ----------
     time, height : (nf,) s, m: of the pelvis.
+    feet : events of both.
     """
     reach = float(np.ptp(height))
     if reach < LEAST_RANGE_M:
@@ -65,4 +80,39 @@ def repetitions(time: Array, height: Array) -> tuple[GaitCycle, ...]:
     if not inner and spans and 0 <= spans[0][0] < still[-1]:
         there = runs(np.abs(height - height[still[-1]]) < NEAR * reach)[-1]
         inner = [(spans[0][0], there.start)]
-    return tuple(GaitCycle(float(time[a]), float(time[b]), None) for a, b in inner)
+    flights = list(_flights(time, falls, feet))
+    return tuple(
+        GaitCycle(start, stop, None, parts=tuple(_phases(time, height, (start, stop), flights, NEAR * reach)))
+        for start, stop in ((float(time[a]), float(time[b])) for a, b in inner)
+    )
+
+
+def _flights(time: Array, falls: BoolArray, feet: Sequence[FootEvents]) -> Iterator[tuple[float, float]]:
+    """Take-off and landing (s) of each flight."""
+    for run in runs(falls):
+        begin, end = float(time[run.start]), float(time[run.stop - 1])
+        if end - begin >= SHORTEST_FLIGHT_S:
+            offs = [t for foot in feet for t in foot.toe_offs.tolist() if abs(t - begin) < TOGETHER_S]
+            strikes = [t for foot in feet for t in foot.strikes.tolist() if abs(t - end) < TOGETHER_S]
+            yield max(offs, default=begin), min(strikes, default=end)
+
+
+def _phases(
+    time: Array, height: Array, ends: tuple[float, float], flights: Sequence[tuple[float, float]], least: float
+) -> Iterator[tuple[str, float]]:
+    """Name and end (s) of each phase between the `ends` of a repetition; `least`: m, of a turning point."""
+    inner = [flight for flight in flights if ends[0] < flight[0] and flight[1] < ends[1]]
+    moments = [ends[0], *(t for flight in inner for t in flight), ends[1]]
+    for k, (start, stop) in enumerate(pairwise(moments)):
+        if k % 2:
+            yield "flight", stop
+            continue
+        frames = np.flatnonzero((time >= start) & (time <= stop))
+        h = height[frames]
+        over, under = h.max() - max(h[0], h[-1]), min(h[0], h[-1]) - h.min()
+        turn = [int(h.argmax() if over > under else h.argmin())] if max(over, under) > least else []
+        for a, b in pairwise([0, *turn, len(h) - 1]):
+            is_last = b == len(h) - 1
+            rising = "push-off" if is_last and k < len(moments) - 2 else "rising"
+            lowering = "landing" if a == 0 and k else "lowering"
+            yield rising if h[b] > h[a] else lowering, stop if is_last else float(time[frames[b]])

@@ -1,8 +1,9 @@
 """Where and when the feet are put down: speed, cadence, steps, stance and swing; means, and how alike both legs are.
 
 A stride of a foot goes from its strike at t0 to its next one at t1. With p(t) the horizontal place of its heel and o(t)
-that of the other one, both against the ground (a treadmill's belt is taken off: p - v_belt t), t_o the other foot's
-strike between, s the vector p(t1) - p(t0):
+that of the other one, both against the ground (a treadmill's belt is taken off: p - v_belt t, of split belts each
+foot's own; a step goes beyond where the belt has the other foot at its end), t_o the other foot's strike between, s the
+vector p(t1) - p(t0):
 
     stride length = |s|,   speed = |s| / (t1 - t0),   cadence = 120 / (t1 - t0)  (steps a minute, two steps a stride)
     step length   = (p(t1) - o(t_o)) . s / |s|,       step time = t1 - t_o
@@ -121,11 +122,18 @@ def strides_measured(
     if feet is not None:
         for k, side in enumerate(SIDES):
             lost = (unseen or {}).get(f"foot_{side}", np.zeros(len(time), dtype=bool))
-            against_ground = feet.heel[:, k] - (time - time[0])[:, None] * feet.ground
+            against_ground = feet.heel[:, k] - (time - time[0])[:, None] * feet.ground[k]
             places[side] = np.where(lost[:, None], np.nan, against_ground[:, [0, 2]])
 
     def heel(side: str, when: float) -> Array:
         return resample(time, places[side], np.array([when]))[0]
+
+    def apart(side: str, when: float) -> Array:
+        """How far a foot's belt has come beyond the other one's, whose foot it carries on until then."""
+        if feet is None:
+            return np.zeros(2)
+        own, other = (feet.ground[SIDES.index(s)] for s in (side, OTHER_SIDE[side]))
+        return np.asarray((when - time[0]) * (own - other)[[0, 2]])
 
     out: list[Stride] = []
     for side, other in OTHER_SIDE.items():
@@ -145,7 +153,7 @@ def strides_measured(
             if gets_further and stop is not None and start is not None:
                 lengths |= {"stride_length": length, "speed": length / (stop - start)}
             if gets_further and stop is not None and struck is not None:
-                step, forward = heel(side, stop) - heel(other, struck), along / length
+                step, forward = heel(side, stop) - heel(other, struck) + apart(side, stop), along / length
                 across = float(step @ np.array([-forward[1], forward[0]]))
                 lengths |= {"step_length": float(step @ forward), "step_width": across if side == "r" else -across}
             measures |= {name: value for name, value in lengths.items() if np.isfinite(value)}

@@ -106,8 +106,8 @@ def parse_trc(path: Path) -> Recording:
 
 @naming_file
 def write_trc(path: Path, recording: Recording) -> None:
-    """Markers in metres, y up; every float in the shortest form that reads back to the same bits. A gap is NaN, as OpenSim
-    refuses a row that ends with an empty cell.
+    """Markers in metres, y up; every float in the shortest form that reads back to the same bits. A gap is NaN, as
+    OpenSim refuses a row that ends with an empty cell.
     """
     require_plain_labels(recording)
     rate = recording.rate if len(recording.time) > 1 else 0.0

@@ -49,7 +49,7 @@ from gaitcal.model.linkage import (
 )
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters, published_subject
-from gaitcal.model.present_markers import complete_static, worn
+from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, lower_body, sign
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.model.trunk import ArmJoints, upper_body
@@ -108,7 +108,7 @@ def nominal_model(
     """
     marker_set = marker_set.with_weights(weights or {})
     static = complete_static(marker_set.renamed(static), marker_set)
-    marker_set = worn(marker_set, static)
+    marker_set = present_markers(marker_set, static)
     scatter = ""
     if window is None:
         found = still_window(static, marker_set.labels)

@@ -90,7 +90,7 @@ def _modelled(static: Recording, marker_set: MarkerSet, seen: set[str]) -> dict[
     return out
 
 
-def worn(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()) -> MarkerSet:
+def present_markers(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()) -> MarkerSet:
     """The set with nothing left open, as the static trial (from `complete_static`) shows it worn; its notes say how.
 
     A required landmark that the trial gives in no way stays as the set prefers it, so that its absence can be told; but

@@ -39,7 +39,7 @@ ROUNDING = 1e-14  # part of its trace that is added to S: parameters that no tri
 
 @dataclass(frozen=True, kw_only=True)
 class NormalEquations:
-    """Half gradient and Gauss-Newton matrix of one trial at given nodes and joint parameters."""
+    """Half gradient and Gauss-Newton matrix of one trial at given coefficients and joint parameters."""
 
     cost: float
     band: Array  # (nn * nq, 6 nq): transposed lower band of H_qq, LAPACK's layout column by column
@@ -203,7 +203,7 @@ class BandFactor:
 
 @dataclass(frozen=True)
 class Elimination:
-    """One trial, its nodes eliminated."""
+    """One trial, its coefficients eliminated."""
 
     factor: BandFactor  # of H_t
     halfway: Array  # (nn * nq, np_t) Y
@@ -224,7 +224,7 @@ class Elimination:
 
 
 def eliminate(equations: NormalEquations, damping: float = 0.0) -> Elimination:
-    """Eliminate the nodes of one trial; `damping` is relative to the diagonals of H_t and H_pp."""
+    """Eliminate the coefficients of one trial; `damping` is relative to the diagonals of H_t and H_pp."""
     factor = BandFactor(equations.band, damping)
     halfway = factor.forward(equations.mixed) if equations.mixed.shape[1] else equations.mixed
     hessian = equations.parameters - halfway.T @ halfway
@@ -243,7 +243,7 @@ class SharedPrior:
 
 
 class ArrowEquations:
-    """Equations of several trials at x = (p, nodes of each trial), as `descend` asks for them.
+    """Equations of several trials at x = (p, coefficients of each trial), as `descend` asks for them.
 
     `columns`: per trial, places (np_t,) of its own parameters among the shared ones.
     """
@@ -289,8 +289,8 @@ class ArrowFactor:
         for trial, places, of_trial in zip(self.trials, self.columns, halfway, strict=True):
             right[places] -= trial.halfway.T @ of_trial
         shared = np.linalg.solve(self.schur, right)
-        nodes = [
+        coefficients = [
             trial.factor.backward(of_trial - trial.halfway @ shared[places])
             for trial, places, of_trial in zip(self.trials, self.columns, halfway, strict=True)
         ]
-        return np.concatenate([shared, *nodes])
+        return np.concatenate([shared, *coefficients])

@@ -121,16 +121,16 @@ class Smoother:
         for d in range(min(ORDER, basis.nodes)):
             self.gram[d, : basis.nodes - d] = gram.diagonal(-d)
 
-    def nodes(self, right: Array, cutoff_hz: float) -> Array:
-        """(nn, k) nodes of A y, from B^T y (nn, k)."""
+    def coefficients(self, right: Array, cutoff_hz: float) -> Array:
+        """(nn, k) coefficients of A y, from B^T y (nn, k)."""
         band = self.gram + stiffness(self.basis, cutoff_hz) * self.rough.band.T
         band[0] += GRAM_FLOOR * band[0].max()
         return cho_solve_banded((cholesky_banded(band, lower=True), True), right)
 
-    def lost(self, nodes: Array, cutoff_hz: float) -> Array:
-        """(nn, k) nodes of y - A y, for splines y with nodes (nn, k)."""
-        _, rough = self.rough.both(nodes, np.eye(nodes.shape[1]))
-        return self.nodes(stiffness(self.basis, cutoff_hz) * rough, cutoff_hz)
+    def lost(self, coefficients: Array, cutoff_hz: float) -> Array:
+        """(nn, k) coefficients of y - A y, for splines y with nodes (nn, k)."""
+        _, rough = self.rough.both(coefficients, np.eye(coefficients.shape[1]))
+        return self.coefficients(stiffness(self.basis, cutoff_hz) * rough, cutoff_hz)
 
 
 class DenseMotion:
@@ -149,9 +149,9 @@ class DenseMotion:
         rough = smoothing(basis, self.information, self.highest)
         self.problem = replace(cut, basis=basis, smoothing=rough)
         start = starting_nodes(cut.chain, constants, cut.data, basis)
-        self.nodes = track_nodes(self.problem, constants, start, LOOSE).nodes
+        self.coefficients = track_nodes(self.problem, constants, start, LOOSE).coefficients
         """(nn, nq) m, rad."""
-        residual = self.problem.positions(self.nodes, constants) - cut.data.measured
+        residual = self.problem.positions(self.coefficients, constants) - cut.data.measured
         self.residual = (np.sqrt(cut.data.weight)[:, None] * residual).reshape(-1, len(frames)).T
         """(nf, 3 nm) m."""
         self._right = basis.matrices[0].T @ self.residual  # (nn, 3 nm) B^T r
@@ -163,14 +163,16 @@ class DenseMotion:
     def at(self, cutoff_hz: float) -> Smoothed:
         """What a cut-off makes of the motion."""
         basis, smoother = self.problem.basis, self._smoother
-        change = smoother.lost(self.nodes, cutoff_hz)
+        change = smoother.lost(self.coefficients, cutoff_hz)
         taken = basis.evaluate(change)
         lost = float(np.vdot(taken @ self.information, taken))
         share = self._moving / max(self.spare, LEAST_SPARE)
-        noise = share * float(np.vdot(self._right, smoother.nodes(self._right, cutoff_hz)))
+        noise = share * float(np.vdot(self._right, smoother.coefficients(self._right, cutoff_hz)))
         cost = float((self.residual**2).sum()) + lost
         rms = np.sqrt(cost / max(float(self.problem.data.weight.sum()), TINY))
-        return Smoothed(cutoff_hz=cutoff_hz, nodes=self.nodes - change, lost=lost, noise=noise, rms=float(rms))
+        return Smoothed(
+            cutoff_hz=cutoff_hz, coefficients=self.coefficients - change, lost=lost, noise=noise, rms=float(rms)
+        )
 
     def by_markers(self) -> float:
         """Hz: the cut-off that the markers ask for."""
@@ -191,7 +193,7 @@ class Smoothed:
     """A dense motion smoothed with some cut-off, the coordinates taken to be uncoupled."""
 
     cutoff_hz: float
-    nodes: Array  # (nn, nq) m, rad, of the dense basis
+    coefficients: Array  # (nn, nq) m, rad, of the dense basis
     lost: float  # m^2
     noise: float  # m^2
     rms: float  # m, of the markers' distances, weighted

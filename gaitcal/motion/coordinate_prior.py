@@ -140,22 +140,22 @@ class CoefficientPrior:
     high: Array  # (nn, k) rad
     weight: Array  # (nn, k) m^2/rad^2, w
 
-    def both(self, nodes: Array) -> tuple[float, Array]:
-        """Cost (m^2), and (nn, nq) half its gradient, at nodes (nn, nq)."""
-        out = np.zeros_like(nodes)
-        beyond = self._beyond(nodes)
+    def both(self, coefficients: Array) -> tuple[float, Array]:
+        """Cost (m^2), and (nn, nq) half its gradient, at coefficients (nn, nq)."""
+        out = np.zeros_like(coefficients)
+        beyond = self._beyond(coefficients)
         pull = self.weight * beyond
         out[:, self.columns] = pull
         return float(np.vdot(pull, beyond)), out
 
-    def add_to(self, band: Array, nodes: Array) -> None:
-        """Add half the Gauss-Newton matrix at `nodes` to `band` (nn * nq, 6 nq), in place."""
-        outside = (self.low == self.high) | (self._beyond(nodes) != 0.0)
-        band[:, 0].reshape(nodes.shape)[:, self.columns] += np.where(outside, self.weight, 0.0)
+    def add_to(self, band: Array, coefficients: Array) -> None:
+        """Add half the Gauss-Newton matrix at `coefficients` to `band` (nn * nq, 6 nq), in place."""
+        outside = (self.low == self.high) | (self._beyond(coefficients) != 0.0)
+        band[:, 0].reshape(coefficients.shape)[:, self.columns] += np.where(outside, self.weight, 0.0)
 
-    def _beyond(self, nodes: Array) -> Array:
+    def _beyond(self, coefficients: Array) -> Array:
         """(nn, k) rad, d."""
-        coefficients = nodes[:, self.columns]
+        coefficients = coefficients[:, self.columns]
         return coefficients - np.clip(coefficients, self.low, self.high)
 
 

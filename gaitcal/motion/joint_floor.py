@@ -46,7 +46,7 @@ from gaitcal.motion.trial_problem import MotionProblem
 MOST_FRAMES = 300  # looked at, evenly spaced: the floor of a longer trial is that of these
 SETTINGS = DescentSettings(gain=1e-3, most_steps=30, first_damping=1e-3, lowered_by=2.0)
 """The last step gains less than 1e-3 of the cost, 5e-4 of the RMS. Some damping is kept throughout: no step is then
-taken on its promise alone, which leads far along what two markers of a segment do not tell."""
+taken on its prediction alone, which leads far along what two markers of a segment do not tell."""
 RIDGE = 1e-10  # of the largest diagonal entry: holds what no marker tells, like the turn of two about their line
 
 

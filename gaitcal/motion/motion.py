@@ -49,7 +49,7 @@ NOTHING_LEFT_M = 1e-14  # m, RMS residual below which there is nothing left to f
 class Tracked:
     """The end of a tracking run."""
 
-    nodes: Array  # (nn, nq) m, rad
+    coefficients: Array  # (nn, nq) m, rad
     cost: float  # m^2; where the last step was taken on its prediction alone, that of the nodes before it
     steps: int
     ending: Ending
@@ -68,28 +68,28 @@ def track_nodes(
     settings: DescentSettings | None = None,
     known: BandFactor | None = None,
 ) -> Tracked:
-    """Minimise the weighted sum of squared marker distances over the nodes, starting at `start` (nn, nq).
+    """Minimise the weighted sum of squared marker distances over the coefficients, starting at `start` (nn, nq).
 
     `known`: the factor of a matrix that serves at `start`, if there is one: it does not depend on the markers.
     """
     end = descend(_Tracking(problem, constants), start.ravel(), settings or DescentSettings(), known)
-    nodes = end.x.reshape(start.shape)
-    return Tracked(nodes=nodes, cost=end.cost, steps=end.steps, ending=end.ending, curved=end.curved)
+    coefficients = end.x.reshape(start.shape)
+    return Tracked(coefficients=coefficients, cost=end.cost, steps=end.steps, ending=end.ending, curved=end.curved)
 
 
 class _Tracking:
-    """The marker cost of a trial by its nodes, one after the other; all joint parameters are fixed."""
+    """The marker cost of a trial by its coefficients, one after the other; all joint parameters are fixed."""
 
     def __init__(self, problem: MotionProblem, constants: ChainConstants) -> None:
         self.problem, self.constants = problem, constants
         self.nothing_left = NOTHING_LEFT_M**2 * float(problem.data.weight.sum())
         self.has_curvature = not problem.chain.free
 
-    def nodes(self, x: Array) -> Array:
+    def coefficients(self, x: Array) -> Array:
         return x.reshape(self.problem.basis.nodes, -1)
 
     def evaluate(self, x: Array) -> Evaluation:
-        cost, gradient = self.problem.gradient(self.nodes(x), self.constants)
+        cost, gradient = self.problem.gradient(self.coefficients(x), self.constants)
         return Evaluation(cost, gradient.ravel())
 
     def linearise(self, x: Array, *, curved: bool) -> _TrackingMatrix:
@@ -97,10 +97,10 @@ class _Tracking:
 
 
 class _TrackingMatrix:
-    """The normal equations at some nodes. A large matrix is factorised in its own place."""
+    """The normal equations at some coefficients. A large matrix is factorised in its own place."""
 
     def __init__(self, tracking: _Tracking, x: Array, curved: bool) -> None:
-        self._form = partial(tracking.problem.equations, tracking.nodes(x), tracking.constants, curved=curved)
+        self._form = partial(tracking.problem.equations, tracking.coefficients(x), tracking.constants, curved=curved)
         equations = self._form()
         self.evaluation = Evaluation(equations.cost, equations.node_gradient.ravel())
         self._band: Array | None = equations.band
@@ -118,7 +118,7 @@ class _TrackingMatrix:
 
 
 class SharedMotions:
-    """Markers of several trials by x = (joint parameters, nodes of each trial), as a problem for `descend`."""
+    """Markers of several trials by x = (joint parameters, coefficients of each trial), as a problem for `descend`."""
 
     has_curvature = False
 
@@ -128,15 +128,15 @@ class SharedMotions:
         self.columns = [problem.places_in(free) for problem in self.open]
         self.nothing_left = NOTHING_LEFT_M**2 * sum(float(problem.data.weight.sum()) for problem in self.open)
 
-    def joined(self, p: Array, nodes: Sequence[Array]) -> Array:
+    def joined(self, p: Array, coefficients: Sequence[Array]) -> Array:
         """The vector x."""
-        return np.concatenate([p, *(of_trial.ravel() for of_trial in nodes)])
+        return np.concatenate([p, *(of_trial.ravel() for of_trial in coefficients)])
 
     def parted(self, x: Array) -> tuple[Array, list[Array]]:
-        """The shared parameters (np,) and the nodes (nn, nq) of each trial."""
+        """The shared parameters (np,) and the coefficients (nn, nq) of each trial."""
         sizes = [self.size, *(problem.basis.nodes * len(problem.chain.coordinates) for problem in self.open)]
-        p, *nodes = np.split(x, np.cumsum(sizes)[:-1])
-        return p, [flat.reshape(problem.basis.nodes, -1) for flat, problem in zip(nodes, self.open, strict=True)]
+        p, *coefficients = np.split(x, np.cumsum(sizes)[:-1])
+        return p, [flat.reshape(problem.basis.nodes, -1) for flat, problem in zip(coefficients, self.open, strict=True)]
 
     def evaluate(self, x: Array) -> Evaluation:
         """Cost (m^2) and half gradient."""
@@ -144,9 +144,11 @@ class SharedMotions:
 
     def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
         """The same with the arrow."""
-        p, nodes = self.parted(x)
+        p, coefficients = self.parted(x)
         moved = self.parameters.with_joint(self.free, p)
-        trials = [problem.equations(n, problem.constants(moved)) for problem, n in zip(self.open, nodes, strict=True)]
+        trials = [
+            problem.equations(n, problem.constants(moved)) for problem, n in zip(self.open, coefficients, strict=True)
+        ]
         return ArrowEquations(trials, self.columns, self.size)
 
 
@@ -191,7 +193,7 @@ class Motion:
     """Names of the columns: the 27, or those of the part that was tracked."""
     basis: SplineBasis
     """Quintic B-splines at the frames of the trial."""
-    nodes: Array
+    coefficients: Array
     """(nn, nq) m, rad."""
     errors: MarkerErrors
     """Distance of every marker in every frame."""
@@ -215,28 +217,28 @@ class Motion:
     @property
     def q(self) -> Array:
         """(nf, nq) coordinates, m and rad."""
-        return self.basis.evaluate(self.nodes)
+        return self.basis.evaluate(self.coefficients)
 
     @property
     def velocity(self) -> Array:
         """(nf, nq) m/s, rad/s."""
-        return self.basis.evaluate(self.nodes, 1)
+        return self.basis.evaluate(self.coefficients, 1)
 
     @property
     def acceleration(self) -> Array:
         """(nf, nq) m/s^2, rad/s^2."""
-        return self.basis.evaluate(self.nodes, 2)
+        return self.basis.evaluate(self.coefficients, 2)
 
 
-def motion_of(problem: MotionProblem, parameters: Parameters, nodes: Array, *, converged: bool = True) -> Motion:
-    """The motion that `nodes` describe, with the errors of every marker."""
-    positions = problem.positions(nodes, problem.constants(parameters))
+def motion_of(problem: MotionProblem, parameters: Parameters, coefficients: Array, *, converged: bool = True) -> Motion:
+    """The motion that `coefficients` describe, with the errors of every marker."""
+    positions = problem.positions(coefficients, problem.constants(parameters))
     distance = np.linalg.norm(positions - problem.data.measured, axis=1).T
     return Motion(
         name=problem.name,
         coordinates=problem.chain.coordinates,
         basis=problem.basis,
-        nodes=nodes,
+        coefficients=coefficients,
         errors=_errors(problem, distance),
         converged=converged,
         smoothed_hz=problem.smoothing.cutoff_hz if problem.smoothing else None,
@@ -249,10 +251,10 @@ def tracked_motion(problem: MotionProblem, parameters: Parameters, settings: Des
     constants = problem.constants(parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     tracked = track_nodes(problem, constants, start, settings)
-    again = problem.followed(tracked.nodes)
+    again = problem.followed(tracked.coefficients)
     if again is not problem:  # what an undetermined trunk does hangs on the pelvis, which is known now
-        tracked = track_nodes(again, constants, tracked.nodes, settings)
-    return motion_of(problem, parameters, tracked.nodes, converged=tracked.converged)
+        tracked = track_nodes(again, constants, tracked.coefficients, settings)
+    return motion_of(problem, parameters, tracked.coefficients, converged=tracked.converged)
 
 
 def rigid_floor(problem: MotionProblem) -> MarkerErrors:
@@ -361,18 +363,18 @@ def robust_tracking(
     used, begun = weight > 0, 0 if factor is None else FIRST_ROUNDS
     present = np.ones_like(weight) if factor is None else factor
     weighted = problem.with_weight(weight * present)
-    nodes = starting_nodes(problem.chain, constants, weighted.data, problem.basis)
-    tracked = track_nodes(weighted, constants, nodes)
+    coefficients = starting_nodes(problem.chain, constants, weighted.data, problem.basis)
+    tracked = track_nodes(weighted, constants, coefficients)
     scale, settled, count = LEAST_SCALE, False, 0
     while count < MOST_ROUNDS and not settled:
         shape = Loss.HUBER if begun + count < FIRST_ROUNDS else loss
-        residual = problem.positions(tracked.nodes, constants) - problem.data.measured
+        residual = problem.positions(tracked.coefficients, constants) - problem.data.measured
         standardised = np.sqrt(weight)[:, None] * residual
         scale = residual_scale(standardised.transpose(0, 2, 1)[used])
         changed = np.where(used, shape.factor(np.linalg.norm(standardised, axis=1) / scale), 1.0)
         settled = shape is loss and float(np.abs(changed - present).max(initial=0.0)) < SETTLED
         present = changed
         weighted = problem.with_weight(weight * present)
-        tracked = track_nodes(weighted, constants, tracked.nodes)
+        tracked = track_nodes(weighted, constants, tracked.coefficients)
         count += 1
     return RobustTracking(problem=weighted, factor=present, scale=scale, tracked=tracked, rounds=count, settled=settled)

@@ -154,11 +154,11 @@ def with_tissue_columns(
     data: MarkerData,
     tissue: SoftTissue,
     equations: NormalEquations,
-    nodes: Array,
+    coefficients: Array,
     constants: ChainConstants,
 ) -> NormalEquations:
-    """The normal equations of a trial at `nodes` with the columns of its soft tissue after its joint parameters."""
-    q = basis.evaluate(nodes)
+    """Normal equations of a trial at `coefficients` with the columns of its soft tissue after its joint parameters."""
+    q = basis.evaluate(coefficients)
     nq, nz, n_free = q.shape[1], len(tissue.keys), len(chain.free)
     poses = forward(chain, constants, q, data.secondary)
     segments = segment_transforms(chain, constants, poses)

@@ -93,9 +93,9 @@ class SplineBasis:
         starts = range(0, frames, FRAMES_AT_ONCE)
         return tuple(Stretch(self, slice(start, min(start + FRAMES_AT_ONCE, frames))) for start in starts)
 
-    def evaluate(self, nodes: Array, derivative: int = 0) -> Array:
-        """(nf, nq) coordinates, or their first or second time derivative, for nodes (nn, nq)."""
-        return self.matrices[derivative] @ nodes
+    def evaluate(self, coefficients: Array, derivative: int = 0) -> Array:
+        """(nf, nq) coordinates, or their first or second time derivative, for coefficients (nn, nq)."""
+        return self.matrices[derivative] @ coefficients
 
     @cached_property
     def matrices(self) -> tuple[csr_array, ...]:
@@ -107,7 +107,7 @@ class SplineBasis:
         return tuple(csr_array((weights.ravel(), columns, ends), shape=(nf, self.nodes)) for weights in parts)
 
     def fit(self, samples: Array) -> Array:
-        """(nn, nq) nodes that fit samples (nf, nq) in the least-squares sense. Samples must be finite."""
+        """(nn, nq) coefficients that fit samples (nf, nq) in the least-squares sense. Samples must be finite."""
         nn = self.nodes
         band, right = np.zeros((ORDER, nn)), np.zeros((nn, samples.shape[1]))
         grams = np.add.reduceat(
@@ -138,7 +138,7 @@ class Stretch:
         """(6 nodes, frames) B_a(f) B_a+d(f), row 6 a + d."""
 
     def add_gradient(self, out: Array, gradient: Array) -> None:
-        """Add the half gradient (nq, frames) of the coordinates to that of the nodes (nn, nq)."""
+        """Add the half gradient (nq, frames) of the coordinates to that of the coefficients (nn, nq)."""
         out[self.nodes] += self.weights @ gradient.T
 
 
@@ -182,11 +182,11 @@ def _local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -
     return functions
 
 
-def to_bspline(basis: SplineBasis, nodes: Array) -> BSpline:
+def to_bspline(basis: SplineBasis, coefficients: Array) -> BSpline:
     """The same spline as a SciPy object, for evaluation anywhere in the trial."""
     from scipy.interpolate import BSpline  # loads a tenth of a second of other modules
 
-    return BSpline(basis.knots, nodes, DEGREE)
+    return BSpline(basis.knots, coefficients, DEGREE)
 
 
 @dataclass(frozen=True)
@@ -244,11 +244,11 @@ class Roughness:
             out[: len(diagonal), d] = diagonal
         return out
 
-    def both(self, nodes: Array, coupling: Array) -> tuple[float, Array]:
+    def both(self, coefficients: Array, coupling: Array) -> tuple[float, Array]:
         """tr(N^T R N K), and (nn, k) R N K, for N (nn, k) and K (k, k)."""
-        cost, out = 0.0, np.zeros_like(nodes)
+        cost, out = 0.0, np.zeros_like(coefficients)
         for back, products, by_node in self.terms:
-            values = by_node @ nodes
+            values = by_node @ coefficients
             pull = products @ values @ coupling
             cost += float(np.vdot(values, pull))
             out += back @ pull
@@ -319,11 +319,11 @@ class Smoothing:
         """`share` times the penalty."""
         return replace(self, coupling=share * self.coupling)
 
-    def both(self, nodes: Array) -> tuple[float, Array]:
-        """Cost (m^2), and (nn, nq) half its gradient, for nodes (nn, nq)."""
-        return self.roughness.both(nodes, self.coupling)
+    def both(self, coefficients: Array) -> tuple[float, Array]:
+        """Cost (m^2), and (nn, nq) half its gradient, for coefficients (nn, nq)."""
+        return self.roughness.both(coefficients, self.coupling)
 
-    def add_to(self, band: Array, nodes: Array) -> None:
+    def add_to(self, band: Array, coefficients: Array) -> None:
         """Add half the Hessian, the same at all nodes, to `band` (nn * nq, 6 nq) of `NormalEquations`, in place."""
         if band.nbytes <= KEPT_BYTES:
             band += self._whole

@@ -35,7 +35,7 @@ SAMPLES_PER_NODE = 3  # frames looked at per spline node: a start needs no more
 
 
 def starting_nodes(chain: Chain, constants: ChainConstants, data: MarkerData, basis: SplineBasis) -> Array:
-    """(nn, nq) nodes to start from."""
+    """(nn, nq) coefficients to start from."""
     nf, wanted = len(basis.time), SAMPLES_PER_NODE * basis.nodes
     if nf <= wanted:
         return basis.fit(starting_coordinates(chain, constants, data))

@@ -163,11 +163,11 @@ class MotionProblem:
             noise=self.noise,
         )
 
-    def followed(self, nodes: Array) -> MotionProblem:
-        """The same trial with a trunk that no marker determines upright over the pelvis of a motion, nodes (nn, nq)."""
+    def followed(self, coefficients: Array) -> MotionProblem:
+        """The same with a trunk that no marker determines upright over the pelvis of a motion (nn, nq)."""
         if not set(LUMBAR) & set(self.guessed):
             return self
-        q, time = self.basis.evaluate(nodes), self.basis.time
+        q, time = self.basis.evaluate(coefficients), self.basis.time
         kept = upright_trunk(time, q[:, len(ROOT_SUFFIXES) // 2 : len(ROOT_SUFFIXES)], self.posture)
         priors = []
         for prior in self.priors:
@@ -216,26 +216,26 @@ class MotionProblem:
         """The same trial with other measured markers (nm, 3, nf), m."""
         return self.with_data(replace(self.data, measured=measured))
 
-    def equations(self, nodes: Array, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
-        """Normal equations at `nodes` (nn, nq); if `curved`, with half the whole Hessian instead of Gauss-Newton's.
+    def equations(self, coefficients: Array, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
+        """Normal equations at `coefficients` (nn, nq); `curved`: with half the whole Hessian, not Gauss-Newton's.
 
         ValueError if `curved` and a joint parameter is free: curvature asks which of two variables comes first, and
         parameters are not kept in that order.
         """
         if curved and self.chain.free:
             raise ValueError("curvature is for the coordinates alone: no joint parameter may be free")
-        q = self.basis.evaluate(nodes)
+        q = self.basis.evaluate(coefficients)
         equations = self._assembler.assembled(
             (self._frame_equations(stretch.frames, constants, q, curved=curved), stretch)
             for stretch in self.basis.stretches
         )
         for penalty in self._penalties:
-            penalty.add_to(equations.band, nodes)
-            cost, gradient = penalty.both(nodes)
+            penalty.add_to(equations.band, coefficients)
+            cost, gradient = penalty.both(coefficients)
             equations = replace(equations, cost=equations.cost + cost, node_gradient=equations.node_gradient + gradient)
         if self.tissue is None or not self.tissue.groups:
             return equations
-        return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, nodes, constants)
+        return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, coefficients, constants)
 
     def _frame_equations(
         self, frames: slice, constants: ChainConstants, q: Array, *, hessian: bool = True, curved: bool = False
@@ -255,41 +255,43 @@ class MotionProblem:
             out[frames, first, second] = out[frames, second, first] = entries
         return out
 
-    def gradient(self, nodes: Array, constants: ChainConstants) -> tuple[float, Array]:
-        """Cost (m^2) and half gradient by the nodes (nn, nq), without the matrix."""
-        cost, by_nodes, _ = self.both_gradients(nodes, constants)
+    def gradient(self, coefficients: Array, constants: ChainConstants) -> tuple[float, Array]:
+        """Cost (m^2) and half gradient by the coefficients (nn, nq), without the matrix."""
+        cost, by_nodes, _ = self.both_gradients(coefficients, constants)
         return cost, by_nodes
 
-    def both_gradients(self, nodes: Array, constants: ChainConstants) -> tuple[float, Array, Array]:
-        """Cost (m^2) and half gradients by the nodes (nn, nq) and by `unknowns` (np,)."""
-        q = self.basis.evaluate(nodes)
+    def both_gradients(self, coefficients: Array, constants: ChainConstants) -> tuple[float, Array, Array]:
+        """Cost (m^2) and half gradients by the coefficients (nn, nq) and by `unknowns` (np,)."""
+        q = self.basis.evaluate(coefficients)
         nq = len(self.chain.coordinates)
-        cost, by_nodes, by_values = 0.0, np.zeros_like(nodes), np.zeros(len(self.chain.free))
+        cost, by_nodes, by_values = 0.0, np.zeros_like(coefficients), np.zeros(len(self.chain.free))
         for stretch in self.basis.stretches:
             part = self._frame_equations(stretch.frames, constants, q, hessian=False)
             cost += part.cost
             stretch.add_gradient(by_nodes, part.gradient[:nq])
             by_values += part.gradient[nq:].sum(axis=1)
         for penalty in self._penalties:
-            more, gradient = penalty.both(nodes)
+            more, gradient = penalty.both(coefficients)
             cost, by_nodes = cost + more, by_nodes + gradient
         if self.tissue is not None and self.tissue.groups:
             by_tissue = tissue_gradient(self.chain, self.data, self.tissue, q, constants)
             by_values = np.concatenate([by_values, by_tissue])
         return cost, by_nodes, by_values
 
-    def cost(self, nodes: Array, constants: ChainConstants) -> float:
+    def cost(self, coefficients: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, the penalty and what is known of coordinates, m^2."""
-        return self.marker_cost(nodes, constants) + sum(penalty.both(nodes)[0] for penalty in self._penalties)
+        return self.marker_cost(coefficients, constants) + sum(
+            penalty.both(coefficients)[0] for penalty in self._penalties
+        )
 
-    def marker_cost(self, nodes: Array, constants: ChainConstants) -> float:
+    def marker_cost(self, coefficients: Array, constants: ChainConstants) -> float:
         """Sum of w |r|^2, m^2."""
-        r = self.positions(nodes, constants) - self.data.measured
+        r = self.positions(coefficients, constants) - self.data.measured
         return float(np.vdot(self.data.weight[:, None] * r, r))
 
-    def positions(self, nodes: Array, constants: ChainConstants) -> Array:
+    def positions(self, coefficients: Array, constants: ChainConstants) -> Array:
         """(nm, 3, nf) m, model markers."""
-        q = self.basis.evaluate(nodes)
+        q = self.basis.evaluate(coefficients)
         out = np.empty(self.data.measured.shape)
         for stretch in self.basis.stretches:
             frames, part = stretch.frames, self.data.frames(stretch.frames)

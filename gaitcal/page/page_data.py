@@ -107,7 +107,7 @@ def calibration_page_data(
     ]
     return {
         **person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
-        "lines": top_lines(calibration, _peaks(trials)),
+        "lines": top_lines(calibration, page_peaks(trials)),
         "trials": trials,
         "sections": result_sections(calibration, norm, manifest, scores),
     }
@@ -151,7 +151,7 @@ def further_page_data(
     person = person_page_data(model.subject, verdict)
     return {
         **person,
-        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials, _peaks(of_trials))],
+        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials, page_peaks(of_trials))],
         "trials": of_trials,
         "sections": {} if origin is None else further_sections(origin),
     }
@@ -346,23 +346,28 @@ def conventions_data() -> dict[str, Any]:
     }
 
 
-def _peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
-    """Over the straight strides of trials of a page."""
+def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
+    """Over the straight strides, or repetitions, of trials of a page."""
     return peak_means(
-        (trial["name"], s["side"], {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()})
+        (
+            trial.get("activity", WALKING),
+            trial["name"],
+            s["side"],
+            {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()},
+        )
         for trial in trials
-        if trial.get("activity", WALKING) == WALKING
         for s in trial["strides"]
         if not s["turns"]
     )
 
 
 def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of peaks, over the straight strides of all trials, each with what the legs have of it."""
-    rows: dict[str, dict[str, Any]] = {}
-    for mean in _peaks(data["trials"]):
+    """Rows of the table of peaks of each activity, over its straight strides, each with what the legs have of it."""
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for mean in page_peaks(data["trials"]):
         peak = mean.peak
         row = {
+            "activity": mean.activity,
             "base": coordinate_of(peak.variable),
             "kind": kind_of(peak.variable).words,
             "title": peak.title(),
@@ -372,7 +377,7 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
         leg = {name: rounded(value) for name, value in figures.items()}
-        rows.setdefault(peak.name, row)[mean.side] = {**leg, "n": mean.n, "strides": mean.strides}
+        rows.setdefault((mean.activity, peak.name), row)[mean.side] = {**leg, "n": mean.n, "strides": mean.strides}
     return list(rows.values())
 
 

@@ -315,7 +315,11 @@ def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
     """Of one walk: what tells its foot events, and why moments do not count."""
     events, loads = walk.trial.events.events, walk.trial.loads
     out = [heading(f"Trial {named(walk.trial.name)}")]
-    out.append(text(f"Foot events: {source_words([e.source for e in events])}." if events else "No foot events."))
+    seen = f"Foot events: {source_words([e.source for e in events])}." if events else "No foot events."
+    repeats = walk.trial.events.repeats
+    phases = ", ".join(dict.fromkeys(name for repeat in repeats for name, _ in repeat.parts))
+    found = f"{counted(len(repeats), 'repetition')}, by the height of the pelvis; phases: {phases}."
+    out.append(text(found if repeats else seen))
     if without := [SIDE_WORDS[side] for side in SIDES if not strides_of(walk.trial.events)[side]]:
         out.append(text(f"No complete stride of the {listed(without)} foot."))
     if walk.trial.refused_legs:

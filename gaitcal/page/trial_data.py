@@ -17,9 +17,9 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.faults.verdict import WalkVerdict
-from gaitcal.gait.cycles import GaitCycle, Kind, normalise, source_words, usable
+from gaitcal.gait.cycles import WALKING, GaitCycle, Kind, normalise, source_words, usable
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of, role_words
-from gaitcal.gait.peaks import stride_peaks
+from gaitcal.gait.peaks import phase_peaks, stride_peaks
 from gaitcal.gait.spatiotemporal import counting
 from gaitcal.gait.strides import along_line, pelvis_angles, strides_of
 from gaitcal.model.coordinates import COORDINATE_TABLE, FOOT_PROGRESSION, GROUPS, SEGMENT_ANGLES, split_side
@@ -332,14 +332,22 @@ def _strides(trial: TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curv
                     }
                     | ({} if foot is None else {FOOT_PROGRESSION: {"value": lengths(normalise(time, foot, cycle))}}),
                     "valid": [base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)],
-                    "peaks": peaks_in(time, cycle, [c for c in curves if c.side in (side, "")], laid["value"]),
+                    "peaks": peaks_in(
+                        time,
+                        cycle,
+                        [c for c in curves if c.side in (side, "")],
+                        laid["value"],
+                        walks=trial.activity == WALKING,
+                    ),
                 }
             )
     return out
 
 
-def peaks_in(time: Array, cycle: GaitCycle, curves: Sequence[Curve], pelvis: Array) -> dict[str, list[float | None]]:
-    """Peak -> what `stride_peaks` says of it, None for NaN. `pelvis`: (101, 3) deg, `PELVIS_ANGLES`."""
+def peaks_in(
+    time: Array, cycle: GaitCycle, curves: Sequence[Curve], pelvis: Array, *, walks: bool = True
+) -> dict[str, list[float | None]]:
+    """Peak -> what `gait/peaks.py` says of it, None for NaN. `pelvis`: (101, 3) deg, `PELVIS_ANGLES`."""
     endings, unknown = {kind.words: kind.ending for kind in Kind}, np.full(len(time), np.nan)
     laid = {}
     for curve in curves:
@@ -348,5 +356,5 @@ def peaks_in(time: Array, cycle: GaitCycle, curves: Sequence[Curve], pelvis: Arr
         value = pelvis[:, PELVIS_ANGLES.index(curve.base)] if curve.base in PELVIS_ANGLES else value
         name = curve.base if curve.kind == "force" else f"{curve.base}{endings.get(curve.kind, curve.kind)}"
         laid[name] = (np.where(usable(time, curve.valid, cycle), value, np.nan), error, own)
-    found = stride_peaks(laid, cycle.stance)
+    found = stride_peaks(laid, cycle.stance) if walks else phase_peaks(laid, cycle.phases)
     return {name: [rounded(v) for v in values] for name, values in found.items()}

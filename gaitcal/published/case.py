@@ -58,7 +58,7 @@ class MonteCarloCase:
     markers: MarkerPlacement
     time: Array
     """(nf,) s."""
-    nodes: Array
+    coefficients: Array
     """(nn, 27) m, rad: quintic splines on clamped uniform knots over `time`."""
     wrench: Array
     """(nf, 2, 6) N, N·m about the laboratory origin, on the right and left foot."""
@@ -73,7 +73,7 @@ class MonteCarloCase:
             "joint parameters": _hash(p.joint.tobytes(), p.zero_angles.tobytes()),
             "inertial parameters": _hash(p.inertial.tobytes()),
             "markers": _hash(repr((m.labels, m.segments)).encode(), m.local.tobytes(), m.weight.tobytes()),
-            "motion": _hash(self.time.tobytes(), self.nodes.tobytes()),
+            "motion": _hash(self.time.tobytes(), self.coefficients.tobytes()),
             "ground reactions": _hash(self.wrench.tobytes(), self.valid.tobytes()),
         }
 
@@ -96,7 +96,7 @@ def nominal_case() -> MonteCarloCase:
         parameters=model.parameters,
         markers=model.markers,
         time=motion.basis.time,
-        nodes=motion.nodes,
+        coefficients=motion.coefficients,
         wrench=residual_free_wrench(model.parameters, motion),
         valid=np.ones(len(motion.basis.time), dtype=bool),
     )
@@ -120,7 +120,7 @@ def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCas
         parameters=model.parameters,
         markers=_tracked(model.markers, np.array(motion.errors.labels)[motion.errors.kept()].tolist()),
         time=motion.time,
-        nodes=motion.nodes,
+        coefficients=motion.coefficients,
         wrench=reactions[name].wrench,
         valid=reactions[name].valid,
     )
@@ -202,9 +202,9 @@ def _of_result(folder: Path, name: str) -> MonteCarloCase:
     with _splines(path) as stored:
         k = [str(trial) for trial in stored["trials"]].index(name)
         parts = ("time", "knots", "nodes", "wrench", "valid")
-        time, knots, nodes, wrench, valid = (np.array(stored[f"{part}_{k}"]) for part in parts)
-    whole = nodes.ndim == 2 and nodes.shape[1] == len(COORDINATES) and wrench.shape == (len(time), 2, 6)
-    if not whole or not np.array_equal(spline_basis(time, len(nodes)).knots, knots):
+        time, knots, coefficients, wrench, valid = (np.array(stored[f"{part}_{k}"]) for part in parts)
+    whole = coefficients.ndim == 2 and coefficients.shape[1] == len(COORDINATES) and wrench.shape == (len(time), 2, 6)
+    if not whole or not np.array_equal(spline_basis(time, len(coefficients)).knots, knots):
         message = f"found other splines than this version writes for trial '{name}'"
         raise InputError(message, source=path, code=Code.DAMAGED_RESULT)
     errors = folder / _marker_errors(name)
@@ -218,7 +218,7 @@ def _of_result(folder: Path, name: str) -> MonteCarloCase:
         parameters=model.parameters,
         markers=_tracked(model.markers, [label for label in table.columns if table[label].notna().any()]),
         time=time,
-        nodes=nodes,
+        coefficients=coefficients,
         wrench=wrench,
         valid=valid.astype(bool),
     )

@@ -73,10 +73,10 @@ def pose_of_feet(placed: PlacedLinkage) -> FootPose:
 
 
 def leg_torques(
-    parameters: Parameters, basis: SplineBasis, nodes: Array, wrench: Array, undisturbed: FootPose
+    parameters: Parameters, basis: SplineBasis, coefficients: Array, wrench: Array, undisturbed: FootPose
 ) -> tuple[Array, Array]:
     """(nf, 14) N·m with the wrenches (nf, 2, 6) fixed in the laboratory, and carried along with the feet."""
-    q, v, a = (basis.evaluate(nodes, k) for k in range(3))
+    q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     placed = placed_legs(parameters, q)
     unloaded, columns = (
         placed.unloaded_forces(dynamic_parameters(parameters.inertial), v, a)[:, _ROWS],
@@ -115,24 +115,24 @@ class MonteCarloContext:
         """The undisturbed motion fits its markers exactly."""
         self.basis, self.data = self.problem.basis, self.problem.data
         constants = self.problem.constants(case.parameters)
-        band = self.problem.equations(case.nodes, constants).band
+        band = self.problem.equations(case.coefficients, constants).band
         self.undisturbed_factor = BandFactor(band)
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
-        self.undisturbed_diagonal = band[:, 0].reshape(case.nodes.shape).copy()
+        self.undisturbed_diagonal = band[:, 0].reshape(case.coefficients.shape).copy()
         """(nn, nq) of the same matrix, m^2 per m^2 or rad^2."""
-        self.sensitivity = np.zeros((*case.nodes.shape, len(self.names)))
+        self.sensitivity = np.zeros((*case.coefficients.shape, len(self.names)))
         """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move no marker."""
         opened = self.problem.with_free(self.names)
-        equations = opened.equations(case.nodes, opened.constants(case.parameters))
+        equations = opened.equations(case.coefficients, opened.constants(case.parameters))
         solved = -BandFactor(equations.band).solve(equations.mixed)
         moving = [self.names.index(name) for name in opened.chain.free]
-        self.sensitivity[:, :, moving] = solved.reshape(*case.nodes.shape, len(moving))
-        states = [self.basis.evaluate(case.nodes, k) for k in range(3)]
+        self.sensitivity[:, :, moving] = solved.reshape(*case.coefficients.shape, len(moving))
+        states = [self.basis.evaluate(case.coefficients, k) for k in range(3)]
         rows = Dynamics(case.parameters).placed(states[0]).regressor(_IN_BODY, *states[1:])
         self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
         """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own frames."""
         self.feet = pose_of_feet(placed_legs(case.parameters, states[0]))
-        self.torques, _ = leg_torques(case.parameters, self.basis, case.nodes, case.wrench, self.feet)
+        self.torques, _ = leg_torques(case.parameters, self.basis, case.coefficients, case.wrench, self.feet)
         """(nf, 14) N·m of the undisturbed case."""
         segments = np.array([self.problem.chain.segments[s] for s in self.data.segment])
         pulling = self.data.weight.any(axis=1)
@@ -148,10 +148,10 @@ def _undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
     model = SubjectModel(
         subject=case.subject, parameters=case.parameters, nominal=case.parameters, markers=case.markers
     )
-    q = spline_basis(case.time, len(case.nodes)).evaluate(case.nodes)
+    q = spline_basis(case.time, len(case.coefficients)).evaluate(case.coefficients)
     markers = synthetic_markers(case.parameters, case.markers, q)
     recording = Recording(source=case.name, time=case.time, labels=case.markers.labels, markers=markers)
-    return trial_problem(case.name, model, recording, NodeRule(fixed=len(case.nodes)))
+    return trial_problem(case.name, model, recording, NodeRule(fixed=len(case.coefficients)))
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
             errors = (context.regressor @ phi.ravel()).reshape(-1, len(LEG_TORQUES))
             return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
         fitted = refit(model.problem, model.constants, model.start, context.settings, model.factor)
-        return DrawResult(errors_of(context, model, fitted.nodes), fitted.evaluations, fitted.failure)
+        return DrawResult(errors_of(context, model, fitted.coefficients), fitted.evaluations, fitted.failure)
     except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
         return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
 
@@ -235,7 +235,7 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
 class Refit:
     """The end of a re-fit."""
 
-    nodes: Array
+    coefficients: Array
     """(nn, nq) m, rad."""
     evaluations: int
     """Steps taken, each with an evaluation of the gradient."""
@@ -250,7 +250,7 @@ def refit(
     settings: MonteCarloSettings,
     known: BandFactor | None = None,
 ) -> Refit:
-    """Minimise the weighted sum of squared marker distances over the nodes, starting at `start` (nn, nq).
+    """Minimise the weighted sum of squared marker distances over the coefficients, starting at `start` (nn, nq).
 
     The iteration is that of tracking (`motion/descent.py`), made for many small problems of one kind: it starts on a
     Gauss-Newton factor, keeps it however long the steps are, and where they no longer shrink tenfold goes on with
@@ -272,8 +272,8 @@ def refit(
     factor = known or BandFactor(problem.equations(start, constants).band)
     tracked = track_nodes(problem, constants, start, rule, factor)
     if tracked.ending is Ending.MOST_STEPS:
-        return Refit(tracked.nodes, tracked.steps, f"{tracked.steps} evaluations did not settle it")
-    return Refit(tracked.nodes, tracked.steps, "" if tracked.converged else tracked.ending.value)
+        return Refit(tracked.coefficients, tracked.steps, f"{tracked.steps} evaluations did not settle it")
+    return Refit(tracked.coefficients, tracked.steps, "" if tracked.converged else tracked.ending.value)
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,7 @@ class DisturbedModel:
 def disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:
     """What a draw changes, put into the case."""
     case = context.case
-    parameters, start, problem = case.parameters, case.nodes, context.problem
+    parameters, start, problem = case.parameters, case.coefficients, context.problem
     if change.joint is not None:
         parameters = parameters.with_joint(context.names, context.joint_values + change.joint)
         start = start + context.sensitivity @ change.joint
@@ -306,10 +306,10 @@ def disturbed_model(context: MonteCarloContext, change: Disturbance) -> Disturbe
     return DisturbedModel(parameters, problem, problem.constants(parameters), start, known)
 
 
-def errors_of(context: MonteCarloContext, model: DisturbedModel, nodes: Array) -> Array:
+def errors_of(context: MonteCarloContext, model: DisturbedModel, coefficients: Array) -> Array:
     """(60,) in the order of `COLUMNS`: what a disturbed model in a motion (nn, nq) says wrongly."""
-    placed = model.problem.positions(nodes, model.constants)
-    torques = leg_torques(model.parameters, context.basis, nodes, context.case.wrench, context.feet)
+    placed = model.problem.positions(coefficients, model.constants)
+    torques = leg_torques(model.parameters, context.basis, coefficients, context.case.wrench, context.feet)
     errors = (torques[0] - context.torques, torques[1] - context.torques)
     apart = placed - model.problem.data.measured
     return _record(context, errors, np.sqrt((apart * apart).sum(axis=1)))

@@ -97,8 +97,8 @@ def _cell(case: MonteCarloCase, settings: MonteCarloSettings, varied: Varied, le
         for iteration in Iteration:
             key = (varied.value, level, number)
             *counts, last = iteration.counts
-            for count, nodes in zip(counts, path(context, model, iteration, counts), strict=True):
-                rows.append((iteration.value, count, *key, "", *errors_of(context, model, nodes)))
+            for count, coefficients in zip(counts, path(context, model, iteration, counts), strict=True):
+                rows.append((iteration.value, count, *key, "", *errors_of(context, model, coefficients)))
             rows.append((iteration.value, last, *key, end.failure, *end.values))
     return pd.DataFrame(rows, columns=["iteration", "iterations", "set", "level", "draw", "failure", *COLUMNS])
 
@@ -106,32 +106,32 @@ def _cell(case: MonteCarloCase, settings: MonteCarloSettings, varied: Varied, le
 def path(
     context: MonteCarloContext, model: DisturbedModel, iteration: Iteration, counts: Sequence[int]
 ) -> Iterator[Array]:
-    """The nodes (nn, nq) after each of a rising sequence of numbers of iterations from the undisturbed motion."""
-    nodes, done = context.case.nodes, 0
+    """Coefficients (nn, nq) after each of a rising sequence of numbers of iterations from the undisturbed motion."""
+    coefficients, done = context.case.coefficients, 0
     advance = _gauss_newton if iteration is Iteration.GAUSS_NEWTON else _steepest_descent
     for count in counts:
-        nodes = advance(context, model, nodes, count - done)
+        coefficients = advance(context, model, coefficients, count - done)
         done = count
-        yield nodes
+        yield coefficients
 
 
-def _gauss_newton(context: MonteCarloContext, model: DisturbedModel, nodes: Array, steps: int) -> Array:
+def _gauss_newton(context: MonteCarloContext, model: DisturbedModel, coefficients: Array, steps: int) -> Array:
     """So many steps with a new matrix each; one that raised the cost and was damped counts too."""
     rule = DescentSettings(gain=0.0, kept_gain=0.0, most_steps=steps, keep_within=0.0, curved_tries=0)
-    return track_nodes(model.problem, model.constants, nodes, rule).nodes if steps else nodes
+    return track_nodes(model.problem, model.constants, coefficients, rule).coefficients if steps else coefficients
 
 
-def _steepest_descent(context: MonteCarloContext, model: DisturbedModel, nodes: Array, steps: int) -> Array:
+def _steepest_descent(context: MonteCarloContext, model: DisturbedModel, coefficients: Array, steps: int) -> Array:
     problem, constants = model.problem, model.constants
     for _ in range(steps):
-        _, gradient = problem.gradient(nodes, constants)
+        _, gradient = problem.gradient(coefficients, constants)
         step = -gradient / context.undisturbed_diagonal
-        ahead, behind = (problem.positions(nodes + part * step, constants) for part in (PROBE, -PROBE))
+        ahead, behind = (problem.positions(coefficients + part * step, constants) for part in (PROBE, -PROBE))
         slope = (ahead - behind) / (2.0 * PROBE)
         bend = float(np.einsum("mcf,mcf,mf->", slope, slope, problem.data.weight))
         if bend > 0.0:
-            nodes = nodes - float(np.vdot(gradient, step)) / bend * step
-    return nodes
+            coefficients = coefficients - float(np.vdot(gradient, step)) / bend * step
+    return coefficients
 
 
 DRAWS = 40
@@ -275,7 +275,7 @@ VERTICAL = 1
 OWN, SHARED = "each foot's own", "one for both feet"
 NO_DIFFERENCE = 0.05
 """Part of a torque error: a smaller change counts as none."""
-SURE = 2.0
+DECIDED_ERRORS = 2.0
 """Standard errors that a change has to be away from that, or the answer is undecided."""
 _PRINTED_TORQUES = ", ".join(f"{TORQUE_WORDS[figure.torque]} {figure.value}" for figure in _FIGURES) + " %BW*H"
 
@@ -372,7 +372,7 @@ def pressure_centre_claims(centres: PressureCentres | None) -> list[Claim]:
             f"{TORQUE_WORDS[TORQUES[most]]} changes most: {own[most]:.2f}/{shared[most]:.2f}, "
             f"{100 * change[most] / shared[most]:+.0f} %"
         )
-        part, sure = np.abs(change / shared)[three], SURE * (error / shared)[three]
+        part, sure = np.abs(change / shared)[three], DECIDED_ERRORS * (error / shared)[three]
         claims.append(Claim(claim, _PRINTED_TORQUES, ours, _no_difference(part, sure)))
     return claims
 

@@ -111,12 +111,12 @@ def true_wrench() -> Array:
 
 def gait_equations(
     parameters: Parameters,
-    nodes: Array,
+    coefficients: Array,
     scale: inertial_calibration.TorqueScale = inertial_calibration.TorqueScale.BODY_HEIGHT,
 ) -> inertial_calibration.RootEquations:
     """The pelvis residual of the gait trial for joint parameters and nodes (20, 27)."""
     basis = joint_recovery.true_motion("full leg").basis
-    q, v, a = (basis.evaluate(nodes, k) for k in range(3))
+    q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     valid = np.ones(len(q), dtype=bool)
     motion = inertial_calibration.LoadedMotion(
         name="gait", q=q, velocity=v, acceleration=a, wrench=true_wrench(), valid=valid
@@ -167,15 +167,15 @@ def third_step(markers: MotionProblem, gait: joint_recovery.JointRecovery) -> Th
     Before: phases 1 and 2, as the third step finds them. Bodies must be possible, hence `fit_consistent`.
     """
     free, began = joint_recovery.free_parameters("full leg"), time.process_time()
-    equations = gait_equations(gait.parameters, gait.nodes)
+    equations = gait_equations(gait.parameters, gait.coefficients)
     inertial = inertial_calibration.fit_consistent(
         equations, joint_recovery.true_model().parameters.inertial, symmetric_set()
     )
-    trial = CombinedProblem(markers, gait.nodes, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
+    trial = CombinedProblem(markers, gait.coefficients, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
     start = gait.parameters.with_inertial(inertial.inertial)
     fit = combined_fit([trial], start, free, symmetric_set(), joint_recovery.true_model().subject)
-    force, torque = gait_equations(fit.parameters, fit.nodes[0]).rms(fit.parameters.inertial)
-    distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
+    force, torque = gait_equations(fit.parameters, fit.coefficients[0]).rms(fit.parameters.inertial)
+    distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
     positions = [
         joint_recovery.joint_rms(joint_recovery.joint_errors(p, joint_recovery.true_model().parameters, free), free)[0]
         or 0.0
@@ -246,7 +246,7 @@ def _run(noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSeque
     joints = joint_recovery.recover_joints(problems)
     gait, truth = joints["full leg"], joint_recovery.true_model().parameters.inertial
     equations = {
-        scale: gait_equations(gait.parameters, gait.nodes, scale) for scale in inertial_calibration.TorqueScale
+        scale: gait_equations(gait.parameters, gait.coefficients, scale) for scale in inertial_calibration.TorqueScale
     }
     usual = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY

@@ -99,7 +99,7 @@ class JointRecovery:
     converged: bool
     parameters: Parameters
     """All of the linkage, with what was found."""
-    nodes: Array
+    coefficients: Array
     """(20, 27) m, rad."""
     cost_at_truth: float = np.nan
     """m^2: with the true joint parameters, the motion fitted; NaN where it was not asked for."""
@@ -167,11 +167,11 @@ def solve(problem: str, markers: MotionProblem, held: Parameters, *, compare: bo
     free, truth = free_parameters(problem), true_model().parameters
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
-    p, nodes, near = step_together([markers], held, free, [zero], np.zeros(len(free)))
-    fit = JointSearch([markers], held.with_joint(free, p), free, nodes).run()
+    p, coefficients, near = step_together([markers], held, free, [zero], np.zeros(len(free)))
+    fit = JointSearch([markers], held.with_joint(free, p), free, coefficients).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
-    distance = motion_of(markers, fit.parameters, fit.nodes[0]).errors.distance
+    distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
     found = JointRecovery(
         names=names,
         errors=joint_errors(fit.parameters, truth, names),
@@ -182,12 +182,12 @@ def solve(problem: str, markers: MotionProblem, held: Parameters, *, compare: bo
         seconds=seconds,
         converged=near.converged and fit.converged,
         parameters=fit.parameters,
-        nodes=fit.nodes[0],
+        coefficients=fit.coefficients[0],
     )
     if not compare:
         return found
-    at_truth = track_nodes(markers, markers.constants(truth), true_motion(problem).nodes)
-    from_truth = JointSearch([markers], held, free, [at_truth.nodes]).run(truth.joint[_index(free)])
+    at_truth = track_nodes(markers, markers.constants(truth), true_motion(problem).coefficients)
+    from_truth = JointSearch([markers], held, free, [at_truth.coefficients]).run(truth.joint[_index(free)])
     return replace(found, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
 
 

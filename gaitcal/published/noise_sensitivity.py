@@ -19,7 +19,7 @@ speed. The side of the rank sum was chosen when the printed errors had been seen
 have looked at either side doubles its p.
 
 **Absorbed noise.** To first order a fit leaves of the noise n what is orthogonal to the columns of the marker Jacobian
-J (by the nodes, and by the joint parameters that are free), so that it absorbs the share
+J (by the coefficients, and by the joint parameters that are free), so that it absorbs the share
 
     |P n|^2 / |n|^2 = g . M^-1 g / |n|^2,      g = J' n,   M = J' J,
 
@@ -52,7 +52,7 @@ from gaitcal.synthetic.motion import ISOLATED_FRAMES, NOISE_AMPLITUDE, RATE, mar
 
 LIMIT = 0.05
 """p below which the figures are rejected as a draw."""
-SURE = 2.0
+DECIDED_ERRORS = 2.0
 """Standard errors that p has to be away from the limit, or the answer is undecided."""
 BOOTSTRAPS = 200
 _SAME = 1e-9
@@ -96,7 +96,7 @@ class Place:
         """`HOLDS`: not rejected as a draw; that they are one does not follow."""
         if np.isnan(self.p):
             return Verdict.NOT_RUN
-        if abs(self.p - LIMIT) < SURE * self.error:
+        if abs(self.p - LIMIT) < DECIDED_ERRORS * self.error:
             return Verdict.UNDECIDED
         return Verdict.HOLDS if self.p >= LIMIT else Verdict.FAILS
 
@@ -282,19 +282,19 @@ def absorbed_noise(seed: int, draws: int = ABSORPTION_DRAWS, jobs: int = -1) -> 
 @with_one_blas_thread
 def absorbed(problem: str, seed: int, draws: int = ABSORPTION_DRAWS) -> Absorbed:
     """What one of `PROBLEMS` absorbs."""
-    exact, truth, nodes = (
+    exact, truth, coefficients = (
         joint_recovery.synthetic_problem(problem, None),
         joint_recovery.true_model().parameters,
-        joint_recovery.true_motion(problem).nodes,
+        joint_recovery.true_motion(problem).coefficients,
     )
     opened = exact.with_free(joint_recovery.free_parameters(problem))
     rng = np.random.default_rng(np.random.SeedSequence([seed, 2, PROBLEMS.index(problem)]))
     noise = [marker_noise(exact.basis.time, len(exact.labels), rng).transpose(1, 2, 0) for _ in range(draws)]
     size = np.array([(n**2).sum() for n in noise])
-    moved, whole = (absorbed_squares(p, truth, nodes, noise) for p in (exact, opened))
+    moved, whole = (absorbed_squares(p, truth, coefficients, noise) for p in (exact, opened))
     return Absorbed(
         markers=len(exact.labels),
-        any_motion=any_motion_share(exact, truth, nodes),
+        any_motion=any_motion_share(exact, truth, coefficients),
         motion=float(moved.sum() / size.sum()),
         whole=float(whole.sum() / size.sum()),
         standard_error=float(np.std(whole - size * whole.sum() / size.sum()) / size.mean() / np.sqrt(draws)),
@@ -302,29 +302,31 @@ def absorbed(problem: str, seed: int, draws: int = ABSORPTION_DRAWS) -> Absorbed
     )
 
 
-def absorbed_squares(problem: MotionProblem, parameters: Parameters, nodes: Array, noise: Sequence[Array]) -> Array:
-    """(n,) |P n|^2, m^2, of displacements (nm, 3, nf) of the markers, for the columns of J at `nodes`.
+def absorbed_squares(
+    problem: MotionProblem, parameters: Parameters, coefficients: Array, noise: Sequence[Array]
+) -> Array:
+    """(n,) |P n|^2, m^2, of displacements (nm, 3, nf) of the markers, for the columns of J at `coefficients`.
 
     Every marker pulls with the same weight; the parameters that are free in the problem's chain are columns too.
     """
     constants = problem.constants(parameters)
-    equations = problem.equations(nodes, constants)
+    equations = problem.equations(coefficients, constants)
     factor = BandFactor(equations.band)
     mixed = np.asfortranarray(equations.mixed)
     schur = equations.parameters - mixed.T @ factor.solve(mixed)
-    placed = problem.positions(nodes, constants)
+    placed = problem.positions(coefficients, constants)
     squares = []
     for n in noise:
-        _, by_nodes, by_values = problem.with_measured(placed + n).both_gradients(nodes, constants)
+        _, by_nodes, by_values = problem.with_measured(placed + n).both_gradients(coefficients, constants)
         solved = factor.solve(by_nodes.ravel())
         rest = by_values - mixed.T @ solved
         squares.append(float(by_nodes.ravel() @ solved + rest @ np.linalg.solve(schur, rest)))
     return np.array(squares)
 
 
-def any_motion_share(problem: MotionProblem, parameters: Parameters, nodes: Array) -> float:
+def any_motion_share(problem: MotionProblem, parameters: Parameters, coefficients: Array) -> float:
     """Mean over the frames of rank(J_f) / (3 * markers)."""
-    frames = problem.frame_hessians(problem.basis.evaluate(nodes), problem.constants(parameters))
+    frames = problem.frame_hessians(problem.basis.evaluate(coefficients), problem.constants(parameters))
     size = np.linalg.eigvalsh(frames)
     ranks = (size > _SAME * size[:, -1:]).sum(axis=1)
     return float(ranks.mean() / (3 * len(problem.labels)))

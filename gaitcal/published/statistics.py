@@ -184,10 +184,10 @@ def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame,
     either frame, and (nf, 14, 36) N·m per relative change of each symmetric inertial parameter.
     """
     case, basis = context.case, context.basis
-    q, v, a = (basis.evaluate(case.nodes, k) for k in range(3))
+    q, v, a = (basis.evaluate(case.coefficients, k) for k in range(3))
     slopes = force_derivatives(case.parameters, context.names, q, v, a, case.wrench)
     nf, nq, n_free = len(q), q.shape[1], len(context.names)
-    moved = context.sensitivity.reshape(len(case.nodes), -1)
+    moved = context.sensitivity.reshape(len(case.coefficients), -1)
     motion = [(basis.matrices[k] @ moved).reshape(nf, nq, n_free) for k in range(3)]
     laboratory = slopes.by_parameter[:, _ROWS]
     for slope, change in zip((slopes.by_position, slopes.by_velocity, slopes.by_acceleration), motion, strict=True):

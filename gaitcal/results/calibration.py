@@ -53,10 +53,10 @@ def write_body(folder: Path, scene: Scene) -> BodyText:
     return body_text(scene)
 
 
-def write_told(folder: Path, sheet: Mapping[str, Any]) -> str:
-    """Write the sheet into a folder that is being written; returns what its page has of it."""
-    write_page_data(sheet, folder / PAGE_DATA)
-    return data_text(sheet)
+def write_told(folder: Path, page_data: Mapping[str, Any]) -> str:
+    """Write the page_data into a folder that is being written; returns what its page has of it."""
+    write_page_data(page_data, folder / PAGE_DATA)
+    return data_text(page_data)
 
 
 def write_joined_page(folder: Path, body: BodyText, told: str) -> None:
@@ -64,14 +64,14 @@ def write_joined_page(folder: Path, body: BodyText, told: str) -> None:
     (folder / PAGE).write_text(joined_page(body, told), encoding="utf-8", newline="")
 
 
-def write_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
+def write_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> None:
     """Write the page and its data into a folder that is being written."""
-    write_joined_page(folder, write_body(folder, scene), write_told(folder, sheet))
+    write_joined_page(folder, write_body(folder, scene), write_told(folder, page_data))
 
 
-def rewrite_page(folder: Path, scene: Scene, sheet: Mapping[str, Any]) -> None:
-    """Write the page with another sheet; the scene is there already."""
-    write_joined_page(folder, body_text(scene), write_told(folder, sheet))
+def rewrite_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> None:
+    """Write the page with another page_data; the scene is there already."""
+    write_joined_page(folder, body_text(scene), write_told(folder, page_data))
 
 
 def read_page(folder: Path) -> Shown:
@@ -84,9 +84,9 @@ def read_page(folder: Path) -> Shown:
     """
 
     def read() -> Shown:
-        sheet = read_page_data(folder / PAGE_DATA)
-        shown = Shown(load_scene(folder / SCENE), sheet)
-        if [t["name"] for t in sheet["trials"]] != [t.name for t in shown.scene.trials]:
+        page_data = read_page_data(folder / PAGE_DATA)
+        shown = Shown(load_scene(folder / SCENE), page_data)
+        if [t["name"] for t in page_data["trials"]] != [t.name for t in shown.scene.trials]:
             raise InputError(
                 "tells of other trials than scene.npz; calibrate again",
                 source=folder / PAGE_DATA,
@@ -121,8 +121,8 @@ def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
     if scene is None:
         return shown, (f"{folder / DYNAMICS}: another body than {folder}; run its trials again to see them",)
     about = only(further.data or {}, [t.name for t in further.scene.trials])
-    sheet = renamed(doubted(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names)
-    return Shown(scene, followed_by(shown.data or {}, sheet)), lines
+    page_data = renamed(doubted(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names)
+    return Shown(scene, followed_by(shown.data or {}, page_data)), lines
 
 
 def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:
@@ -200,7 +200,7 @@ def _norm(calibration: Calibration, normal: Bands | None, settings: Mapping[str,
 def _write_told(
     calibration: Calibration, out: Path, settings: Mapping[str, Json] | None, norm: Norm, scores: Sequence[Score]
 ) -> str:
-    """The manifest, and the sheet that tells of it; returns what the page has of the sheet."""
+    """The manifest, and the page_data that tells of it; returns what the page has of the page_data."""
     content = manifest(calibration, settings)
     (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
     return write_told(out, calibration_page_data(calibration, norm, content, scores))
@@ -286,7 +286,7 @@ def _save_splines(trials: Sequence[TrialResult], path: Path) -> None:
     """Whole-body motions as splines, with the ground reactions: what a Monte Carlo study starts from."""
     arrays: dict[str, np.ndarray] = {"trials": np.array([t.name for t in trials], dtype=str)}
     for k, t in enumerate(trials):
-        arrays |= {f"time_{k}": t.body.time, f"knots_{k}": t.body.basis.knots, f"nodes_{k}": t.body.nodes}
+        arrays |= {f"time_{k}": t.body.time, f"knots_{k}": t.body.basis.knots, f"nodes_{k}": t.body.coefficients}
         if t.loads is not None:
             arrays |= {f"wrench_{k}": t.loads.reactions.wrench, f"valid_{k}": t.loads.reactions.valid}
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]

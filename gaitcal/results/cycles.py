@@ -62,6 +62,8 @@ CYCLE_HEADER = (
     "turn: deg to the left by which the pelvis turns over the stride",
     "activity: gait of strides of walks; of a trial of any other activity its name: its strides, or what the pelvis",
     "repeats from rest to rest; means never mix activities",
+    "phase: stance or swing of a stride; of a repetition lowering, rising, flight as the pelvis does, push-off: rising",
+    "before a flight, landing: lowering after one",
 )
 """Comment lines above the header."""
 CYCLES = "cycles.csv"
@@ -111,7 +113,7 @@ def cycles(calibration: Calibration) -> pd.DataFrame:
     Columns as in `cycles.csv`: person, session, trial, side (`r`, `l`), stride (from 1), percent, variable (units:
     `gaitcal/gait/cycles.py`), value, se, valid (1: may be used), se_stride (the part of se that differs from stride
     to stride), turn (deg to the left over the stride), activity (`gait`, or the name of a trial of another activity,
-    whose repetitions these are). Pelvis angles are against each stride's line of progression.
+    whose repetitions these are), phase (`CYCLE_HEADER`). Pelvis angles are against each stride's line of progression.
     """
     return cycle_table(calibration.model, calibration.trials, calibration.relative_to)
 
@@ -264,6 +266,7 @@ def _rows(
         "se_stride": _short(laid([unknown if s.own_error is None else s.own_error for s in signals])),
         "turn": np.full(rows, turn, dtype=np.float64),
         "activity": [trial.activity] * rows,
+        "phase": cycle.phases * count,
     }
 
 

@@ -170,7 +170,6 @@ def _converted(
 
 def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
     """Rows of the moments in a frame of segments or of the joint coordinate system, stride by stride."""
-    same = [name for name in ("person", "session") if name in found.table]
     parts = []
     for (trial, side), cycles in found.strides.items():
         table = found.vectors.get(trial)
@@ -181,12 +180,10 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
             raise InputError(
                 f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again", code=Code.DAMAGED_RESULT
             )
-        first = of_trial.iloc[0]
         time, unknown = table["time"].to_numpy(dtype=np.float64), np.full(len(table), np.nan)
         names = [name for name in told_components(found.model.frozen) if leg_of(name) in (side, "")]
-        with_turn = of_trial.drop_duplicates("stride") if "turn" in of_trial else of_trial.iloc[:0]
-        turn_of = {str(row["stride"]): {"turn": row["turn"]} for _, row in with_turn.iterrows()}
         for stride, cycle in enumerate(cycles, start=1):
+            told_of_stride = of_trial[of_trial["stride"] == str(stride)].iloc[:POINTS]
             for name in names:
                 own = leg_of(name)
                 column, counts = vector_column(name, frame), f"valid_{own}" if own else "valid"
@@ -196,20 +193,12 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
                     normalise(time, np.asarray(values, dtype=np.float64), cycle) for values in (*told, usable)
                 )
                 parts.append(
-                    pd.DataFrame(
-                        {
-                            **{key: first[key] for key in same},
-                            "trial": trial,
-                            "side": side,
-                            "stride": str(stride),
-                            "percent": np.arange(POINTS).astype(str),
-                            "variable": f"{name[:-2] if own else name}{MOMENT}",
-                            "value": value,
-                            "se": error,
-                            "valid": np.isfinite(valid).astype(int).astype(str),
-                            **({"se_stride": differing} if "se_stride" in found.table else {}),
-                            **turn_of.get(str(stride), {}),
-                        }
+                    told_of_stride.assign(
+                        variable=f"{name[:-2] if own else name}{MOMENT}",
+                        value=value,
+                        se=error,
+                        valid=np.isfinite(valid).astype(int).astype(str),
+                        **({"se_stride": differing} if "se_stride" in found.table else {}),
                     )
                 )
     return parts

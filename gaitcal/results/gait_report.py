@@ -7,6 +7,7 @@ in clinical signs (`gait/conventions.py`); comments come from a file that the cl
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,7 +31,7 @@ from gaitcal.io.toml import read_toml
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, person_facts, read_page_data
+from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, page_peaks, person_facts, read_page_data
 from gaitcal.page.summary import StrideUse, reason_words, usable_words
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.cycles_export import strides_in_convention
@@ -77,37 +78,27 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     page = read_page_data(folder / PAGE_DATA)
     norm = _norm(page, named, model.subject, summary, manifest)
     relative = table_of(manifest, "settings").get("angles") == "relative"
-    uses = _uses(summary, page)
+    remark = " ".join(filter(None, (norm.remark, RELATIVE if relative and norm.bands else "")))
+    uses = _uses(page)
+    activities = _activities(summary, page)
     return ReportContent(
         person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
         sentence=_sentence(summary),
         reasons=_reasons(summary),
         fit=tuple(_fit(summary)),
+        walked=any(a.walks for a in activities),
         walks=tuple(_walks(summary, uses)),
         steps=tuple(_steps(summary, norm.steps)),
         steps_norm=f"norm: {FREE_WORDS}, mean ± SD" if norm.steps else "",
-        sheets=(
-            Sheet(
-                title="Kinematics",
-                panels=tuple(_panels(strides, KINEMATICS, norm.bands, model.subject)),
-                note="Joint angles over the gait cycle, mean over straight strides of all walks. Pelvis against the "
-                "line of progression of each stride.",
-                without=_no_curves(uses),
-                comment="kinematics",
-            ),
-            Sheet(
-                title="Kinetics",
-                panels=tuple(_panels(strides, KINETICS, norm.bands, model.subject)),
-                note="Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only where "
-                "the foot stands wholly on a plate.",
-                without=_no_curves(uses, of_moments=True),
-                comment="kinetics",
-            ),
+        sheets=tuple(_sheets(strides, norm, model.subject, activities, uses, remark)),
+        peaks=tuple(
+            (f"Peaks of {a.name}, mean ± standard error over {a.one}s", tuple(_peaks(page, a.name, model.subject)))
+            for a in activities
+            if not a.walks
         ),
-        toe_off=_toe_off(summary),
         norm=norm.words,
-        norm_remark=" ".join(filter(None, (norm.remark, RELATIVE if relative and norm.bands else ""))),
+        norm_remark=remark,
         profile=profile_scores({n: of[n].to_numpy() for n in of}, norm.bands, model.subject)
         if norm.bands and not relative
         else (),
@@ -189,12 +180,99 @@ def _fit(summary: Mapping[str, object]) -> Iterator[str]:
             yield f"{name}: {'; '.join(told)}"
 
 
-def _uses(summary: Mapping[str, object], page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
-    """Walk -> its complete strides, as the page counts them."""
-    strides = {trial["name"]: trial["strides"] for trial in page["trials"]}
-    walks = (name for name, trial in table_of(summary, "trials").items() if trial.get("role") == "gait")
+@dataclass(frozen=True)
+class _Activity:
+    """Walking, or the trial of another activity."""
+
+    name: str
+    trials: tuple[str, ...]
+    repeats: bool
+    toe_off: Mapping[str, float]
+    """Side -> %, mean over straight strides."""
+
+    @property
+    def walks(self) -> bool:
+        """Whether it is walking."""
+        return self.name == WALKING
+
+    @property
+    def one(self) -> str:
+        """What one of them is called."""
+        return "repetition" if self.repeats else "stride"
+
+
+def _activities(summary: Mapping[str, object], page: Mapping[str, Any]) -> tuple[_Activity, ...]:
+    """Walking first; nothing of isolated trials."""
+    whole = [t for t in page["trials"] if table_of(table_of(summary, "trials"), t["name"]).get("role") != "joint"]
+    of: dict[str, list[Any]] = {}
+    for trial in sorted(whole, key=lambda trial: trial.get("activity", WALKING) != WALKING):
+        of.setdefault(trial.get("activity", WALKING), []).append(trial)
+    out = []
+    for name, trials in of.items():
+        offs: dict[str, list[float]] = {}
+        for s in (s for trial in trials for s in trial["strides"] if s["off"] is not None and not s["turns"]):
+            offs.setdefault(s["side"], []).append(100.0 * (s["off"] - s["start"]) / (s["stop"] - s["start"]))
+        means = {side: float(np.mean(percents)) for side, percents in offs.items()}
+        toe_off = _toe_off(summary) if name == WALKING else means
+        out.append(_Activity(name, tuple(t["name"] for t in trials), any(t.get("repeats") for t in trials), toe_off))
+    return tuple(out)
+
+
+def _sheets(
+    strides: pd.DataFrame,
+    norm: Norm,
+    subject: Subject,
+    activities: Sequence[_Activity],
+    uses: Mapping[str, Sequence[StrideUse]],
+    remark: str,
+) -> Iterator[Sheet]:
+    """Kinematics and kinetics of each activity; the first takes the comments."""
+    kinetics = (
+        "Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only where the foot "
+        "stands wholly on a plate."
+    )
+    for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, toe_off={}),)):
+        over = "from rest to rest of the pelvis, mean over repetitions" if a.repeats else "over the stride"
+        note = f"Joint angles {over}" + ("." if a.repeats else f", mean over straight strides of {a.name}.")
+        if a.walks:
+            note = "Joint angles over the gait cycle, mean over straight strides of all walks."
+        note += "" if a.repeats else " Pelvis against the line of progression of each stride."
+        of = {name: uses[name] for name in a.trials}
+        for title, variables, words in (("Kinematics", KINEMATICS, note), ("Kinetics", KINETICS, kinetics)):
+            yield Sheet(
+                title=title if a.walks else f"{title}, {a.name}",
+                panels=tuple(
+                    _panels(strides[strides["activity"] == a.name], variables, norm.bands if a.walks else {}, subject)
+                ),
+                note=f"{words} {remark}" if a.walks and remark else words,
+                without=_no_curves(of, of_moments=variables is KINETICS),
+                comment=title.lower() if k == 0 else "",
+                thin="thin: repetitions" if a.repeats else "thin: strides, vertical: toe-off",
+                toe_off=a.toe_off,
+            )
+
+
+def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator[tuple[str, ...]]:
+    """Peaks by phase of one activity, in clinical signs and by body mass."""
+    yield ("peak", "unit", "phase", *(SIDE_WORDS[side] for side in SIDES))
+    found = [mean for mean in page_peaks(page["trials"]) if mean.activity == activity]
+    for peak in dict.fromkeys(mean.peak for mean in found):
+        cells, kind = dict.fromkeys(SIDES, "–"), kind_of(peak.variable)
+        for m in (m for m in found if m.peak is peak):
+            pair = np.array([m.mean, m.se])
+            value, error = CLINICAL.values(peak.variable, pair, m.side, subject) / (
+                subject.mass if kind is Kind.FORCE else 1.0
+            )
+            digits = 1 if kind is Kind.ANGLE else 2
+            bar = f" ± {abs(error):.{digits}f}" if np.isfinite(error) else ""
+            cells[m.side] = f"{value:.{digits}f}{bar} at {m.percent:.0f} %"
+        yield (peak.title(), UNITS[kind], peak.words, *cells.values())
+
+
+def _uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
+    """Whole-body trial -> its complete strides or repetitions, as the page counts them."""
     return {
-        walk: [
+        trial["name"]: [
             StrideUse(
                 side=s["side"],
                 number=s["number"],
@@ -202,16 +280,19 @@ def _uses(summary: Mapping[str, object], page: Mapping[str, Any]) -> dict[str, l
                 whole=not s["reason"],
                 turns=s["turns"],
                 reason=s["reason"],
+                repeats=bool(trial.get("repeats")),
             )
-            for s in strides.get(walk, ())
+            for s in trial["strides"]
         ]
-        for walk in walks
+        for trial in page["trials"]
     }
 
 
 def _walks(summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]]) -> Iterator[tuple[str, ...]]:
-    yield ("walk", "leg", "verdict", "on plate", "whole strides usable for moments", "why others are not")
+    yield ("trial", "leg", "verdict", "on plate", "strides or repetitions usable for moments", "why others are not")
     for name, of_walk in uses.items():
+        if table_of(table_of(summary, "trials"), name).get("role") == "joint":
+            continue
         for side in SIDES:
             of_leg = [use for use in of_walk if use.side == side]
             turning = sum(use.turns for use in of_leg)
@@ -222,7 +303,7 @@ def _walks(summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]
                 str(table_of(table_of(summary, "trials"), name).get(f"verdict_{side}", "")),
                 ", ".join(dict.fromkeys(use.plate for use in of_leg if use.plate)),
                 f"{sum(use.whole for use in of_leg)} of {len(of_leg)}",
-                "; ".join(filter(None, (reason_words(of_leg), bent))) if of_leg else "no complete stride",
+                "; ".join(filter(None, (reason_words(of_leg), bent))) if of_leg else "no complete stride or repetition",
             )
 
 
@@ -230,9 +311,9 @@ def _no_curves(uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = Fa
     """Why a sheet has no curves, where it has none."""
     every = [use for of_walk in uses.values() for use in of_walk]
     if not uses:
-        return "No curves: this report is of walks, and the study has none; result.html has what was recorded instead."
+        return "No curves: the study has isolated trials alone; result.html has what was recorded."
     if not every:
-        return "No curves: no walk has a complete stride."
+        return "No curves: there is no complete stride or repetition."
     if all(use.turns for use in every):
         return "No curves: every stride turns, and takes no part in means."
     return f"No curves. {usable_words(every)}" if of_moments else "No curves: no angle of a straight stride is known."
@@ -268,7 +349,6 @@ def _toe_off(summary: Mapping[str, object]) -> dict[str, float]:
 def _panels(
     strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subject: Subject
 ) -> Iterator[CurvePanel | str]:
-    strides = strides[strides["activity"] == WALKING]
     straight = strides[~(strides["turn"].abs() > TURNING)]
     means = ensemble(strides[strides["variable"].isin(variables)]) if len(strides) else strides
     for variable in variables:

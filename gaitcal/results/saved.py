@@ -198,8 +198,8 @@ def recorded_coordinates(folder: Path) -> dict[str, Array]:
     found = []
     for k, _ in enumerate(moving_trials(folder)):
         with np.load(folder / SPLINES, allow_pickle=False) as stored:
-            time, nodes = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
-        found.append(spline_basis(time, len(nodes)).evaluate(nodes))
+            time, coefficients = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
+        found.append(spline_basis(time, len(coefficients)).evaluate(coefficients))
     return where_they_move(found) if found else {}
 
 
@@ -217,12 +217,12 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
     """The trial `name`, the `k`-th of `moving_trials`; the caller sees to it that files are whole (`read_whole`)."""
     model = load_model(folder / MODEL)
     with np.load(folder / SPLINES, allow_pickle=False) as stored:
-        time, nodes = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
+        time, coefficients = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
     motion = Motion(
         name=name,
         coordinates=COORDINATES,
-        basis=spline_basis(time, len(nodes)),
-        nodes=nodes,
+        basis=spline_basis(time, len(coefficients)),
+        coefficients=coefficients,
         errors=MarkerErrors((), (), np.zeros(0), np.zeros((len(time), 0))),
         converged=True,
     )
@@ -260,7 +260,7 @@ def our_trials(folder: Path) -> list[OurTrial]:
             continue
         cutoff = table_of(entries, name).get("bandwidth_hz")
         saved = load_trial(folder, k, name)
-        q = saved.motion.basis.evaluate(saved.motion.nodes)
+        q = saved.motion.basis.evaluate(saved.motion.coefficients)
         placed, labels = saved.model.markers, saved.markers.labels
         seen = [m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0]
         worn = synthetic_markers(saved.model.parameters, placed, q)[:, seen]

@@ -110,7 +110,7 @@ def comparison_content(
         "could have been missed (95 %). Moments and powers by each session's own body mass."
     )
     return ComparisonContent(
-        title=f"{comparison.subjects[1].name}: {names[1]} against {names[0]}",
+        title=f"Gait report  ·  {comparison.subjects[1].name}: {names[1]} against {names[0]}",
         people=(("", *names), *((label, *(known.get(label, "–") for known in people)) for label in labels)),
         words=comparison.lines,
         scores=(("deg, ± standard error", *against, "difference"), *scores),

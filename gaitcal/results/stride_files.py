@@ -15,7 +15,7 @@ from gaitcal.arrays import Array
 from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, WALKING, typed
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
 from gaitcal.gait.normal_bands import Norm
-from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, stride_peaks
+from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, phase_peaks, stride_peaks
 from gaitcal.gait.profile_score import Score
 from gaitcal.gait.spatiotemporal import MEASURES, Average, MeasureMeans, counting, counts, measure_means
 from gaitcal.gait.strides import TURNING
@@ -139,7 +139,8 @@ ENSEMBLE_HEADER: Final = (
 PEAKS: Final = "peaks.csv"
 PEAKS_HEADER: Final = (
     "peaks of each stride in its phase, then means over all straight strides; units and signs as in cycles.csv",
-    "window: of the stance and the swing of that foot; highest and lowest: only where the curve turns within it",
+    "window: of the stance and the swing of that foot; highest and lowest: only where the curve turns within it;",
+    "of activities other than gait, whose strides are their repetitions: in a whole phase of cycles.csv",
     "n of so many strides have it; sd over strides; se of the mean, with the errors that all strides share",
 )
 """Comment lines above the header."""
@@ -233,19 +234,25 @@ def _mean_curves(strides: Mapping[str, Column]) -> dict[str, NDArray[Any]]:
 
 
 def _peaks(strides: Mapping[str, Column], measures: Table) -> tuple[PeakMean, ...]:
-    """Of strides that go straight; `measures`: of `spatiotemporal.csv`, which know where stance ends."""
+    """Of straight strides, and of repetitions; `measures`: of `spatiotemporal.csv`, which know where stance ends."""
     rows = zip(*(measures[name] for name in ("trial", "side", "stride", "variable", "value")), strict=True)
     toe_off = {
         (t, s, int(n)): float(v) for t, s, n, name, v in rows if name == "stance_percent" and n not in ("", None)
     }
     values, se, own = (np.asarray(strides[name], dtype=np.float64) for name in ("value", "se", "se_stride"))
     values = np.where(np.asarray(strides["valid"]) == 1, values, np.nan)
-    curves: dict[tuple[str, str, int], dict[str, tuple[Array, Array, Array]]] = {}
+    curves: dict[tuple[str, str, str, int], dict[str, tuple[Array, Array, Array]]] = {}
+    phases: dict[tuple[str, str, str, int], Sequence[str]] = {}
     for k in range(0, len(values), POINTS):
-        if not abs(strides["turn"][k]) > TURNING and strides["activity"][k] == WALKING:
-            of_stride = curves.setdefault((strides["trial"][k], strides["side"][k], int(strides["stride"][k])), {})
+        if not abs(strides["turn"][k]) > TURNING:
+            key = (*(strides[name][k] for name in ("activity", "trial", "side")), int(strides["stride"][k]))
+            phases[key] = list(strides["phase"][k : k + POINTS])
+            of_stride = curves.setdefault(key, {})
             of_stride[strides["variable"][k]] = (values[k : k + POINTS], se[k : k + POINTS], own[k : k + POINTS])
-    return peak_means((key[0], key[1], stride_peaks(found, toe_off.get(key))) for key, found in curves.items())
+    return peak_means(
+        (*key[:3], stride_peaks(found, toe_off.get(key[1:])) if key[0] == WALKING else phase_peaks(found, phases[key]))
+        for key, found in curves.items()
+    )
 
 
 def _turning_lines(strides: Mapping[str, Column]) -> tuple[str, ...]:

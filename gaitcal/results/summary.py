@@ -231,7 +231,12 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
         ]
         if trial.events.repeats:
             out["repetitions"] = [
-                {"start": round(c.start, TIME_DIGITS), "stop": round(c.stop, TIME_DIGITS)} for c in trial.events.repeats
+                {
+                    "start": round(c.start, TIME_DIGITS),
+                    "stop": round(c.stop, TIME_DIGITS),
+                    "phases": [{"phase": name, "stop": round(until, TIME_DIGITS)} for name, until in c.parts],
+                }
+                for c in trial.events.repeats
             ]
         if trial.strides:
             out["spatiotemporal"] = means_summary([trial])

@@ -39,7 +39,7 @@ from gaitcal.session.result import TrialResult
 def write_further_page(
     out: Path, trials: Sequence[TrialResult], saved: SavedResult, verdict: Verdict, earlier: Shown | None
 ) -> None:
-    """Write scene, sheet and page of these trials into a folder, those of `earlier` before them.
+    """Write scene, page_data and page of these trials into a folder, those of `earlier` before them.
 
     Normal bands, and what is told of the model, are those of the result's own page, where it can be read.
     """
@@ -55,13 +55,13 @@ def write_further_page(
     )
     origin = Origin(_sheet_of(saved.files.folder), edited=bool(saved.files.remarks))
     bands = origin.data.get("bands")
-    sheet: Mapping[str, Any] = {
+    page_data: Mapping[str, Any] = {
         **further_page_data(saved.model, trials, verdict, saved.relative_to, origin),
         "bands": bands if isinstance(bands, list) else [],
     }
     if earlier is not None and earlier.data is not None and (joined := after_trials(scene, earlier.scene)) is not None:
-        scene, sheet = joined, merged(earlier.data, sheet)
-    write_page(out, scene, sheet)
+        scene, page_data = joined, merged(earlier.data, page_data)
+    write_page(out, scene, page_data)
 
 
 def earlier_page(

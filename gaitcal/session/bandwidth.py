@@ -135,7 +135,7 @@ def _chosen(markers: float, plates: float | None, motion: DenseMotion) -> Bandwi
 def _by_plates(dense: DenseMotion, markers: float, trial: Trial, model: SubjectModel) -> float | None:
     """Hz: where motion and plates agree best; None where they do not tell."""
     basis = dense.problem.basis
-    seen = motion_of(dense.problem, model.nominal, dense.at(markers).nodes)
+    seen = motion_of(dense.problem, model.nominal, dense.at(markers).coefficients)
     reactions = reactions_of_motion(model, model.nominal, seen, trial.recording, trial.plates, PLATES_HZ)
     frames = reactions.valid & (basis.time >= basis.time[0] + ENDS_S) & (basis.time <= basis.time[-1] - ENDS_S)
     if frames.sum() < FEWEST_LOADED:
@@ -143,7 +143,7 @@ def _by_plates(dense: DenseMotion, markers: float, trial: Trial, model: SubjectM
     dynamics, wrench = Dynamics(model.nominal), reactions.wrench[frames]
 
     def disagreement(smoothed: Smoothed) -> float:
-        q, v, a = (basis.evaluate(smoothed.nodes, k)[frames] for k in range(3))
+        q, v, a = (basis.evaluate(smoothed.coefficients, k)[frames] for k in range(3))
         return float((dynamics.residual_force(q, v, a, wrench) ** 2).sum())
 
     hz = dense.least(disagreement, markers / REACH, min(markers * REACH, dense.highest))

@@ -221,7 +221,10 @@ def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> InertialFit:
     if settings.ip == "published":
         return fit_published(equations, parameters.inertial, which)
     noise = residual_noise(
-        [LoadedProblem(problem=t.with_skin, nodes=t.motion.nodes, reactions=r, scores=t.scores) for t, r in loaded],
+        [
+            LoadedProblem(problem=t.with_skin, coefficients=t.motion.coefficients, reactions=r, scores=t.scores)
+            for t, r in loaded
+        ],
         parameters,
         session.uncertainty.joint or nominal_errors(),
         subject,
@@ -252,16 +255,16 @@ def _fit_together(session: Session, loaded: Sequence[Loaded], progress: Progress
     forces = {t.name: r for t, r in loaded}
     steps = []
     for t in session.trials:
-        nodes, r = t.motion.nodes, forces.get(t.name)
+        coefficients, r = t.motion.coefficients, forces.get(t.name)
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
-        steps.append(CombinedProblem(t.body.followed(nodes), nodes, wrench, valid))
+        steps.append(CombinedProblem(t.body.followed(coefficients), coefficients, wrench, valid))
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
     chosen = CombinedSettings(load_share=settings.joint_step_load_share, spread=spread_of_people(session))
     fit = combined_fit(steps, session.parameters, determined, _inertial_set(settings), session.model.subject, chosen)
     counted = _counted(replace(session, parameters=fit.parameters))
     trials = []
-    for t, nodes in zip(session.trials, fit.nodes, strict=True):
-        moved = shifted(nodes, t.body.chain.coordinates, counted.moved)
+    for t, coefficients in zip(session.trials, fit.coefficients, strict=True):
+        moved = shifted(coefficients, t.body.chain.coordinates, counted.moved)
         motion = motion_of(t.body, counted.parameters, moved, converged=fit.converged)
         trials.append(t.reached(Stage.COMBINED, counted.parameters, motion).scored(session.uncertainty))
     return replace(

@@ -22,7 +22,7 @@ FEWEST_LABELS = 6
 """Markers of pelvis and legs that a file shares with a set of which it is."""
 NEARLY = 0.8
 """A file is of a set where it shares at least so many of the labels that it shares with the set that fits it best."""
-SURE = 0.8
+KNOWN_SHARE = 0.8
 """Share of the labels that a set knows from which it is beyond doubt."""
 MOST_MISSING = 4
 """Required landmarks without markers, of 11, with which a set is still offered, for a person to look at."""
@@ -79,7 +79,7 @@ class SetChoice:
         """
         found = self.explained
         known = found.known / max(found.known + len(found.left_over), 1)
-        return self.proposal is None and not found.missing and known >= SURE and not self.sided_unknown
+        return self.proposal is None and not found.missing and known >= KNOWN_SHARE and not self.sided_unknown
 
 
 def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()) -> Explained:

@@ -28,7 +28,7 @@ from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.present_markers import complete_static, worn
+from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.rebuilt_markers import without_outliers
 from gaitcal.model.segment_frames import across
 
@@ -75,7 +75,7 @@ class Standing:
 def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | None, str]:
     """The standing posture, or None and why there is none; that of segment poses whatever the person does."""
     moving, recording = recording, complete_static(upright(recording), marker_set)
-    marker_set = worn(marker_set, recording)
+    marker_set = present_markers(marker_set, recording)
     try:
         window = still_window(recording, marker_set.labels)
     except InputError as fault:
@@ -336,7 +336,7 @@ def _walk(pelvis: Array, feet: list[Array], facing: Array | None) -> tuple[Shows
     return None
 
 
-def _one_joint(pelvis: Array, turns: dict[str, float], strays: float) -> Movement:
+def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> Movement:
     """One joint alone, or something else."""
     ranked = sorted(turns, key=lambda joint: -turns[joint])
     degrees = {joint: np.rad2deg(turns[joint]) for joint in ranked}
@@ -355,7 +355,7 @@ def _one_joint(pelvis: Array, turns: dict[str, float], strays: float) -> Movemen
     if crouch > CROUCH_M:
         return replace(other, shows=Shows.MOVES, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m")
     if turns[first] < 2 * MOVES_RAD:
-        return replace(other, evidence=f"hardly anything moves: {said}" + (", swaying" * (strays > STAYS_M)))
+        return replace(other, evidence=f"hardly anything moves: {said}" + (", swaying" * (sway > STAYS_M)))
     if lead < LEAD or min(steps) > STEPS_RAD:
         return replace(other, shows=Shows.MOVES, certain=False)
     certain = lead >= CLEAR_LEAD and len(ranked) > 2

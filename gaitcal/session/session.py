@@ -103,7 +103,7 @@ class MovingTrial(Trial):
         """With the scores of its markers about the last model; an isolated trial needs none."""
         if self.joint is not None:
             return self
-        scores = whole_body_scores(self.with_skin, self.motion.nodes, self.parameters, uncertainty.joint)
+        scores = whole_body_scores(self.with_skin, self.motion.coefficients, self.parameters, uncertainty.joint)
         return replace(self, scores=scores)
 
 

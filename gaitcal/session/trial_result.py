@@ -82,8 +82,8 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
     """Assemble the result of a tracked trial of a session."""
     moves = None
     if trial.joint is None:
-        joint, nodes = session.uncertainty.joint, trial.motion.nodes
-        moves = marker_moves(trial.with_skin, nodes, trial.parameters, joint, trial.scores)
+        joint, coefficients = session.uncertainty.joint, trial.motion.coefficients
+        moves = marker_moves(trial.with_skin, coefficients, trial.parameters, joint, trial.scores)
     axes = AxisErrors(trial.parameters, axis_deviations(session.settings, session.model))
     erring = _erring_forces(trial, session, axes, moves)
     if erring is None:
@@ -199,7 +199,7 @@ def _erring_forces(
         return None
     return ErringForces(
         trial.body,
-        trial.motion.nodes,
+        trial.motion.coefficients,
         trial.parameters,
         trial.reactions.wrench,
         session.uncertainty.joint,
@@ -294,7 +294,7 @@ def counted_from_static(model: SubjectModel, parameters: Parameters, static: Rec
     return Counted(replace(parameters, zero_angles=zero), moved, here)
 
 
-def shifted(nodes: Array, coordinates: tuple[str, ...], moved: Mapping[str, float]) -> Array:
-    """The nodes (nn, nq) of a motion after `counted_from_static`: B-splines sum to one, so they move as the angle."""
-    out: Array = nodes - np.array([moved.get(name, 0.0) for name in coordinates])
+def shifted(coefficients: Array, coordinates: tuple[str, ...], moved: Mapping[str, float]) -> Array:
+    """Coefficients (nn, nq) of a motion after `counted_from_static`: B-splines sum to one, they move as the angle."""
+    out: Array = coefficients - np.array([moved.get(name, 0.0) for name in coordinates])
     return out

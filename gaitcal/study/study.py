@@ -21,7 +21,7 @@ from gaitcal.model.body_plan import likely_height
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
-from gaitcal.model.present_markers import complete_static, worn
+from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import PatientRecord, Subject, SubjectModel
@@ -302,7 +302,7 @@ def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, 
     if static is None:
         return marker_set, whole
     elsewhere = {label for trial in whole for label in trial.recording.labels}
-    return worn(marker_set, static.recording, elsewhere), whole
+    return present_markers(marker_set, static.recording, elsewhere), whole
 
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:

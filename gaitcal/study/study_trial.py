@@ -70,7 +70,7 @@ class Trial:
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
     """`file`; where forces have one of their own, `forces`; where a person corrected events, `events`."""
-    strays: tuple[Outlier, ...] | None = None
+    outliers: tuple[Outlier, ...] | None = None
     """Markers that were left out where they were metres away from the body; None: not looked for yet."""
     spikes: Spikes = field(default_factory=dict)
     """Single positions out of line that were left out."""
@@ -86,13 +86,13 @@ def cleaned_trial(trial: Trial, segment_of: Mapping[str, str], noise: PointNoise
     """The trial without markers metres away from the body and, where it moves, without single positions out of line,
     cut to the longest part that shows the pelvis it hangs on; `segment_of`: label -> segment; `noise`: of the set.
     """
-    if trial.strays is not None:
+    if trial.outliers is not None:
         return trial
-    recording, strays = without_outliers(trial.recording, segment_of)
+    recording, outliers = without_outliers(trial.recording, segment_of)
     if trial.role is Role.STATIC:
-        return replace(trial, recording=recording, strays=strays)
+        return replace(trial, recording=recording, outliers=outliers)
     recording, spikes = without_spikes(recording, noise)
-    trial, time = replace(trial, recording=recording, strays=strays, spikes=spikes), recording.time
+    trial, time = replace(trial, recording=recording, outliers=outliers, spikes=spikes), recording.time
     if carrier_of(trial.joint) not in ("", "pelvis"):
         return trial
     pelvis = [i for i, label in enumerate(recording.labels) if segment_of.get(label) == "pelvis"]

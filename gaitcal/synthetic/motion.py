@@ -98,15 +98,15 @@ def is_nominal(parameters: Parameters) -> bool:
 
 
 def looking_like_nominal(parameters: Parameters, basis: SplineBasis, q: Array) -> Array:
-    """(nn, nq) nodes of the motion in which a person's markers are nearest to the nominal person's at q (nf, nq)."""
+    """(nn, nq) coefficients: in this motion a person's markers are nearest to the nominal person's at q (nf, nq)."""
     nominal = published_model(static_only=True)
     seen = synthetic_markers(nominal.parameters, nominal.markers, q)
     recording = Recording(source="nominal", time=basis.time, labels=nominal.markers.labels, markers=seen)
     weight = np.where([s.startswith("foot") for s in nominal.markers.segments], ON_THE_FLOOR, 1.0)
     person = replace(nominal, parameters=parameters, markers=replace(nominal.markers, weight=weight))
     problem = trial_problem("nominal", person, recording, NodeRule(fixed=basis.nodes))
-    nodes: Array = tracked_motion(problem, parameters).nodes
-    return nodes
+    coefficients: Array = tracked_motion(problem, parameters).coefficients
+    return coefficients
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class TrueMotion:
     """A motion that lies in the spline space."""
 
     basis: SplineBasis
-    nodes: Array
+    coefficients: Array
     """(nn, nq) m, rad."""
     phase: Array | None = None
     """(nf,) of a gait: strides since a right heel strike."""
@@ -124,7 +124,7 @@ class TrueMotion:
     @property
     def q(self) -> Array:
         """(nf, nq)."""
-        return self.basis.evaluate(self.nodes)
+        return self.basis.evaluate(self.coefficients)
 
 
 @cache
@@ -136,7 +136,7 @@ def gait_motion() -> TrueMotion:
     """
     parameters = published_model().parameters
     time, longer = np.arange(GAIT_FRAMES) / RATE, two_strides(parameters)
-    spline, stride = to_bspline(longer.basis, longer.nodes), time - WALK_STRIDES[0] * GAIT_CYCLE
+    spline, stride = to_bspline(longer.basis, longer.coefficients), time - WALK_STRIDES[0] * GAIT_CYCLE
     return _walk(parameters, time, 0.0, NODES, Meant(spline(stride), spline(stride, 2), spread=0.2))
 
 
@@ -148,8 +148,8 @@ def two_strides(parameters: Parameters) -> TrueMotion:
     curves = nominal_curves(begin + time / GAIT_CYCLE)
     if not is_nominal(parameters):
         basis = spline_basis(time, WALK_NODES)
-        nodes = looking_like_nominal(parameters, basis, curves.q)
-        curves = Meant(basis.evaluate(nodes), basis.evaluate(nodes, 2))
+        coefficients = looking_like_nominal(parameters, basis, curves.q)
+        curves = Meant(basis.evaluate(coefficients), basis.evaluate(coefficients, 2))
     return _walk(parameters, time, begin, WALK_NODES, curves)
 
 
@@ -191,7 +191,11 @@ def isolated_motion(joint: str, standing: Array | None = None, rate: float = RAT
     q[:, COORDINATE_INDEX["pelvis_tz"]] += 0.5 * sway
     q[:, COORDINATE_INDEX["pelvis_tilt"]] += np.deg2rad(1.0) * np.sin(2 * np.pi * 0.25 * time)
     moved = _in_spline_space(time, q)
-    return moved if rate == RATE else TrueMotion(spline_basis(np.arange(ISOLATED_FRAMES) / rate, NODES), moved.nodes)
+    return (
+        moved
+        if rate == RATE
+        else TrueMotion(spline_basis(np.arange(ISOLATED_FRAMES) / rate, NODES), moved.coefficients)
+    )
 
 
 def standing_pose(parameters: Parameters | None = None) -> Array:
@@ -250,7 +254,7 @@ def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     ground = motion.ground
     if ground is None:
         raise ValueError("nothing is said of the ground that carries this motion")
-    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     total = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((len(q), 2, 6))))
     force, moment = total[:, :3], total[:, 3:] + np.cross(q[:, :3], total[:, :3])
     carried = np.asarray(ground.share.any(axis=1))

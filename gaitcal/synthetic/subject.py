@@ -152,9 +152,9 @@ def on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
         return motion
     heights = synthetic_markers(model.parameters, model.markers, motion.q)[:, :, 1]
     feet = [s.startswith("foot") for s in model.markers.segments]
-    nodes = motion.nodes.copy()
-    nodes[:, COORDINATE_INDEX["pelvis_ty"]] -= heights[:, feet].min() - CLEARANCE
-    return TrueMotion(motion.basis, nodes)
+    coefficients = motion.coefficients.copy()
+    coefficients[:, COORDINATE_INDEX["pelvis_ty"]] -= heights[:, feet].min() - CLEARANCE
+    return TrueMotion(motion.basis, coefficients)
 
 
 def recording_of(

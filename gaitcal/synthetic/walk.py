@@ -252,13 +252,13 @@ def walking_ground(phase: Array) -> Ground:
 
 def carried_nodes(parameters: Parameters, basis: SplineBasis, ground: Ground, meant: Meant) -> Array:
     """(nn, nq) m, rad: nodes of a motion of the person with these parameters that the ground carries."""
-    nodes = basis.fit(meant.q)
+    coefficients = basis.fit(meant.q)
     for _ in range(MOST_STEPS):
-        step = _step(basis, [*_carried(parameters, basis, nodes, ground), *_near(basis, nodes, meant)])
-        nodes += step
+        step = _step(basis, [*_carried(parameters, basis, coefficients, ground), *_near(basis, coefficients, meant)])
+        coefficients += step
         if np.abs(step).max() < SMALLEST_STEP:
             break
-    return nodes
+    return coefficients
 
 
 def nominal_curves(phase: Array) -> Meant:
@@ -274,9 +274,9 @@ def _floor_shift() -> float:
     return CLEARANCE - float(heights.min())
 
 
-def _carried(parameters: Parameters, basis: SplineBasis, nodes: Array, ground: Ground) -> list[_Rows]:
+def _carried(parameters: Parameters, basis: SplineBasis, coefficients: Array, ground: Ground) -> list[_Rows]:
     """What the ground asks for: balance, a force like that of people, feet that stand where they stand."""
-    q, v, a = (basis.evaluate(nodes, k) for k in range(3))
+    q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     feet, (nf, nq) = feet_of(parameters, q), q.shape
     still, held = ground.resting[..., None] / FOOT_SPEED, ground.held[..., None]
     speed = np.einsum("fknic,fc->fkni", feet.slopes, v)
@@ -331,7 +331,7 @@ def _usual_force(phase: Array) -> Array:
     )
 
 
-def _near(basis: SplineBasis, nodes: Array, meant: Meant) -> list[_Rows]:
+def _near(basis: SplineBasis, coefficients: Array, meant: Meant) -> list[_Rows]:
     """Coordinates and accelerations as meant."""
     slides = np.array([is_translation(name) for name in COORDINATES])
     arms = np.array([group_of(name) == "arm" for name in COORDINATES])
@@ -340,7 +340,7 @@ def _near(basis: SplineBasis, nodes: Array, meant: Meant) -> list[_Rows]:
     rows: list[_Rows] = []
     for order, wanted, scale in ((0, meant.q, place), (2, meant.acceleration, acceleration)):
         slope = np.broadcast_to(np.diag(1.0 / scale), (len(basis.time), len(scale), len(scale)))
-        rows.append(((basis.evaluate(nodes, order) - wanted) / scale, {order: slope}))
+        rows.append(((basis.evaluate(coefficients, order) - wanted) / scale, {order: slope}))
     return rows
 
 

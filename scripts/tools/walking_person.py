@@ -99,7 +99,7 @@ def true_walk(seed: int | None = None) -> Walk:
     parameters, motion = (model.parameters, two_strides(model.parameters)) if seed is None else true_gait(seed)
     model = replace(model, parameters=parameters)
     wrench = residual_free_wrench(model.parameters, motion)
-    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     forces = Dynamics(model.parameters).forces(q, v, a, wrench)
     names = [*COORDINATES, *REACTIONS]
     moments = {f"{stem}_{side}": forces[:, names.index(f"{stem}_{side}")] for stem in MOMENTS for side in SIDES}

@@ -60,12 +60,12 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m)
     fit, influence = estimated(problem, truth, tuple(name for side in "rl" for name in gait_parameters(side)))
     wrench = residual_free_wrench(truth, motion)
-    moves = marker_moves(problem, fit.nodes[0], fit.parameters, influence)
-    spread = ErringForces(problem, fit.nodes[0], fit.parameters, wrench, influence, None, moves).errors()
+    moves = marker_moves(problem, fit.coefficients[0], fit.parameters, influence)
+    spread = ErringForces(problem, fit.coefficients[0], fit.parameters, wrench, influence, None, moves).errors()
     if spread.kinetics is None:
         raise RuntimeError("no standard errors of powers")
-    found = [problem.basis.evaluate(fit.nodes[0], k) for k in range(3)]
-    moved = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
+    found = [problem.basis.evaluate(fit.coefficients[0], k) for k in range(3)]
+    moved = [motion.basis.evaluate(motion.coefficients, k) for k in range(3)]
     fitted, true = (
         (Dynamics(p).forces(*q, wrench), *kinetic_values(p, *q, wrench))
         for p, q in ((fit.parameters, found), (truth, moved))

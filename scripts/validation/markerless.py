@@ -3,7 +3,9 @@
     markerless [--parts poses,...] [--people 3] [--seed 0]
 
 Made-up people (joints and masses drawn as `synthesize --perturb` does) walk two strides; what a markerless program
-would write of that is calibrated, with plates beside it and no static trial. Parts:
+would write of that is calibrated, with plates beside it and no static trial. Parts whose name begins with `opensim`
+have the people whom OpenSim knows (p01, p18), each with as many draws of errors: their knees are no hinges, their
+masses are not ours, and the truth is OpenSim's inverse dynamics. Parts:
 
 poses        a pose for each segment, origins at the joints; each errs by 5 mm and 2 degrees along each axis, for 0.1 s
              at a time (Gaussian)
@@ -12,6 +14,7 @@ biased       the same as `poses`, and each pose 10 mm and 4 degrees beside its s
 points       key points: joints, heels and toes, shoulders, elbows and wrists; each errs by 15 mm along each axis, for
              0.1 s at a time
 points_off   the same, and each 15 mm beside its place along each axis, constant
+opensim_...  `poses`, `biased`, `points` and `points_off` of people whom OpenSim knows
 
 Printed, of all people together: RMS distance of joint centres from where they are (mean over the walk, mm), and of
 torques over valid frames the RMS error, the RMS of the standard errors (N·m) and how often bars of 95 % cover.
@@ -29,7 +32,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from gaitcal import Study, calibrate
+from gaitcal import Study, calibrate, read_recording
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.io.csv import write_forces_csv, write_markers_csv
@@ -38,11 +41,15 @@ from gaitcal.io.segment_poses import points_of_poses
 from gaitcal.model.chain import Chain, forward, segment_poses
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.model.segment_frames import rigid_motions
 from gaitcal.session.result import Calibration
-from gaitcal.synthetic.motion import TrueMotion, residual_free_wrench
+from gaitcal.synthetic.motion import residual_free_wrench
 from gaitcal.synthetic.subject import plates_under, true_gait
 from scripts.validation.error_bars import rms
 from scripts.validation.harness import say
+from scripts.validation.recordings import SIMULATED, data
+from scripts.validation.truth.people import WalkingPerson, at_times, walking_person
+from scripts.validation.truth.simulated import whole_turn
 
 SHARED = ("--seed",)
 Poses = Mapping[str, tuple[Array, Array]]
@@ -53,9 +60,9 @@ TOES, HAND = 0.19, 0.25
 """m, along the foot from its heel marker, and along the forearm from the elbow."""
 STUDY = """
 [subject]
-name = "{name}"
+name = "walker"
 mass_kg = {mass:.4f}
-height_m = 1.70
+height_m = {height:.3f}
 sex = "male"
 [markers]
 set = "{marker_set}"
@@ -67,10 +74,10 @@ file = "walk.csv"
 name = "walk"
 role = "gait"
 file = "walk.csv"
-forces = "walk_forces.csv"
-plates = {{ 1 = "r", 2 = "l" }}
+{forces}
 [calibration]
 force_filter_hz = "none"
+plate_error = {{ place_mm = 0.0, turn_deg = 0.0, gain_percent = 0.0, clock_ms = 0.0 }}
 """
 
 
@@ -127,10 +134,36 @@ def slow(rng: np.random.Generator, time: Array, memory: float) -> Array:
     return np.asarray(noise[spare : len(noise) - spare])
 
 
-def poses_recording(seed: int, errors: Errors, parameters: Parameters, motion: TrueMotion) -> Recording:
+def opensim_poses(person: WalkingPerson, walk: Recording) -> Poses:
+    """Of a person whom OpenSim knows; axes as they stand in the static trial, where all are the laboratory's."""
+    stands = person.study.static.recording
+    static = dict(zip(stands.labels, stands.markers.mean(axis=0), strict=True))
+    at = dict(zip(walk.labels, walk.markers.transpose(1, 0, 2), strict=True))
+
+    def axes(*labels: str) -> Array:
+        return rigid_motions(np.array([static[m] for m in labels]), np.stack([at[m] for m in labels], axis=1))[0]
+
+    out = {"pelvis": (axes("RASI", "LASI", "RPSI", "LPSI"), 0.5 * (at["RHJC"] + at["LHJC"]))}
+    out["torso"] = axes("CLAV", "C7", "RACR", "LACR"), 0.5 * (at["RSJC"] + at["LSJC"])
+    for s in SIDES:
+        own = {
+            "thigh": ("HJC", "TH1 TH2 TH3 LFC"),
+            "shank": ("KJC", "TB1 TB2 TB3 LMAL"),
+            "foot": ("AJC", "CAL TOE MT5"),
+            "toes": ("TOE", "CAL TOE MT5"),
+            "uarm": ("SJC", "UA1 UA2 UA3 LEL"),
+            "larm": ("EJC", "FAsuperior FAradius FAulna"),
+            "hand": ("FAradius", "FAsuperior FAradius FAulna"),
+        }
+        for name, (origin, labels) in own.items():
+            out[f"{s}_{name}"] = axes(*(s.upper() + label for label in labels.split())), at[s.upper() + origin]
+    return out
+
+
+def poses_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Recording:
     """The points of the poses that a program would write."""
-    rng, time, labels, out = np.random.default_rng(seed), motion.basis.time, [], []
-    for name, (axes, origin) in body_poses(parameters, motion.q).items():
+    rng, labels, out = np.random.default_rng(seed), [], []
+    for name, (axes, origin) in poses.items():
         place, turn = errors.constant
         off, beside = Rotation.from_rotvec(turn * rng.standard_normal(3)), place * rng.standard_normal(3)
         shaken = Rotation.from_rotvec(errors.turn * slow(rng, time, errors.memory)).as_matrix()
@@ -149,10 +182,9 @@ TOE_POINTS = {"BigToe": (0.0, 0.0, -0.03), "SmallToe": (-0.03, 0.0, 0.05), "Heel
 """Key point of the right foot -> m, from the origin of the toes."""
 
 
-def points_recording(seed: int, errors: Errors, parameters: Parameters, motion: TrueMotion) -> Recording:
+def points_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Recording:
     """The key points that a program would write."""
-    rng, time, out = np.random.default_rng(seed), motion.basis.time, dict[str, Array]()
-    poses = body_poses(parameters, motion.q)
+    rng, out = np.random.default_rng(seed), dict[str, Array]()
     for side in SIDES:
         away = {name: (segment, np.zeros(3)) for name, segment in KEY_POINTS.items()}
         mirrored = np.array([1.0, 1.0, 1.0 if side == "r" else -1.0])
@@ -165,6 +197,44 @@ def points_recording(seed: int, errors: Errors, parameters: Parameters, motion: 
 
 
 @dataclass(frozen=True)
+class Walk:
+    """What a person did."""
+
+    poses: Poses
+    time: Array
+    mass: float
+    height: float
+    forces: str
+    """Lines of the study file."""
+    torques: Mapping[str, Array]
+    """Generalised force -> (nf,) N·m."""
+
+
+def made_up(seed: int, folder: Path) -> Walk:
+    """A made-up person's, with forces in the folder."""
+    parameters, motion = true_gait(seed)
+    wrench = residual_free_wrench(parameters, motion)
+    write_forces_csv(folder / "walk_forces.csv", plates_under(motion, wrench))
+    forces = 'forces = "walk_forces.csv"\nplates = { 1 = "r", 2 = "l" }'
+    state = [motion.basis.evaluate(motion.coefficients, derivative) for derivative in range(3)]
+    torques = dict(zip(FORCES, Dynamics(parameters).forces(*state, wrench).T, strict=True))
+    return Walk(body_poses(parameters, motion.q), motion.basis.time, parameters.mass, 1.70, forces, torques)
+
+
+def of_opensim(name: str) -> Walk:
+    """That of a person whom OpenSim knows."""
+    folder = data() / "opensim_truth"
+    person = walking_person(name, folder)
+    known = read_recording(folder / name / "walk_with_joint_centres.trc")
+    subject, forces = person.study.subject, f"forces = '{folder / name / 'grf.mot'}'"
+    own = {
+        torque: np.interp(known.time, person.study.moving[0].recording.time, tau)
+        for torque, tau in person.torques.items()
+    }
+    return Walk(opensim_poses(person, known), known.time, subject.mass, subject.height, forces, own)
+
+
+@dataclass(frozen=True)
 class Outcome:
     """One person."""
 
@@ -172,78 +242,85 @@ class Outcome:
     """The verdict."""
     centres: Mapping[str, Array]
     """Joint -> (2,) m, distance of right and left from the truth."""
-    errors: Array
-    """(nf, 29) N·m of generalised forces, in valid frames."""
-    bars: Array
-    """(nf, 29) their standard errors."""
+    torques: Mapping[str, tuple[Array, Array]]
+    """Torque -> (n,) N·m errors of both legs in valid frames, and their standard errors."""
 
 
-def outcome(folder: Path, seed: int, errors: Errors, *, points: bool) -> Outcome:
-    """A person written to a folder, calibrated and held against the truth; `points`: key points in place of poses."""
-    parameters, motion = true_gait(seed)
-    wrench = residual_free_wrench(parameters, motion)
-    made = points_recording if points else poses_recording
-    write_markers_csv(folder / "walk.csv", made(seed, errors, parameters, motion))
-    write_forces_csv(folder / "walk_forces.csv", plates_under(motion, wrench))
-    words = STUDY.format(name=f"person {seed}", mass=parameters.mass, marker_set="key-points" if points else "poses")
+def outcome(folder: Path, seed: int, errors: Errors, walk: Walk, *, points: bool) -> Outcome:
+    """A walk written to a folder, calibrated and held against the truth; `points`: key points in place of poses."""
+    made, marker_set = (points_recording, "key-points") if points else (poses_recording, "poses")
+    write_markers_csv(folder / "walk.csv", made(seed, errors, walk.poses, walk.time))
+    words = STUDY.format(mass=walk.mass, height=walk.height, marker_set=marker_set, forces=walk.forces)
     (folder / "study.toml").write_text(words, encoding="utf-8")
-    return against(calibrate(Study.load(folder / "study.toml")), parameters, motion, wrench)
+    return against(calibrate(Study.load(folder / "study.toml")), walk)
 
 
-def against(found: Calibration, parameters: Parameters, motion: TrueMotion, wrench: Array) -> Outcome:
+def against(found: Calibration, true: Walk) -> Outcome:
     """A calibrated walk against what was walked."""
-    (walk,) = found.trials
-    state = [motion.basis.evaluate(motion.nodes, derivative) for derivative in range(3)]
-    true = Dynamics(parameters).forces(*state, wrench)
-    here, there = body_poses(found.model.parameters, walk.body.q), body_poses(parameters, motion.q)
+    (walk,), (recorded,) = found.trials, found.study.moving
+    here = body_poses(found.model.parameters, walk.body.q)
+    rotation, origin = whole_turn(recorded.recording.markers, walk.recording.markers)
     loads = walk.loads
     if loads is None or loads.errors is None:
         raise RuntimeError("no torques")
-    valid = loads.reactions.valid
-    own = np.hstack([loads.final.tau, loads.final.knee_adduction])
+
+    def apart(segment: str) -> float:
+        there = at_times(walk.body.time, true.time, true.poses[segment][1] @ rotation.T + origin)
+        return float(np.linalg.norm((here[segment][1] - there).mean(axis=0)))
+
+    def torque(name: str) -> tuple[Array, Array]:
+        columns = [FORCES.index(f"{name}_{side}") for side in SIDES]
+        known = [np.interp(walk.body.time, true.time, true.torques[f"{name}_{side}"]) for side in SIDES]
+        own = np.hstack([loads.final.tau, loads.final.knee_adduction])[:, columns] - np.column_stack(known)
+        valid = loads.reactions.valid
+        return own[valid].ravel(), loads.errors.every[valid][:, columns].ravel()
+
     names = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
-    apart = {
-        joint: np.array([np.linalg.norm((here[f"{s}_{n}"][1] - there[f"{s}_{n}"][1]).mean(axis=0)) for s in SIDES])
-        for joint, n in names.items()
-    }
-    return Outcome(found.verdict.judgement.value, apart, (own - true)[valid], loads.errors.every[valid])
+    centres = {joint: np.array([apart(f"{s}_{name}") for s in SIDES]) for joint, name in names.items()}
+    known = [name for name in TORQUES if f"{name}_r" in true.torques]
+    return Outcome(found.verdict.judgement.value, centres, {name: torque(name) for name in known})
 
 
 TORQUES = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle")
-PARTS: dict[str, Errors] = {
+ERRORS: dict[str, Errors] = {
     "poses": Errors(),
     "white": Errors(memory=0.0),
     "biased": Errors(constant=(0.010, float(np.deg2rad(4.0)))),
     "points": Errors(place=0.015),
     "points_off": Errors(place=0.015, constant=(0.015, 0.0)),
 }
+OPENSIM = "opensim_"
+PARTS = ERRORS | {OPENSIM + part: errors for part, errors in ERRORS.items() if part != "white"}
+USUAL_PARTS = tuple(ERRORS)
+"""The others need GAITCAL_DATA."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Of this member."""
-    parser.add_argument("--people", type=int, default=3, help="made-up people of each part (default 3)")
+    parser.add_argument("--people", type=int, default=3, help="made-up people, or draws of errors (default 3)")
 
 
 def run(chosen: argparse.Namespace) -> dict[str, dict[str, object]]:
     """All parts."""
-    return {part: report(part, PARTS[part], range(chosen.seed, chosen.seed + chosen.people)) for part in chosen.parts}
+    return {part: report(part, range(chosen.seed, chosen.seed + chosen.people)) for part in chosen.parts}
 
 
-def report(part: str, errors: Errors, seeds: range) -> dict[str, object]:
+def report(part: str, seeds: range) -> dict[str, object]:
     """Calibrate the people of one part, and print."""
     found: list[Outcome] = []
+    points = part.removeprefix(OPENSIM).startswith("points")
     for seed in seeds:
-        with tempfile.TemporaryDirectory() as folder:
-            found.append(outcome(Path(folder), seed, errors, points=part.startswith("points")))
+        for person in SIMULATED if part.startswith(OPENSIM) else ("",):
+            with tempfile.TemporaryDirectory() as name:
+                folder = Path(name)
+                walk = of_opensim(person) if person else made_up(seed, folder)
+                found.append(outcome(folder, seed, PARTS[part], walk, points=points))
     centres = {joint: 1e3 * rms(np.concatenate([one.centres[joint] for one in found])) for joint in found[0].centres}
     say(f"{part}: {', '.join(one.trusted for one in found)}")
     say("  joint centres off by " + ", ".join(f"{joint} {size:.1f} mm" for joint, size in centres.items()))
     out: dict[str, object] = {"verdicts": [one.trusted for one in found], "centres_mm": centres}
-    for torque in TORQUES:
-        columns = [FORCES.index(f"{torque}_{side}") for side in SIDES]
-        off, bars = (
-            np.concatenate([getattr(one, name)[:, columns].ravel() for one in found]) for name in ("errors", "bars")
-        )
+    for torque in found[0].torques:
+        off, bars = (np.concatenate([one.torques[torque][k] for one in found]) for k in range(2))
         covered = float(np.mean(np.abs(off) <= 1.96 * bars))
         out[torque] = {"rms": rms(off), "se": rms(bars), "covered": covered}
         say(f"  {torque:14s} {rms(off):6.2f} N·m, standard error {rms(bars):6.2f}, covered {100 * covered:5.1f} %")

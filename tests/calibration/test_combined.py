@@ -61,19 +61,19 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     wrench = residual_free_wrench(model.parameters.with_inertial(heavier), motion)
     constants = problem.constants(model.parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    nodes = track_nodes(problem, constants, start).nodes
+    coefficients = track_nodes(problem, constants, start).coefficients
     valid = np.arange(len(motion.basis.time)) % 3 != 0
 
     chart = LogChart(model.parameters.inertial, symmetric_set())
-    trial = CombinedProblem(problem, nodes, wrench, valid)
+    trial = CombinedProblem(problem, coefficients, wrench, valid)
     settings = CombinedSettings(load_share=SHARE, spread=SPREAD, descent=replace(DESCENT, gain=1e-12))
     found = combined_fit([trial], model.parameters, gait_parameters("r"), symmetric_set(), model.subject, settings)
     assert found.converged
-    square = ((problem.positions(nodes, constants) - problem.data.measured) ** 2).sum(axis=1) / 3.0
+    square = ((problem.positions(coefficients, constants) - problem.data.measured) ** 2).sum(axis=1) / 3.0
     of_each = np.sqrt((problem.data.weight * square).sum() / (problem.data.weight > 0).sum())
     assert found.marker_sigma == pytest.approx(of_each, rel=1e-9)
 
-    q, v, a = (problem.basis.evaluate(found.nodes[0], k)[valid] for k in range(3))
+    q, v, a = (problem.basis.evaluate(found.coefficients[0], k)[valid] for k in range(3))
     weight = model.subject.weight
 
     def loads(parameters: Parameters) -> Array:
@@ -98,26 +98,30 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
     nominal = MODEL.parameters
     start = starting_nodes(problem.chain, problem.constants(nominal), problem.data, problem.basis)
     joint = JointSearch([problem], nominal, free, [start]).run()
-    q, v, a = (MOTION.basis.evaluate(joint.nodes[0], k) for k in range(3))
+    q, v, a = (MOTION.basis.evaluate(joint.coefficients[0], k) for k in range(3))
     loaded = LoadedMotion(name="gait", q=q, velocity=v, acceleration=a, wrench=WRENCH, valid=EVERY)
     system = equations_of([loaded], joint.parameters, MODEL.subject, TorqueScale.BODY_HEIGHT, 0.176)
     inertial = fit_consistent(system, nominal.inertial, symmetric_set())
     two_steps = joint.parameters.with_inertial(inertial.inertial)
     third = combined_fit(
-        [CombinedProblem(problem, joint.nodes[0], WRENCH, EVERY)], two_steps, free, symmetric_set(), MODEL.subject
+        [CombinedProblem(problem, joint.coefficients[0], WRENCH, EVERY)],
+        two_steps,
+        free,
+        symmetric_set(),
+        MODEL.subject,
     )
 
-    def residuals(parameters: Parameters, nodes: Array) -> tuple[float, float, float]:
-        q, v, a = (MOTION.basis.evaluate(nodes, k) for k in range(3))
+    def residuals(parameters: Parameters, coefficients: Array) -> tuple[float, float, float]:
+        q, v, a = (MOTION.basis.evaluate(coefficients, k) for k in range(3))
         residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, WRENCH))
-        cost = problem.cost(nodes, problem.constants(parameters))
+        cost = problem.cost(coefficients, problem.constants(parameters))
         return (
             float(np.sqrt(np.mean(residual[:, :3] ** 2))),
             float(np.sqrt(np.mean(residual[:, 3:] ** 2))),
             float(np.sqrt(cost)),
         )
 
-    before, after = residuals(two_steps, joint.nodes[0]), residuals(third.parameters, third.nodes[0])
+    before, after = residuals(two_steps, joint.coefficients[0]), residuals(third.parameters, third.coefficients[0])
     assert third.converged
     assert after[0] < 0.6 * before[0]
     assert after[1] < 0.6 * before[1]
@@ -128,11 +132,13 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
 
 def test_the_penalty_is_no_marker_error() -> None:
     """The third step weighs markers by their own residual alone."""
-    problem, nodes = smoothed_trial()
+    problem, coefficients = smoothed_trial()
     settings = CombinedSettings(descent=DescentSettings(most_steps=1))
     subject = Subject("anyone", 70.0, 1.75, "male")
     sigmas = [
-        combined_fit([CombinedProblem(trial, nodes, None, None)], PARAMETERS, (), symmetric_set(), subject, settings)
+        combined_fit(
+            [CombinedProblem(trial, coefficients, None, None)], PARAMETERS, (), symmetric_set(), subject, settings
+        )
         for trial in (problem, replace(problem, smoothing=None))
     ]
     assert sigmas[0].marker_sigma == sigmas[1].marker_sigma > 0.0

@@ -1,6 +1,7 @@
 """What trials do not determine: what is frozen and advised, odd joints and bodies, arms turned about themselves."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from gaitcal.calibration.identifiability import (
     in_words,
     unseen_parameters,
     without_arms,
+    worn_as_standing,
 )
 from gaitcal.findings import Severity
 from gaitcal.model.parameters import JP_NAMES
@@ -72,6 +74,18 @@ def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
     *arms, body = beyond_bounds(["shoulder_l.trunk.front", *own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"])
     assert body.severity is Severity.ERROR and "does not show the body" in body.cause
     assert [f.severity for f in arms] == [Severity.INFO]
+    joints = beyond_bounds([*own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"], same_body=True)
+    assert [f.severity for f in joints] == [Severity.WARNING] * 3, "odd joints of this body"
+
+
+def test_markers_that_keep_their_distances_are_on_the_body_that_stood() -> None:
+    """Without noise they do; those of a trial in which one of them sits 5 mm elsewhere do not."""
+    body, _ = random_trial(np.random.default_rng(4), PARAMETERS, frames=60, nodes=10)
+    assert worn_as_standing([body])
+    local = body.data.local.copy()
+    local[list(body.data.segment).index(body.chain.segments.index("thigh_r"))] += 0.005
+    moved = replace(body, data=replace(body.data, placed=replace(body.data.placed, local=local)))
+    assert not worn_as_standing([body, moved]) and not worn_as_standing([])
 
 
 @pytest.mark.parametrize(("side", "turn", "found"), [("r", 1.1, True), ("l", 1.1, True), ("r", 0.9, False)])
@@ -82,9 +96,9 @@ def test_an_arm_far_from_where_its_markers_begin(
     """Whole turns are none; most of the time counts, not a moment."""
     body, _ = random_trial(np.random.default_rng(4), PARAMETERS, frames=60, nodes=10)
     start = starting_nodes(body.chain, body.constants(PARAMETERS), body.data, body.basis)
-    nodes = start.copy()
-    nodes[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += turn * LARGEST_ARM_TURN + whole
-    turned = arm_ambiguity([body, body], [start, nodes], PARAMETERS)
+    coefficients = start.copy()
+    coefficients[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += turn * LARGEST_ARM_TURN + whole
+    turned = arm_ambiguity([body, body], [start, coefficients], PARAMETERS)
     assert list(turned) == ([side] if found else [])
     if found:
         assert turned[side] == pytest.approx(turn * LARGEST_ARM_TURN)

@@ -68,12 +68,12 @@ def reactions() -> GroundReactions:
 
 def loaded(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> LoadedProblem:
     problem = problem_of(noise, seed, rule)
-    nodes = tracked_motion(problem, TRUE).nodes
-    return LoadedProblem(problem=problem, nodes=nodes, reactions=reactions())
+    coefficients = tracked_motion(problem, TRUE).coefficients
+    return LoadedProblem(problem=problem, coefficients=coefficients, reactions=reactions())
 
 
 def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
-    q, v, a = (trial.problem.basis.evaluate(trial.nodes, k) for k in range(3))
+    q, v, a = (trial.problem.basis.evaluate(trial.coefficients, k) for k in range(3))
     motion = LoadedMotion(
         name="walk", q=q, velocity=v, acceleration=a, wrench=trial.reactions.wrench, valid=trial.reactions.valid
     )
@@ -176,7 +176,7 @@ def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None
     trial = loaded(0.0)
     plates = PlateNoise(PlateErrors(place=0.004, gain=0.0, clock=0.0), rest=0.0)
     basis, valid = trial.problem.basis, trial.reactions.valid
-    q, v, a = (basis.evaluate(trial.nodes, k)[valid] for k in range(3))
+    q, v, a = (basis.evaluate(trial.coefficients, k)[valid] for k in range(3))
     dynamics, wrench = Dynamics(TRUE), trial.reactions.wrench[valid]
     before = pelvis_residual(q, dynamics.forces(q, v, a, wrench))
 
@@ -223,8 +223,8 @@ def test_half_an_octave_of_the_motion_is_a_source() -> None:
     spans = round((basis.nodes - 5) / np.sqrt(2.0))
     longer = spline_basis(basis.time, spans + 5)
     residuals = []
-    for own, nodes in ((basis, trial.nodes), (longer, longer.fit(basis.evaluate(trial.nodes)))):
-        q, v, a = (own.evaluate(nodes, k)[valid] for k in range(3))
+    for own, coefficients in ((basis, trial.coefficients), (longer, longer.fit(basis.evaluate(trial.coefficients)))):
+        q, v, a = (own.evaluate(coefficients, k)[valid] for k in range(3))
         residuals.append(pelvis_residual(q, Dynamics(TRUE).forces(q, v, a, trial.reactions.wrench[valid])))
     expected = np.sqrt(((residuals[0] - residuals[1]) ** 2).reshape(-1, 2, 3).mean(axis=(0, 2)))
     found = noise_of(trial, TRUE, none)
@@ -242,9 +242,9 @@ def test_expected_residuals_are_those_of_noise_repeated() -> None:
         phase = rng.uniform(0.0, 2.0 * np.pi, (*problem.data.measured.shape[:2], 1))
         rate = rng.uniform(0.0, 25.0, phase.shape)
         moved = problem.with_measured(problem.data.measured + 0.0085 * np.sin(rate * basis.time + phase))
-        nodes = tracked_motion(moved, TRUE).nodes
-        trial = LoadedProblem(problem=moved, nodes=nodes, reactions=down)
-        q, v, a = (basis.evaluate(nodes, k)[valid] for k in range(3))
+        coefficients = tracked_motion(moved, TRUE).coefficients
+        trial = LoadedProblem(problem=moved, coefficients=coefficients, reactions=down)
+        q, v, a = (basis.evaluate(coefficients, k)[valid] for k in range(3))
         residual = pelvis_residual(q, Dynamics(TRUE).forces(q, v, a, down.wrench[valid]))
         seen.append((residual**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
         noise = noise_of(trial, TRUE, PlateNoise(EXACT, rest=0.0))

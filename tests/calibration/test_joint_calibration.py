@@ -35,8 +35,8 @@ def knee_trial(seed: int, noise: float = 0.0, frames: int = 60) -> tuple[MotionP
 
 
 def fit(problem: MotionProblem, start: Parameters, free: tuple[str, ...], **settings: float) -> JointFit:
-    nodes = starting_nodes(problem.chain, problem.constants(start), problem.data, problem.basis)
-    return JointSearch([problem], start, free, [nodes], JointSettings(**settings)).run()
+    coefficients = starting_nodes(problem.chain, problem.constants(start), problem.data, problem.basis)
+    return JointSearch([problem], start, free, [coefficients], JointSettings(**settings)).run()
 
 
 def values(parameters: Parameters, names: tuple[str, ...]) -> Array:
@@ -86,15 +86,18 @@ def test_the_compressed_problem_is_the_whole_one_with_its_prior_and_soft_tissue(
     def residual(x: Array) -> Array:
         out, at = [rows @ (x[:size] - centre)], size
         for problem, share, trial in zip(trials, shares, state.trials, strict=True):
-            nodes = x[at : at + trial.nodes.size].reshape(trial.nodes.shape)
+            coefficients = x[at : at + trial.coefficients.size].reshape(trial.coefficients.shape)
             z = [x[len(KNEE) + keys.index(key)] for key in problem.unknowns]
             here = problem.displaced(np.array(z))
-            gap = here.positions(nodes, here.constants(start.with_joint(KNEE, x[: len(KNEE)]))) - here.data.measured
+            gap = (
+                here.positions(coefficients, here.constants(start.with_joint(KNEE, x[: len(KNEE)])))
+                - here.data.measured
+            )
             out.append(np.sqrt(share) * gap.ravel())
-            at += nodes.size
+            at += coefficients.size
         return np.concatenate(out)
 
-    x = np.concatenate([p, *(trial.nodes.ravel() for trial in state.trials)])
+    x = np.concatenate([p, *(trial.coefficients.ravel() for trial in state.trials)])
     r, slope = residual(x), central_differences(residual, x)
     along = np.linalg.solve(slope[:, size:].T @ slope[:, size:], slope[:, size:].T @ slope[:, :size])
     left = slope[:, :size] - slope[:, size:] @ along
@@ -110,9 +113,9 @@ def test_bounds_are_about_the_nominal_values_wherever_the_fit_starts() -> None:
     name = ("knee_r.thigh.sup",)
     true = float(values(truth, name)[0])
     nominal, present = (truth.with_joint(name, np.array([true + off])) for off in (0.030, 0.022))
-    nodes = starting_nodes(problem.chain, problem.constants(present), problem.data, problem.basis)
+    coefficients = starting_nodes(problem.chain, problem.constants(present), problem.data, problem.basis)
     settings = JointSettings(position_bound=0.010, orientation_bound=0.1)
-    found = JointSearch([problem], present, name, [nodes], settings, nominal=nominal).run()
+    found = JointSearch([problem], present, name, [coefficients], settings, nominal=nominal).run()
     assert found.values[0] == pytest.approx(true + 0.020, abs=1e-4)
     assert found.at_bound == name
 
@@ -145,11 +148,11 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     kept = fit(problem, start, KNEE)
     assert used
     opened = problem.with_free(KNEE)
-    equations = opened.equations(kept.nodes[0], opened.constants(kept.parameters))
+    equations = opened.equations(kept.coefficients[0], opened.constants(kept.parameters))
     solved = BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
     whole = equations.parameters - equations.mixed.T @ solved
     np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())
-    assert kept.state.trials[0].matrices.near(kept.values, kept.nodes[0])
+    assert kept.state.trials[0].matrices.near(kept.values, kept.coefficients[0])
     np.testing.assert_array_equal(kept.state.trials[0].matrices.values, kept.values)
     monkeypatch.setattr(open_motion, "KEPT_WITHIN", 0.0)
     monkeypatch.setattr(reduced_problem, "CORRECTOR", replace(reduced_problem.CORRECTOR, keep_within=0.0))

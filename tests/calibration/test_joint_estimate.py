@@ -97,11 +97,11 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
     def residual(x: Array) -> Array:
         p, z, n = np.split(x, [len(HIP), len(HIP) + len(prior.keys)])
         at = problem.displaced(z)
-        nodes = n.reshape(estimate.nodes[0].shape)
-        gap = at.positions(nodes, at.constants(wrong.with_joint(HIP, p))) - at.data.measured
+        coefficients = n.reshape(estimate.coefficients[0].shape)
+        gap = at.positions(coefficients, at.constants(wrong.with_joint(HIP, p))) - at.data.measured
         return np.concatenate([gap.ravel() / estimate.noise[0], whiten_p @ (p - centre), whiten_z @ z])
 
-    x = np.concatenate([estimate.values, estimate.nodes[0].ravel()])
+    x = np.concatenate([estimate.values, estimate.coefficients[0].ravel()])
     slope, r = central_differences(residual, x, 1e-6), residual(x)
     step = np.linalg.solve(slope.T @ slope, slope.T @ r)
     count = len(estimate.values)
@@ -129,12 +129,12 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
     def residual(x: Array) -> Array:
         p, z, n = np.split(x, [len(HIP), len(HIP) + nz])
         at = problem.displaced(z)
-        gap = at.positions(n.reshape(estimate.nodes[0].shape), at.constants(nominal.with_joint(HIP, p)))
+        gap = at.positions(n.reshape(estimate.coefficients[0].shape), at.constants(nominal.with_joint(HIP, p)))
         return (gap - at.data.measured).ravel() / estimate.noise[0]
 
     z = estimate.tissue if fits_tissue else np.zeros(nz)
     joint = estimate.parameters.joint[[JP_INDEX[n] for n in HIP]]
-    slope = central_differences(residual, np.concatenate([joint, z, estimate.nodes[0].ravel()]), 1e-6)
+    slope = central_differences(residual, np.concatenate([joint, z, estimate.coefficients[0].ravel()]), 1e-6)
     hessian = slope.T @ slope
     hessian[:4, :4] += np.diag(spread[:4] ** -2.0)
     columns = np.arange(len(HIP), len(HIP) + nz)
@@ -276,8 +276,8 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
     for name, size in (("hip_flexion_r", 0.35), ("hip_adduction_r", 0.07), ("hip_rotation_r", 0.07)):
         k = names.index(name)
         q[:, k] = size * np.sin(phase[:, 0] + k) + 0.3 * size * np.sin(2 * phase[:, 0] + 2 * k)
-    nodes = problem.basis.fit(q)
-    (psi,) = task_regressors([dict(zip(names, problem.basis.evaluate(nodes).T, strict=True))])
+    coefficients = problem.basis.fit(q)
+    (psi,) = task_regressors([dict(zip(names, problem.basis.evaluate(coefficients).T, strict=True))])
     shift = np.zeros(problem.data.measured.shape)
     for s, markers in problem.data.placed.groups:
         segment, local = problem.chain.segments[s], problem.data.local[markers]
@@ -288,7 +288,7 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
             if segment == "pelvis":
                 z += SLIDES.get(name, 0.0)
             shift[markers] += z[:, :, None] * psi[name]
-    seen = problem.shifted(shift).positions(nodes, problem.constants(parameters))
+    seen = problem.shifted(shift).positions(coefficients, problem.constants(parameters))
     problem = problem.with_measured(seen + rng.normal(0, 5e-4, seen.shape))
     truth = parameters.joint[[JP_INDEX[n] for n in HIP]]
     return replace(problem, tissue=tissue_of(problem, "gait", psi)), truth

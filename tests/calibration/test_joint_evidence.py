@@ -26,8 +26,8 @@ def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> Motio
     """
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng, 0.0, 0.0)
-    body, nodes = random_trial(rng, parameters, frames=120, nodes=10)
-    angles = dict(zip(body.chain.coordinates, body.basis.evaluate(nodes).T, strict=True))
+    body, coefficients = random_trial(rng, parameters, frames=120, nodes=10)
+    angles = dict(zip(body.chain.coordinates, body.basis.evaluate(coefficients).T, strict=True))
     (psi,) = task_regressors([angles], squares=True)
     shift = np.zeros(body.data.measured.shape)
     for s, markers in body.data.placed.groups:
@@ -36,7 +36,7 @@ def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> Motio
                 covariance = size**2 * marker_covariance(segment, body.data.local[markers])
                 moved = rng.multivariate_normal(np.zeros(len(covariance)), covariance)
                 shift[markers] += moved.reshape(-1, 3, 1) * psi[name_of_psi]
-    seen = body.shifted(shift).positions(nodes, body.constants(parameters))
+    seen = body.shifted(shift).positions(coefficients, body.constants(parameters))
     return replace(body.with_measured(seen + rng.normal(0, WHITE, seen.shape)), name=name)
 
 

@@ -41,7 +41,9 @@ def test_no_error_counts_every_frame() -> None:
 def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_more() -> None:
     rng = np.random.default_rng(2)
     parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, segments=("pelvis", "thigh_r"), frames=2000, nodes=60, per_segment=4)
+    problem, coefficients = random_trial(
+        rng, parameters, segments=("pelvis", "thigh_r"), frames=2000, nodes=60, per_segment=4
+    )
     shape = problem.data.measured.shape
     constants = problem.constants(parameters)
     found = []
@@ -50,7 +52,7 @@ def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_mor
         np.repeat(rng.normal(0, WHITE, (2, 3, shape[2])), 4, axis=0),  # each cluster as a whole
     ):
         noisy = problem.with_measured(problem.data.measured + noise)
-        found.append(forbidden_noise(noisy, parameters, track_nodes(noisy, constants, nodes).nodes))
+        found.append(forbidden_noise(noisy, parameters, track_nodes(noisy, constants, coefficients).coefficients))
     assert np.sqrt(found[0].variance) == pytest.approx(WHITE, rel=0.15)
     # four markers alike: their mean has four times the variance that independent ones would give it
     assert np.sqrt(found[1].variance) == pytest.approx(2.0 * WHITE, rel=0.25)
@@ -60,8 +62,8 @@ def test_parameters_use_samples_up_and_cameras_never_err_by_nothing() -> None:
     seen = [ForbiddenNoise(1e-6, 30.0), ForbiddenNoise(4e-6, 10.0)]
     plain = trial_noises(seen, [0.0, 0.0], -2.0)
     np.testing.assert_allclose(plain, [1e-3, 2e-3])
-    served = trial_noises(seen, [0.0, 0.0], 18.0)
-    np.testing.assert_allclose(served, np.sqrt(2.0) * np.array(plain))
+    of_fitted = trial_noises(seen, [0.0, 0.0], 18.0)
+    np.testing.assert_allclose(of_fitted, np.sqrt(2.0) * np.array(plain))
     assert trial_noises([ForbiddenNoise(0.0, 10.0)], [3e-4], 1.0) == [3e-4]
     time = np.arange(100) / 100.0
     assert least_noise(spline_basis(time, 8)) < least_noise(spline_basis(time / 4.0, 8))

@@ -52,8 +52,8 @@ def person(
     """Two trials of pelvis and thigh, with every column that their soft tissue may have."""
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng)
-    first, nodes = random_trial(rng, parameters, segments=SEGMENTS, frames=frames, nodes=9)
-    motions = (nodes, nodes[::-1] + rng.normal(0, 0.1, nodes.shape))
+    first, coefficients = random_trial(rng, parameters, segments=SEGMENTS, frames=frames, nodes=9)
+    motions = (coefficients, coefficients[::-1] + rng.normal(0, 0.1, coefficients.shape))
     angles = [dict(zip(first.chain.coordinates, first.basis.evaluate(n).T, strict=True)) for n in motions]
     trials = []
     for k, (motion, psi) in enumerate(zip(motions, task_regressors(angles, squares=True), strict=True)):
@@ -114,11 +114,11 @@ def test_regressors_are_angles_by_their_spread_over_all_trials_of_a_kind() -> No
     assert set(task_regressors([{"flexion": flexion[0]}])[0]) == {"flexion"}
 
 
-def velocities(problem: MotionProblem, nodes: Array, parameters: Parameters) -> tuple[Array, Array]:
+def velocities(problem: MotionProblem, coefficients: Array, parameters: Parameters) -> tuple[Array, Array]:
     """(3 nm nf, nn nq + np) derivatives of the markers by nodes and joint parameters, and R (nm, 3, 3, nf)."""
-    constants, q = problem.constants(parameters), problem.basis.evaluate(nodes)
-    poses, nq = forward(problem.chain, constants, q), nodes.shape[1]
-    spatial, x = jacobian(problem.chain, constants, poses), problem.positions(nodes, constants)
+    constants, q = problem.constants(parameters), problem.basis.evaluate(coefficients)
+    poses, nq = forward(problem.chain, constants, q), coefficients.shape[1]
+    spatial, x = jacobian(problem.chain, constants, poses), problem.positions(coefficients, constants)
     slope = np.zeros((*x.shape, len(spatial)))
     for m, segment in enumerate(problem.data.segment):
         moved = problem.chain.support[:, segment][:, None, None] * (
@@ -137,15 +137,15 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
     parameters = perturbed_parameters(np.random.default_rng(seed))
     (problem, _) = person(seed, drawn(seed, 1.0), squares=True, frames=30, noise=0.004)
     problem = problem.with_free(HIP)
-    nodes = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
+    coefficients = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
     precision = np.linalg.inv(prior_of(HIP, None)[1])
     prior = tissue_prior([problem], {KIND: scale})
-    eliminated = eliminate(equations := problem.equations(nodes, problem.constants(parameters)))
+    eliminated = eliminate(equations := problem.equations(coefficients, problem.constants(parameters)))
     hessian = eliminated.hessian / NOISE**2 + block_diag(precision, np.linalg.inv(prior.covariance))
     pull = eliminated.reduced(equations.node_gradient, equations.parameter_gradient) / NOISE**2
     found, count = np.linalg.inv(hessian), len(HIP)
 
-    slope, axes = velocities(problem, nodes, parameters)
+    slope, axes = velocities(problem, coefficients, parameters)
     columns, weights = [slope], [np.zeros((slope.shape[1] - count,) * 2), precision]
     for group in groups_of(problem):
         covariance = marker_covariance(group.carrier, problem.data.local[group.markers])
@@ -156,7 +156,7 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
             columns.append(moved[..., group.markers, :].reshape(len(slope), -1))
             weights.append(np.linalg.inv(scale.variance(name) * covariance))
     whole = np.hstack(columns)
-    gap = (problem.positions(nodes, problem.constants(parameters)) - problem.data.measured).ravel()
+    gap = (problem.positions(coefficients, problem.constants(parameters)) - problem.data.measured).ravel()
     dense = np.linalg.inv(whole.T @ whole / NOISE**2 + block_diag(*weights))
     own = slice(slope.shape[1] - count, slope.shape[1])
     unit = np.sqrt(np.outer(np.diag(dense[own, own]), np.diag(dense[own, own])))

@@ -55,14 +55,14 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
     """
     rng = np.random.default_rng(51)
     parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, frames=FRAMES, nodes=6)
+    problem, coefficients = random_trial(rng, parameters, frames=FRAMES, nodes=6)
     wrench = rng.normal(0, 300, (FRAMES, 2, 6))
     free = problem.with_free(FREE).chain.free
     own, others = 3, 2
     moves = MotionSensitivity(
         shift=rng.normal(0, 0.005, (len(free), others)),
-        nodes=rng.normal(0, 0.01, (nodes.size, own)),
-        sensitivity=rng.normal(0, 1.0, (nodes.size, len(free))),
+        coefficients=rng.normal(0, 0.01, (coefficients.size, own)),
+        sensitivity=rng.normal(0, 1.0, (coefficients.size, len(free))),
         own=(ErrorSource.MOTION,) * own,
         others=(ErrorSource.JOINT_MARKERS, ErrorSource.SKIN),
     )
@@ -76,16 +76,18 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
         def values(step: float) -> Array:
             moved = parameters.with_joint(free, start + step * by_joint)
             moved = moved.with_inertial(parameters.inertial + step * by_inertial)
-            state = [problem.basis.evaluate(nodes + step * by_nodes, k) for k in range(3)]
+            state = [problem.basis.evaluate(coefficients + step * by_nodes, k) for k in range(3)]
             forces = Dynamics(moved).forces(*state, wrench + step * by_wrench)
             power, moment = kinetic_values(moved, *state, wrench + step * by_wrench)
             return np.hstack([forces, power, moment.reshape(FRAMES, -1)])
 
         return (values(STEP) - values(-STEP)) / (2 * STEP)
 
-    still, fixed, rigid, measured = (np.zeros(n) for n in (nodes.shape, len(free), len(IP_NAMES), wrench.shape))
+    still, fixed, rigid, measured = (np.zeros(n) for n in (coefficients.shape, len(free), len(IP_NAMES), wrench.shape))
     changes = {
-        ErrorSource.MOTION: [change(column.reshape(nodes.shape), fixed, rigid, measured) for column in moves.nodes.T],
+        ErrorSource.MOTION: [
+            change(column.reshape(coefficients.shape), fixed, rigid, measured) for column in moves.coefficients.T
+        ],
         ErrorSource.INERTIA: [change(still, fixed, column, measured) for column in spread.T],
         ErrorSource.PLATES: [
             change(still, fixed, rigid, other)
@@ -93,11 +95,11 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
         ],
     }
     for source, shift in zip(moves.others, moves.shift.T, strict=True):
-        changes[source] = [change(-(moves.sensitivity @ shift).reshape(nodes.shape), shift, rigid, measured)]
+        changes[source] = [change(-(moves.sensitivity @ shift).reshape(coefficients.shape), shift, rigid, measured)]
     variances = {source: (np.array(columns) ** 2).sum(axis=0) for source, columns in changes.items()}
     dense = np.sqrt(sum(variances.values()))
     known = ErrorSources(free, moves.shift, tuple(f"source {k}" for k in range(others)))
-    found = ErringForces(problem, nodes, parameters, wrench, known, spread, moves, plates).errors()
+    found = ErringForces(problem, coefficients, parameters, wrench, known, spread, moves, plates).errors()
     power, moment = found.kinetics.power, found.kinetics.moment.reshape(FRAMES, -1)
     for part, errors in zip(np.split(dense, [29, 29 + 28], axis=1), (found.every, power, moment), strict=True):
         np.testing.assert_allclose(errors, part, rtol=0, atol=DIFFERENCES * part.max())
@@ -111,7 +113,10 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
     own_power = np.sqrt(variances[ErrorSource.MOTION])[:, len(FORCES) : len(FORCES) + len(POWERS)]
     np.testing.assert_allclose(found.kinetics.own.power, own_power, rtol=0, atol=DIFFERENCES * own_power.max())
 
-    by_node = [column.reshape(nodes.shape) for column in np.hstack([moves.nodes, moves.sensitivity @ moves.shift]).T]
+    by_node = [
+        column.reshape(coefficients.shape)
+        for column in np.hstack([moves.coefficients, moves.sensitivity @ moves.shift]).T
+    ]
     coordinates = np.sqrt(sum(problem.basis.evaluate(column) ** 2 for column in by_node))
     np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-10)
 
@@ -132,19 +137,21 @@ def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
 def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_that_markers_move() -> None:
     rng = np.random.default_rng(53)
     parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
+    problem, coefficients = random_trial(rng, parameters, frames=14, nodes=7)
     weight = problem.data.weight.copy()
     weight[[problem.chain.segments[s].startswith("forearm") for s in problem.data.segment]] = 0.0
     problem = problem.with_weight(weight)
     wrench, known, axes = rng.normal(0, 300, (14, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
-    exact, moved = (ErringForces(problem, nodes, parameters, wrench, known, axes=a).errors() for a in (None, axes))
+    exact, moved = (
+        ErringForces(problem, coefficients, parameters, wrench, known, axes=a).errors() for a in (None, axes)
+    )
     assert set(moved.by_source) == {*exact.by_source, ErrorSource.FRAMES}
     for source, variance in exact.by_source.items():
         np.testing.assert_array_equal(moved.by_source[source], variance)
-    q, v, a = (problem.basis.evaluate(nodes, k) for k in range(3))
+    q, v, a = (problem.basis.evaluate(coefficients, k) for k in range(3))
     expected = (axes.torque_moves(q, v, a, wrench) ** 2).sum(axis=2)
     np.testing.assert_allclose(moved.by_source[ErrorSource.FRAMES], expected, rtol=1e-9, atol=1e-12)
-    moves, turned = marker_moves(problem, nodes, parameters, known), axes.coordinate_errors(q)
+    moves, turned = marker_moves(problem, coefficients, parameters, known), axes.coordinate_errors(q)
     plain, whole = coordinate_standard_errors(problem, moves), coordinate_standard_errors(problem, moves, turned)
     held = ~problem.active
     assert held.any()
@@ -158,10 +165,10 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monk
     """
     rng = np.random.default_rng(53)
     parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, frames=80, nodes=9)
+    problem, coefficients = random_trial(rng, parameters, frames=80, nodes=9)
     wrench, known, axes = rng.normal(0, 300, (80, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
     exact, turned = (
-        ErringForces(problem, nodes, parameters, wrench, known, None, axes=a).errors() for a in (None, axes)
+        ErringForces(problem, coefficients, parameters, wrench, known, None, axes=a).errors() for a in (None, axes)
     )
     assert exact.kinetics is not None and turned.kinetics is not None
     inner = slice(2, -2)  # rates of the moves are differences between frames, one-sided at the ends
@@ -178,19 +185,19 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monk
     for k, name in enumerate(COMPONENTS):
         if name.startswith(("hip", "lumbar")):
             np.testing.assert_allclose(jcs[:, k], turned.every[:, FORCES.index(name)], rtol=1e-7, err_msg=name)
-    moves = marker_moves(problem, nodes, parameters, known)
+    moves = marker_moves(problem, coefficients, parameters, known)
     coordinates = coordinate_standard_errors(problem, moves)
     for module in (torque_errors, error_sources):
         monkeypatch.setattr(module, "BLOCK", 7)
     np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-9)
-    in_parts = ErringForces(problem, nodes, parameters, wrench, known, None, axes=axes).errors().kinetics
+    in_parts = ErringForces(problem, coefficients, parameters, wrench, known, None, axes=axes).errors().kinetics
     np.testing.assert_allclose(in_parts.power, turned.kinetics.power, rtol=1e-9)
     np.testing.assert_allclose(in_parts.moment, turned.kinetics.moment, rtol=1e-9)
 
 
-def leverages(problem: MotionProblem, parameters: Parameters, nodes: Array) -> Array:
+def leverages(problem: MotionProblem, parameters: Parameters, coefficients: Array) -> Array:
     """(nm, 3, nf) of each marker coordinate in its frame's own least-squares problem; Jacobian by differences."""
-    q, constants, data = problem.basis.evaluate(nodes), problem.constants(parameters), problem.data
+    q, constants, data = problem.basis.evaluate(coefficients), problem.constants(parameters), problem.data
     out = np.empty(data.measured.shape)
     for f in range(len(q)):
         one = data.frames(slice(f, f + 1))
@@ -215,22 +222,22 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
     def motion(problem: MotionProblem, parameters: Parameters) -> Array:
         constants = problem.constants(parameters)
         start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-        return track_nodes(problem, constants, start, DescentSettings(gain=1e-15)).nodes
+        return track_nodes(problem, constants, start, DescentSettings(gain=1e-15)).coefficients
 
-    nodes = motion(problem, parameters)
-    moves = marker_moves(problem, nodes, parameters, source)
-    residual = problem.positions(nodes, problem.constants(parameters)) - problem.data.measured
-    inflated = residual / (1.0 - np.clip(leverages(problem, parameters, nodes), 0.0, LEVERAGE_CAP))
+    coefficients = motion(problem, parameters)
+    moves = marker_moves(problem, coefficients, parameters, source)
+    residual = problem.positions(coefficients, problem.constants(parameters)) - problem.data.measured
+    inflated = residual / (1.0 - np.clip(leverages(problem, parameters, coefficients), 0.0, LEVERAGE_CAP))
     for m, axis in ((0, 1), (17, 2)):
         measured = problem.data.measured.copy()
         measured[m, axis] -= inflated[m, axis]
-        moved = motion(replace(problem, data=replace(problem.data, measured=measured)), parameters) - nodes
+        moved = motion(replace(problem, data=replace(problem.data, measured=measured)), parameters) - coefficients
         np.testing.assert_allclose(
-            moves.nodes[:, 3 * m + axis], moved.ravel(), rtol=0, atol=LINEAR * float(np.abs(moved).max())
+            moves.coefficients[:, 3 * m + axis], moved.ravel(), rtol=0, atol=LINEAR * float(np.abs(moved).max())
         )
     at = parameters.joint[[JP_INDEX[name] for name in FREE]]
     shifted = parameters.with_joint(FREE, at + source.parameters[:, 0])
-    moved = motion(problem, shifted) - nodes
+    moved = motion(problem, shifted) - coefficients
     change = -moves.sensitivity @ moves.shift[:, -1]
     sign = np.sign(change @ moved.ravel())  # only the square of what a source does is kept
     np.testing.assert_allclose(sign * change, moved.ravel(), rtol=0, atol=LINEAR * float(np.abs(moved).max()))
@@ -259,11 +266,11 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
     """Many columns of one source become few with the same covariance."""
     rng = np.random.default_rng(53)
     parameters = perturbed_parameters(rng)
-    problem, nodes = random_trial(rng, parameters, frames=14, nodes=7)
+    problem, coefficients = random_trial(rng, parameters, frames=14, nodes=7)
     names = problem.with_free(FREE).chain.free
     clusters = [*(f"markers/other/{k}" for k in range(90)), *(f"nominal/{name}" for name in names), "skin/found"]
     influence = ErrorSources(names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters))
-    moves = marker_moves(problem, nodes, parameters, influence)
+    moves = marker_moves(problem, coefficients, parameters, influence)
     for source in (ErrorSource.JOINT_MARKERS, ErrorSource.JOINT_NOMINAL, ErrorSource.SKIN):
         before = influence.parameters[:, [k for k, name in enumerate(clusters) if source_of(name) is source]]
         after = moves.shift[:, [k for k, name in enumerate(moves.others) if name is source]]
@@ -288,7 +295,7 @@ FIRST_ORDER = 0.05
 
 
 def solved(problem: MotionProblem, start: Array, parameters: Parameters = PARAMETERS) -> Array:
-    return track_nodes(problem, problem.constants(parameters), start, DescentSettings(gain=1e-15)).nodes
+    return track_nodes(problem, problem.constants(parameters), start, DescentSettings(gain=1e-15)).coefficients
 
 
 def smoothed_trial() -> tuple[MotionProblem, Array]:
@@ -299,25 +306,25 @@ def smoothed_trial() -> tuple[MotionProblem, Array]:
 
 
 def test_the_source_is_what_more_of_the_penalty_would_do() -> None:
-    problem, nodes = smoothed_trial()
-    scores = whole_body_scores(problem, nodes, PARAMETERS, None)
-    plain = whole_body_scores(replace(problem, smoothing=None), nodes, PARAMETERS, None)
+    problem, coefficients = smoothed_trial()
+    scores = whole_body_scores(problem, coefficients, PARAMETERS, None)
+    plain = whole_body_scores(replace(problem, smoothing=None), coefficients, PARAMETERS, None)
     assert scores.clusters == (*plain.clusters, "bandwidth/random")
     stiffer = replace(problem.smoothing, coupling=(1 + LOG_STEP) * problem.smoothing.coupling)
-    change = (solved(replace(problem, smoothing=stiffer), nodes) - nodes) / LOG_STEP
-    source = scores.nodes[:, -1].reshape(nodes.shape)
+    change = (solved(replace(problem, smoothing=stiffer), coefficients) - coefficients) / LOG_STEP
+    source = scores.coefficients[:, -1].reshape(coefficients.shape)
     np.testing.assert_allclose(source, change, rtol=0, atol=FIRST_ORDER * np.abs(change).max())
     assert np.abs(change).max() > 1e-5
 
 
 def test_the_source_widens_error_bars() -> None:
-    problem, nodes = smoothed_trial()
+    problem, coefficients = smoothed_trial()
     noisy = problem.with_measured(
         problem.data.measured + np.random.default_rng(83).normal(0, 1e-4, problem.data.measured.shape)
     )
-    moves = marker_moves(noisy, solved(noisy, nodes), PARAMETERS, None)
-    without = replace(moves, nodes=moves.nodes[:, :-1], own=moves.own[:-1])
+    moves = marker_moves(noisy, solved(noisy, coefficients), PARAMETERS, None)
+    without = replace(moves, coefficients=moves.coefficients[:, :-1], own=moves.own[:-1])
     wide, narrow = (coordinate_standard_errors(noisy, m) for m in (moves, without))
-    bias = noisy.basis.evaluate(moves.nodes[:, -1].reshape(nodes.shape))
+    bias = noisy.basis.evaluate(moves.coefficients[:, -1].reshape(coefficients.shape))
     np.testing.assert_allclose(wide**2, narrow**2 + bias**2, rtol=1e-9)
     assert (wide > 1.05 * narrow).mean() > 0.2

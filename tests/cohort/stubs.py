@@ -4,6 +4,7 @@ import csv
 import json
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,10 +36,11 @@ class Here:
 
 
 PEAKS = [
-    PeakMean(peak=gait.PEAKS[name], side="r", n=2, strides=2, mean=mean, sd=1.0, se=se, percent=70.0)
+    PeakMean(activity="gait", peak=gait.PEAKS[name], side="r", n=2, strides=2, mean=mean, sd=1.0, se=se, percent=70.0)
     for name, mean, se in (("knee_flexion_swing", 51.5, 2.0), ("knee_extension_moment", -40.0, 1.5))
 ]
 """As a result has them."""
+SQUAT = replace(PEAKS[1], activity="squat", peak=gait.PHASE_PEAKS["in_rising_knee_extension_moment"])
 
 
 def strides(person: str) -> pd.DataFrame:
@@ -68,6 +70,7 @@ def strides(person: str) -> pd.DataFrame:
                         "se_stride": 1.0,
                         "turn": 0.0,
                         "activity": "gait",
+                        "phase": "",
                     }
                 )[list(CYCLE_COLUMNS)]
             )
@@ -80,7 +83,7 @@ def write_result(person: CohortPerson, out: Path, common: CommonSettings) -> Non
     table = strides(person.name)
     write_csv(table, out / "cycles.csv")
     write_csv(ensemble(table), out / "ensemble.csv")
-    write_csv(peak_columns(PEAKS), out / "peaks.csv")
+    write_csv(peak_columns([*PEAKS, SQUAT]), out / "peaks.csv")
     walk = {
         "role": "gait",
         "frames": 100,

@@ -49,6 +49,9 @@ def test_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
         {"person": "Zed", "session": "", "group": "", "folder": "Zed"}
         | {"code": "GC-040", "cause": "the static trial is restless", "what_to_do": "record it again"},
     ]
+    assert [(row["person"], row["activity"], row["mean"]) for row in rows(out / "activity_peaks.csv")] == [
+        (person, "squat", "-40.0") for person in ("Ann", "Bob")
+    ]
     assert [row["column"] for row in rows(out / "columns.csv")] == [column.name for column in COLUMNS]
 
 

@@ -49,6 +49,7 @@ def made_session(
                     OWN,
                     0.0,
                     "gait",
+                    "",
                 )
                 parts.append(pd.DataFrame(dict(zip(CYCLE_COLUMNS, values, strict=True))))
             for measure, value in (("stance_percent", STANCE), ("stride_time", 1.1 + 0.01 * offset)):

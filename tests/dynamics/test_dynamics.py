@@ -123,7 +123,12 @@ def test_moments_are_the_forces_by_name() -> None:
     nf = len(true.basis.time)
     errors = MarkerErrors((), (), np.empty(0), np.empty((nf, 0)))
     motion = Motion(
-        name="walk", coordinates=COORDINATES, basis=true.basis, nodes=true.nodes, errors=errors, converged=True
+        name="walk",
+        coordinates=COORDINATES,
+        basis=true.basis,
+        coefficients=true.coefficients,
+        errors=errors,
+        converged=True,
     )
     wrench = RNG.normal(0, 300, (nf, 2, 6))
     forces = Dynamics(model.parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)

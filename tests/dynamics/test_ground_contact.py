@@ -298,6 +298,34 @@ def test_filtered_loads_keep_their_tails_and_share_nothing_with_the_next_step() 
     assert not wrench[TIME > 0.445, 0].any() and not wrench[TIME < 0.425, 1].any()
 
 
+@pytest.mark.parametrize("steps", [2, 6])
+def test_a_belt_that_is_never_empty_carries_feet_in_turn(steps: int) -> None:
+    """Single support every 0.6 s, right first, 0.1 s of double support between: the sum tells of a foot only alone."""
+    time = np.arange(0.0, 0.6 * steps, 0.01)
+    turn, within = (time // 0.6).astype(int), time % 0.6
+    stands = turn % 2
+    both = (within >= 0.5) & (turn < steps - 1)
+    heel_speed = np.full((len(time), 2), 2.0)
+    heel_speed[np.arange(len(time)), stands] = 0.0
+    heel_speed[both] = 0.0
+    heel = np.zeros((len(time), 2, 3)) + [[-0.1, 0.0, 0.2], [-0.1, 0.0, -0.2]]
+    toe = heel + [0.2, 0.0, 0.0]
+    feet = FootPoints(heel=heel, toe=toe, tip=toe, heel_speed=heel_speed, toe_speed=heel_speed.copy(), width=0.09)
+    share = np.where(both, (within - 0.5) / 0.1, 0.0)
+    z = np.array([0.2, -0.2])[stands] * (1.0 - 2.0 * share)
+    load = np.tile([0.0, 700.0, 0.0], (len(time), 1))
+    corners = np.array([[-1.0, 0.0, -0.5], [1.0, 0.0, -0.5], [1.0, 0.0, 0.5], [-1.0, 0.0, 0.5]])
+    point = np.stack([0.0 * z, 0.0 * z, z], axis=1)
+    belt = ForcePlate(name="1", time=time, force=load, point=point, moment=0.0 * load, corners=corners)
+    made = ground_reactions_on_feet([belt], time, feet, cutoff=None)
+    assert [foot for _, foot, _ in made.steps] == [k % 2 for k in range(steps)]
+    np.testing.assert_allclose(made.wrench.sum(axis=1)[:, 1], 700.0)
+    middle = (within > 0.12) & (within < 0.38)
+    assert made.valid[middle].all() and not made.valid[both].any()
+    assert (made.wrench[middle, stands[middle], 1] == 700.0).all()
+    assert ["carries both feet at once" in f.found for f in made.findings] == [True]
+
+
 def test_the_load_outside_the_corners_is_weighed() -> None:
     """By hand: 900 N inside, 100 N a metre outside: a tenth of the load, though half of the samples."""
     plate = square(0.0)

@@ -92,7 +92,7 @@ def test_a_belt_under_the_feet_changes_no_speed(tracked: gc.Motion) -> None:
     model, belt = gc.published_model(), 1.3
     drift = np.zeros_like(tracked.q)
     drift[:, 0] = -belt * tracked.time
-    carried = replace(tracked, nodes=tracked.nodes + tracked.basis.fit(drift))
+    carried = replace(tracked, coefficients=tracked.coefficients + tracked.basis.fit(drift))
     still, moving = (foot_points(model, m, model.parameters) for m in (tracked, carried))
     for name in ("heel", "toe"):
         path, speed = getattr(still, name), getattr(still, f"{name}_speed")

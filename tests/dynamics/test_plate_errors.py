@@ -36,7 +36,7 @@ SECOND_ORDER = 0.02
 
 def walk() -> tuple[Dynamics, tuple[Array, Array, Array], Array, Array]:
     parameters, motion = perturbed_parameters(np.random.default_rng(61)), gait_motion()
-    state = tuple(motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    state = tuple(motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     return Dynamics(parameters), state, residual_free_wrench(parameters, motion), motion.basis.time  # type: ignore[return-value]
 
 

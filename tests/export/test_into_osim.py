@@ -615,7 +615,7 @@ def test_the_command(
     told = ("001.osim", "002.osim")
     assert f"of an earlier run: {', '.join(f'mine_draws/{n}' for n in told)}, mine.muscles.csv" in printed
     assert "draws have" not in printed, "every joint is known"
-    monkeypatch.setattr("gaitcal.export.joint_transfer.LITTLE", 0.0)
+    monkeypatch.setattr("gaitcal.export.joint_transfer.UNDETERMINED_SHARE", 0.0)
     assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0
     assert "draws have hip_r, knee_r, " in " ".join(capsys.readouterr().out.split())
 

@@ -31,7 +31,12 @@ def walking() -> Motion:
     frames = len(true.basis.time)
     errors = MarkerErrors(("R.Heel",), ("foot_r",), np.ones(1), np.full((frames, 1), 0.01))
     return Motion(
-        name="walk", coordinates=COORDINATES, basis=true.basis, nodes=true.nodes, errors=errors, converged=True
+        name="walk",
+        coordinates=COORDINATES,
+        basis=true.basis,
+        coefficients=true.coefficients,
+        errors=errors,
+        converged=True,
     )
 
 
@@ -56,9 +61,9 @@ def loads(basis: SplineBasis) -> Moments:
 
 
 def shifted(motion: Motion, coordinate: str, degrees: float) -> Motion:
-    nodes = motion.nodes.copy()
-    nodes[:, COORDINATE_INDEX[coordinate]] += np.deg2rad(degrees)
-    return replace(motion, nodes=nodes)
+    coefficients = motion.coefficients.copy()
+    coefficients[:, COORDINATE_INDEX[coordinate]] += np.deg2rad(degrees)
+    return replace(motion, coefficients=coefficients)
 
 
 def test_walking_is_possible() -> None:
@@ -79,9 +84,9 @@ def test_an_angle_beyond_anatomy_is_refused(name: str, side: str) -> None:
 
 def test_a_jump_of_an_angle_is_refused() -> None:
     walk = walking()
-    nodes = walk.nodes.copy()
-    nodes[len(nodes) // 2, COORDINATE_INDEX["knee_angle_l"]] += np.deg2rad(600.0)
-    (found,) = impossible(replace(walk, nodes=nodes), WEIGHT)
+    coefficients = walk.coefficients.copy()
+    coefficients[len(coefficients) // 2, COORDINATE_INDEX["knee_angle_l"]] += np.deg2rad(600.0)
+    (found,) = impossible(replace(walk, coefficients=coefficients), WEIGHT)
     assert "knee_angle_l changes by" in found.found and found.leg == "l"
 
 

@@ -36,7 +36,7 @@ from tests.fake_result import ANGLE_ERROR, fake_calibration
 from tests.figures.told import panel_figure
 
 PACKED = 1 / 60_000
-"""Of the range of a curve: a sheet holds 16-bit integers."""
+"""Of the range of a curve: a page_data holds 16-bit integers."""
 AS_WRITTEN = 1e-6
 """`cycles.csv` has six decimals."""
 
@@ -175,10 +175,10 @@ def test_a_report_has_the_pages_of_the_result(folder: Path, tmp_path: Path) -> N
 
 
 def test_a_report_draws_the_curves_of_the_sheet(whole: Calibration) -> None:
-    sheet = calibration_page_data(whole)
-    trial = SheetRecording(sheet["trials"][0])
+    page_data = calibration_page_data(whole)
+    trial = SheetRecording(page_data["trials"][0])
     curve = next(c for c in trial.of("moment") if c.name == "hip_flexion_r")
-    told = Told(sheet=sheet, summary=json.loads(json.dumps(summary(whole))))
+    told = Told(page_data=page_data, summary=json.loads(json.dumps(summary(whole))))
     moments = next(c for c in report_charts(told) if c.name.endswith("_moments"))
     (axes,) = panel_figure(moments.panels[0]).axes
     drawn = next(line for line in axes.lines if line.get_linewidth() == 1.5)
@@ -200,12 +200,12 @@ def test_packed_curves_are_read_back() -> None:
 
 
 def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibration) -> None:
-    sheet = calibration_page_data(whole)
-    content = sheet["trials"][0]
+    page_data = calibration_page_data(whole)
+    content = page_data["trials"][0]
     content["strides"] = [stride for stride in content["strides"] if stride["side"] == "l"]
     layout = SheetRecording(content).layout
     assert layout.by_cycle and layout.has("l") and not layout.has("r") and layout.has("")
-    told = Told(sheet=sheet, summary=json.loads(json.dumps(summary(whole))))
+    told = Told(page_data=page_data, summary=json.loads(json.dumps(summary(whole))))
     for chart in report_charts(told):
         for panel in chart.panels:
             panel_figure(panel)

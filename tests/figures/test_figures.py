@@ -68,7 +68,7 @@ def test_file_names_and_contents_ignore_what_a_trial_is_called(tmp_path: Path) -
 
 
 def test_frames_that_are_not_valid_stay_empty(whole: Calibration) -> None:
-    shown = SheetRecording(told(whole).sheet["trials"][0]).layout
+    shown = SheetRecording(told(whole).page_data["trials"][0]).layout
     axes = panel_figure(charts(whole)["moments"].panels[0]).axes[0]
     curves = [line for line in axes.lines if len(line.get_xdata()) == 101 and line.get_linewidth() > 1]
     assert len(curves) == 2
@@ -117,7 +117,7 @@ def test_moments_are_per_body_mass(whole: Calibration) -> None:
     assert loads is not None
     hip = next(p for p in charts(whole)["moments"].panels if p.label.startswith("Hip flexion"))
     moment = moment_of(loads.final, "hip_flexion_r") / whole.model.subject.mass
-    shown = SheetRecording(told(whole).sheet["trials"][0]).layout
+    shown = SheetRecording(told(whole).page_data["trials"][0]).layout
     expected = shown.lay("r", np.where(loads.reactions.valid_r, moment, np.nan))[1]
     assert lines_of(hip, 1.5)["r"] == pytest.approx(expected, abs=PACKED * np.ptp(moment), nan_ok=True)
 

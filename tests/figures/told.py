@@ -17,7 +17,7 @@ from gaitcal.session.tables import parameter_rows
 def told(calibration: Calibration, normal: Bands | None = None) -> Told:
     subject, known = calibration.model.subject, calibration.truth
     return Told(
-        sheet=calibration_page_data(calibration),
+        page_data=calibration_page_data(calibration),
         summary=json.loads(json.dumps(summary(calibration))),
         parameters=parameter_rows(calibration),
         truth={p.name: p.truth for p in known.parameters} if known else {},

@@ -25,7 +25,7 @@ from gaitcal.gait.cycles import (
     steady,
 )
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble, spread
-from gaitcal.gait.peaks import PEAKS, peak_columns, peak_means, stride_peaks
+from gaitcal.gait.peaks import PEAKS, PHASE_PEAKS, PHASES, peak_columns, peak_means, phase_peaks, stride_peaks
 from tests.gait.walks import vendor_strides
 
 FRAME = 0.01
@@ -321,15 +321,33 @@ def test_a_range_shares_what_its_ends_share() -> None:
     )
 
 
+def test_peaks_of_phases_count_at_their_ends_but_not_beside_a_seat() -> None:
+    phases = ["lowering"] * 50 + ["rising"] * 51
+    curve, lost = bump((50.0, -60.0)), np.where(PERCENT < 20, np.nan, -PERCENT)
+
+    def of(variable: str, values: np.ndarray) -> dict[str, tuple[float, float, float, float]]:
+        return phase_peaks({variable: (values, NONE, NONE)}, phases)
+
+    found = of("knee_angle_moment", curve)
+    assert {name: value[3] for name, value in found.items()} == {
+        "in_lowering_knee_extension_moment": 49.0, "in_rising_knee_extension_moment": 50.0}  # fmt: skip
+    assert list(of("hip_power", -lost)) == ["in_rising_hip_power_generated"]
+    assert list(of("hip_power", lost)) == ["in_lowering_hip_power_absorbed", "in_rising_hip_power_generated"]
+    assert "in_lowering_hip_flexion" not in of("hip_flexion", lost), "highest where it leaves the seat"
+    strides = [(activity, activity, "r", {**found}) for activity in ("squat", "rise")]
+    assert [(m.activity, m.n) for m in peak_means(strides)] == [("squat", 1)] * 2 + [("rise", 1)] * 2
+    assert {peak.phase for peak in PHASE_PEAKS.values()} == set(PHASES)
+
+
 def test_means_are_of_the_strides_peaks_with_shared_errors() -> None:
     """Peaks of 10 and 14 at other percents; c = 2 shared, 1 own: se^2 = 8 / 2 + 2^2."""
     shared = np.sqrt(5.0)
     strides = [
-        ("walk", "r", stride_peaks({"knee_angle": (bump((at, high)), NONE + 1, NONE)}, 62.0) | {
+        ("gait", "walk", "r", stride_peaks({"knee_angle": (bump((at, high)), NONE + 1, NONE)}, 62.0) | {
             "knee_flexion_swing": (high, shared, 1.0, at)})
         for at, high in ((72.0, 10.0), (76.0, 14.0))
     ]  # fmt: skip
-    (of,) = [m for m in peak_means([*strides, ("walk", "r", {})]) if m.peak.name == "knee_flexion_swing"]
+    (of,) = [m for m in peak_means([*strides, ("gait", "walk", "r", {})]) if m.peak.name == "knee_flexion_swing"]
     assert (of.n, of.strides, of.mean, of.percent) == (2, 3, 12.0, 74.0)
     assert of.sd == pytest.approx(np.sqrt(8.0)) and of.se == pytest.approx(np.sqrt(8.0 / 2 + 4.0))
     assert "62" not in of.peak.words and peak_columns([of])["window"] == ["0 to 100 % of swing"]
@@ -339,7 +357,7 @@ def test_means_are_of_the_strides_peaks_with_shared_errors() -> None:
 def test_peaks_of_a_childs_vendor_curves_are_where_clinics_look_for_them(person: str, data_dir: Path) -> None:
     """Plug-in Gait's own knees and powers, through the same windows: A2 at push-off, K4 at the end of swing."""
     (of_legs,) = [
-        {m.peak.name: m.percent for m in peak_means(("straight", "r", stride_peaks(*s)) for s in strides)}
+        {m.peak.name: m.percent for m in peak_means(("gait", "straight", "r", stride_peaks(*s)) for s in strides)}
         for strides in [vendor_strides(data_dir / "children" / person / "straight.c3d")]
     ]
     for name, low, high in (

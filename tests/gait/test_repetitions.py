@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import Array
+from gaitcal.gait.cycles import FootEvents
 from gaitcal.gait.repetitions import alternate, repetitions
 from gaitcal.synthetic.walk import ramp
 
@@ -44,6 +45,10 @@ RISING = [(0, SIT), (1, SIT), (2, STAND), (3, STAND), (4, SIT), (5, SIT)]
 def test_from_rest_to_rest(stops: list[tuple[float, float]], wanted: list[tuple[float, float]]) -> None:
     found = [(c.start, c.stop) for c in repetitions(*path(*stops))]
     assert len(found) == len(wanted)
+    phases = {(1, 2): "rising", (1, 4): "rising lowering"}
+    for cycle, whole in zip(repetitions(*path(*stops)), wanted, strict=True):
+        assert " ".join(name for name, _ in cycle.parts) == phases.get(whole, "lowering rising")
+        assert cycle.parts[-1][1] == cycle.stop
     np.testing.assert_allclose(found, np.reshape(wanted, (-1, 2)) if wanted else [], atol=BOUNDS_S)
 
 
@@ -60,7 +65,12 @@ def test_the_top_of_a_jump_is_no_rest() -> None:
     time, height = path((0, BOX), (1, BOX), (1.4, SQUAT), (1.6, STAND), (2.0, SQUAT), (3, STAND), (4, STAND))
     flight = 0.5 * 9.81 * (0.245**2 - (time - 1.845) ** 2)
     height = np.where(flight > 0, STAND + flight, height)
-    (found,) = repetitions(time, height)
+    feet = FootEvents(np.array([0.9, 2.1]), np.array([1.61])), FootEvents(np.array([2.12]), np.array([1.62]))
+    (found,) = repetitions(time, height, feet)
+    names, ends = zip(*found.parts, strict=True)
+    assert names[1:5] == ("flight", "landing", "push-off", "flight")
+    assert ends[3:5] == (1.62, 2.1), "the last foot off, the first one down"
+    assert ends[2] == pytest.approx(1.4, abs=0.05) and found.phases[100] == "rising"
     assert height[flight > 0].max() > BOX - 0.02
     np.testing.assert_allclose((found.start, found.stop), (1, 3), atol=BOUNDS_S)
 

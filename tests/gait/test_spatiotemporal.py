@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.dynamics.foot_contact import FootPoints
+from gaitcal.dynamics.foot_contact import FootPoints, belts
 from gaitcal.gait.cycles import EventSource, GaitEvent
 from gaitcal.gait.events import GaitEvents, joined_events
 from gaitcal.gait.spatiotemporal import (
@@ -82,10 +82,33 @@ def test_nothing_depends_on_the_direction_in_the_room_nor_on_a_belt(turn: float,
     about = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     velocity = about @ np.array([-belt, 0.0, 0.0])
     carried = feet.heel @ about.T + (time - time[0])[:, None, None] * velocity
-    turned = strides_measured(events, time, replace(feet, heel=carried, ground=velocity))
+    turned = strides_measured(events, time, replace(feet, heel=carried, ground=np.tile(velocity, (2, 1))))
     for one, other in zip(plain, turned, strict=True):
         np.testing.assert_allclose(list(one.measures.values()), list(other.measures.values()), atol=EXACT)
     assert whole(plain)[0].measures["step_width"] == pytest.approx(width)  # negative where feet cross
+
+
+def test_on_split_belts_strides_are_each_belts_and_steps_are_in_the_room() -> None:
+    """Each foot stands on its own belt from 0.3 m in front of the body to where the belt takes it, by hand."""
+    time, feet, events = steps(8)
+    fast, slow, heel = 1.2, 0.6, np.zeros_like(feet.heel)
+    for foot, belt in enumerate((fast, slow)):
+        own = events.of("rl"[foot])
+        at = np.sort(np.concatenate([own.strikes, own.strikes + 0.66]))
+        x = np.where(np.isin(at, own.strikes), 0.3, 0.3 - 0.66 * belt)
+        heel[:, foot, 0], heel[:, foot, 1] = np.interp(time, at, x), np.where(_down(time, own.strikes), 0.0, 0.1)
+    points = np.concatenate([heel, heel + [0.2, 0.0, 0.0]], axis=1)
+    ground = belts(points, np.gradient(points, time, axis=0))
+    np.testing.assert_allclose(ground, [[-fast, 0.0, 0.0], [-slow, 0.0, 0.0]], atol=1e-6)
+    found = strides_measured(events, time, replace(feet, heel=heel, ground=ground))
+    right, left = whole(found)[1].measures, whole(found, "l")[1].measures
+    assert right["stride_length"] == pytest.approx(fast * 2 * STEP_S) and right["speed"] == pytest.approx(fast)
+    assert left["stride_length"] == pytest.approx(slow * 2 * STEP_S) and left["speed"] == pytest.approx(slow)
+    assert right["step_length"] == pytest.approx(slow * STEP_S) and left["step_length"] == pytest.approx(fast * STEP_S)
+
+
+def _down(time: np.ndarray, strikes: np.ndarray) -> np.ndarray:
+    return np.any([(time >= t) & (time <= t + 0.66) for t in strikes], axis=0)
 
 
 def test_in_a_turn_lengths_follow_each_stride_and_the_outer_foot_steps_longer() -> None:

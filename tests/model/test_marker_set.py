@@ -12,7 +12,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.marker_set import LANDMARKS, NO_REASON, REQUIRED, built_in_sets, load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model, published_model
-from gaitcal.model.present_markers import worn
+from gaitcal.model.present_markers import present_markers
 from tests.model.people import PEOPLE
 
 OWN = """\
@@ -73,9 +73,9 @@ def test_real_static_trials_have_the_markers(name: str, data_dir: Path) -> None:
     person = PEOPLE[name]
     recording = person.markers.renamed(read_recording(data_dir / person.file))
     optional = {"RUPA", "LUPA", "RFRM", "LFRM"}  # Plug-in Gait: placed by some laboratories
-    needed = {label for labels in worn(person.markers, recording).landmarks.values() for label in labels}
+    needed = {label for labels in present_markers(person.markers, recording).landmarks.values() for label in labels}
     assert needed - {"RELM", "LELM"} <= set(recording.labels)
-    assert set(worn(person.markers, recording).labels) - optional <= set(recording.labels)
+    assert set(present_markers(person.markers, recording).labels) - optional <= set(recording.labels)
 
 
 def test_own_set(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model
-from gaitcal.model.present_markers import complete_static, worn
+from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
 from gaitcal.model.subject_model import Subject
 from gaitcal.model.trunk import MIDLINE, Trunk, neck_above_shoulders, trunk_of
@@ -191,7 +191,7 @@ def test_standing_ankles_as_the_laboratory_has_them(file: str, data_dir: Path) -
     name, height = VENDOR[file]
     marker_set = load_marker_set(name)
     static = complete_static(marker_set.renamed(read_recording(data_dir / file)), marker_set)
-    marker_set = worn(marker_set, static)
+    marker_set = present_markers(marker_set, static)
     posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
     legs = lower_body(posture, height, HipCentre.HARRINGTON)
     found = degrees(standing_ankles(posture, legs, static.facts.static_plantarflexion, AnkleZero.AUTO))

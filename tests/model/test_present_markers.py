@@ -20,7 +20,7 @@ from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model
-from gaitcal.model.present_markers import complete_static, worn
+from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost, without_spikes
 from gaitcal.study.study import Study, completed_static, nominal_of
 from tests.model.people import PEOPLE
@@ -56,7 +56,7 @@ def knee_centre(recording: Recording, **changes: object) -> np.ndarray:
 def test_one_marker_on_the_sacrum_serves_for_two(data_dir: Path) -> None:
     two = static(data_dir)
     one = without(with_marker(two, "SACR", path_of(two, "RPSI", "LPSI")), "RPSI", "LPSI")
-    made = worn(load_marker_set(PIG), one)
+    made = present_markers(load_marker_set(PIG), one)
     assert made.landmarks["sacrum"] == ("SACR",)
     assert set(made.tracking["pelvis"]) == {"RASI", "LASI", "SACR"}
     assert not {"RPSI", "LPSI"} & set(made.labels), "nobody misses what only the other way needs"
@@ -66,9 +66,9 @@ def test_one_marker_on_the_sacrum_serves_for_two(data_dir: Path) -> None:
 
 
 def test_nothing_open_is_left_and_a_result_keeps_it(data_dir: Path, tmp_path: Path) -> None:
-    made = worn(load_marker_set(PIG), static(data_dir))
+    made = present_markers(load_marker_set(PIG), static(data_dir))
     assert not (made.alternatives or made.optional or made.knee_device)
-    assert worn(made, static(data_dir)) is made
+    assert present_markers(made, static(data_dir)) is made
     path = tmp_path / "plug-in-gait.toml"
     path.write_text(marker_set_text(made), encoding="utf-8")
     back = load_marker_set(path)
@@ -82,8 +82,8 @@ def test_a_medial_marker_must_lie_as_far_as_a_joint_is_wide(data_dir: Path) -> N
     inwards = (left - right) / np.linalg.norm(left - right, axis=1, keepdims=True)
     at_ankle = with_marker(recording, "RMED", ankle + 0.08 * inwards)
     at_knee = with_marker(recording, "RMED", knee + 0.11 * inwards)  # some laboratories mean the knee by it
-    assert worn(load_marker_set(PIG), at_ankle).landmarks["ankle_med_r"] == ("RMED",)
-    made = worn(load_marker_set(PIG), at_knee)
+    assert present_markers(load_marker_set(PIG), at_ankle).landmarks["ankle_med_r"] == ("RMED",)
+    made = present_markers(load_marker_set(PIG), at_knee)
     assert "ankle_med_r" not in made.landmarks
     assert any("RMED not taken for ankle_med_r" in note for note in made.notes)
 
@@ -108,10 +108,14 @@ def test_the_rod_alone_gives_the_axis_of_a_modelled_knee(data_dir: Path) -> None
     made = load_marker_set(PIG)
     whole, less = (complete_static(r, made) for r in (recording, without(recording, "RKD1")))
     assert any("RKNE" in note and "modelled" in note for note in less.notes)
-    assert worn(made, less).landmarks["knee_axis_r"] == worn(made, whole).landmarks["knee_axis_r"] == ("RKAX",)
+    assert (
+        present_markers(made, less).landmarks["knee_axis_r"]
+        == present_markers(made, whole).landmarks["knee_axis_r"]
+        == ("RKAX",)
+    )
     assert np.nanmax(np.abs(path_of(less, "RKNE") - path_of(whole, "RKNE"))) < 1e-3
     child = read_recording(data_dir / "children/HC002D/static.c3d")  # has a computed RKAX, and no device
-    assert "knee_axis_r" not in worn(made, complete_static(child, made)).landmarks
+    assert "knee_axis_r" not in present_markers(made, complete_static(child, made)).landmarks
 
 
 def test_a_rod_renamed_to_the_knee_is_refused(data_dir: Path) -> None:
@@ -157,7 +161,7 @@ def test_a_foot_without_a_toe_marker_points_ahead(data_dir: Path) -> None:
     assert any(note.startswith("toe_r: no marker; assumed") for note in made.notes)
     length = np.linalg.norm(made.landmarks["toe_r"][1] - made.landmarks["heel_r"][1])
     assert length == pytest.approx(np.linalg.norm(model.landmarks["toe_r"][1]), rel=0.1)
-    in_walk = worn(load_marker_set(PIG), heel_only, elsewhere=["RTOE"])
+    in_walk = present_markers(load_marker_set(PIG), heel_only, elsewhere=["RTOE"])
     assert in_walk.landmarks["toe_r"] == ("RTOE",), "a marker that walks have was lost, not left out"
 
 
@@ -186,11 +190,11 @@ def test_clusters_take_the_place_of_landmarks_that_walks_lack() -> None:
     recording = Recording(
         source="f", time=np.arange(2.0), labels=tuple(labels), markers=rng.normal(size=(2, len(labels), 3))
     )
-    chosen = worn(made, recording)
+    chosen = present_markers(made, recording)
     assert {"R_TH1", "R_TH2", "R_TH3", "R_TH4"} <= set(chosen.tracking["thigh_r"])
     assert "R_FLE" in chosen.static_only["thigh_r"]
     no_clusters = without(recording, *[label for label in labels if "_TH" in label or label.endswith("FTC")])
-    assert "R_FLE" in worn(made, no_clusters).tracking["thigh_r"]
+    assert "R_FLE" in present_markers(made, no_clusters).tracking["thigh_r"]
 
 
 @pytest.mark.parametrize("lost", ["RPSI", "LPSI"])
@@ -219,7 +223,7 @@ def test_a_label_of_another_landmark_is_not_proposed(data_dir: Path) -> None:
 
 
 def test_markers_of_a_device_stay_known_once_they_have_served(data_dir: Path) -> None:
-    made = worn(load_marker_set(PIG), static(data_dir))
+    made = present_markers(load_marker_set(PIG), static(data_dir))
     assert {"RKAX", "RKD1", "LKD2"} <= set(made.devices) and not set(made.devices) & set(made.labels)
 
 

@@ -76,7 +76,7 @@ def test_choice_is_near_the_best_on_truth(noise: Array) -> None:
     inner = slice(20, -20)  # accelerations at the ends lean on one side
 
     def errors(hz: float) -> Array:
-        motion, true = smoothed(problem, hz), [GAIT.basis.evaluate(GAIT.nodes, k) for k in (0, 2)]
+        motion, true = smoothed(problem, hz), [GAIT.basis.evaluate(GAIT.coefficients, k) for k in (0, 2)]
         found = (motion.q, motion.acceleration)
         gaps = [(a - b)[inner, 3:] for a, b in zip(found, true, strict=True)]
         return np.sqrt([np.mean(gap**2) for gap in gaps])
@@ -126,11 +126,11 @@ def test_one_dense_motion_foretells_the_others() -> None:
     for hz in (4.0, 8.0):
         foretold = dense.at(hz)
         problem = replace(dense.problem, smoothing=smoothing(basis, dense.information, hz))
-        nodes = track_nodes(problem, constants, dense.nodes).nodes
-        change, gap = (basis.evaluate(nodes - other) for other in (dense.nodes, foretold.nodes))
+        coefficients = track_nodes(problem, constants, dense.coefficients).coefficients
+        change, gap = (basis.evaluate(coefficients - other) for other in (dense.coefficients, foretold.coefficients))
         in_markers = [np.vdot(x @ dense.information, x) for x in (gap, change)]
         assert in_markers[0] < 0.1 * in_markers[1]
-        rms = np.sqrt(problem.marker_cost(nodes, constants) / problem.data.weight.sum())
+        rms = np.sqrt(problem.marker_cost(coefficients, constants) / problem.data.weight.sum())
         assert foretold.rms == pytest.approx(rms, rel=0.03)
 
 
@@ -236,36 +236,43 @@ def from_band(band: Array) -> Array:
 
 def test_roughness_is_the_integral_of_squared_derivatives() -> None:
     basis = spline_basis(np.linspace(0.0, 1.3, 50), 14)
-    nodes = np.random.default_rng(62).normal(size=(14, 2))
-    spline = BSpline(basis.knots, nodes, DEGREE)
+    coefficients = np.random.default_rng(62).normal(size=(14, 2))
+    spline = BSpline(basis.knots, coefficients, DEGREE)
     fine = np.linspace(0.0, 1.3, 200_001)
     expected = np.trapezoid(spline.derivative(3)(fine) ** 2, fine, axis=0)
     expected += (2 * np.pi * TENSION_HZ) ** 4 * np.trapezoid(spline.derivative(1)(fine) ** 2, fine, axis=0)
     rough = roughness(basis.knots)
-    np.testing.assert_allclose(np.diag(nodes.T @ rough.matrix @ nodes), expected, rtol=1e-8)
-    assert rough.both(nodes, np.eye(2))[0] == pytest.approx(expected.sum(), rel=1e-8)
+    np.testing.assert_allclose(np.diag(coefficients.T @ rough.matrix @ coefficients), expected, rtol=1e-8)
+    assert rough.both(coefficients, np.eye(2))[0] == pytest.approx(expected.sum(), rel=1e-8)
     np.testing.assert_allclose(
-        rough.both(nodes, np.eye(nodes.shape[1]))[1], rough.matrix @ nodes, rtol=1e-9, atol=1e-9 * expected.max()
+        rough.both(coefficients, np.eye(coefficients.shape[1]))[1],
+        rough.matrix @ coefficients,
+        rtol=1e-9,
+        atol=1e-9 * expected.max(),
     )
     for d in range(ORDER):
         np.testing.assert_array_equal(rough.band[: 14 - d, d], rough.matrix.toarray().diagonal(d))
-    assert rough.both(nodes + 1e6, np.eye(2))[0] == pytest.approx(rough.both(nodes, np.eye(2))[0], rel=1e-6)
+    assert rough.both(coefficients + 1e6, np.eye(2))[0] == pytest.approx(
+        rough.both(coefficients, np.eye(2))[0], rel=1e-6
+    )
 
 
 def test_cost_and_gradients() -> None:
     rng = np.random.default_rng(63)
     problem, true = penalised(rng)
     constants = problem.constants(PARAMETERS)
-    nodes = true + rng.normal(0, 0.02, true.shape)
-    cost, by_nodes, by_values = problem.both_gradients(nodes, constants)
-    plain_cost, plain_by_nodes, plain_by_values = replace(problem, smoothing=None).both_gradients(nodes, constants)
-    assert cost == problem.cost(nodes, constants) > plain_cost == problem.marker_cost(nodes, constants)
+    coefficients = true + rng.normal(0, 0.02, true.shape)
+    cost, by_nodes, by_values = problem.both_gradients(coefficients, constants)
+    plain_cost, plain_by_nodes, plain_by_values = replace(problem, smoothing=None).both_gradients(
+        coefficients, constants
+    )
+    assert cost == problem.cost(coefficients, constants) > plain_cost == problem.marker_cost(coefficients, constants)
     np.testing.assert_array_equal(by_values, plain_by_values)
 
     def total(x: Array) -> Array:
-        return np.array([problem.cost(x.reshape(nodes.shape), constants)])
+        return np.array([problem.cost(x.reshape(coefficients.shape), constants)])
 
-    assert_derivative(2 * by_nodes.reshape(1, -1), total, nodes.ravel(), relative=1e-6)
+    assert_derivative(2 * by_nodes.reshape(1, -1), total, coefficients.ravel(), relative=1e-6)
     assert np.abs(by_nodes - plain_by_nodes).max() > 1e-3 * np.abs(plain_by_nodes).max()
 
 
@@ -301,8 +308,8 @@ def test_tracking_ends_where_a_dense_solver_does() -> None:
     reference = least_squares(residual, true.ravel(), tr_solver="exact", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     result = track_nodes(problem, constants, true, DescentSettings(gain=1e-15))
     assert result.cost == pytest.approx(2 * reference.cost, rel=1e-8)
-    assert result.cost > 1.01 * problem.marker_cost(result.nodes, constants)
-    np.testing.assert_allclose(result.nodes.ravel(), reference.x, atol=1e-6)
+    assert result.cost > 1.01 * problem.marker_cost(result.coefficients, constants)
+    np.testing.assert_allclose(result.coefficients.ravel(), reference.x, atol=1e-6)
 
 
 def test_smoothing_survives_and_idle_coordinates_keep_their_start() -> None:
@@ -319,8 +326,8 @@ def test_smoothing_survives_and_idle_coordinates_keep_their_start() -> None:
     idle = ~lost.active
     assert idle.any() and not idle.all()
     tracked = track_nodes(lost, lost.constants(PARAMETERS), true)
-    np.testing.assert_array_equal(tracked.nodes[:, idle], true[:, idle])
-    assert np.abs(tracked.nodes[:, ~idle] - true[:, ~idle]).max() > 1e-6
+    np.testing.assert_array_equal(tracked.coefficients[:, idle], true[:, idle])
+    assert np.abs(tracked.coefficients[:, ~idle] - true[:, ~idle]).max() > 1e-6
 
 
 def test_smoother_is_a_dense_hat_matrix_and_its_trace_a_sum_of_gains() -> None:
@@ -331,12 +338,12 @@ def test_smoother_is_a_dense_hat_matrix_and_its_trace_a_sum_of_gains() -> None:
     hat = b @ np.linalg.solve(b.T @ b + rate * (2 * np.pi * hz) ** -6.0 * rough, b.T)
     assert stiffness(basis, hz) == pytest.approx(rate * (2 * np.pi * hz) ** -6.0)
     smoother = Smoother(basis)
-    series, nodes = rng.normal(size=(90, 3)), rng.normal(size=(50, 3))
+    series, coefficients = rng.normal(size=(90, 3)), rng.normal(size=(50, 3))
     np.testing.assert_allclose(
-        basis.evaluate(smoother.nodes(basis.matrices[0].T @ series, hz)), hat @ series, atol=1e-8
+        basis.evaluate(smoother.coefficients(basis.matrices[0].T @ series, hz)), hat @ series, atol=1e-8
     )
-    lost = b @ nodes - hat @ b @ nodes
-    np.testing.assert_allclose(basis.evaluate(smoother.lost(nodes, hz)), lost, atol=1e-8)
+    lost = b @ coefficients - hat @ b @ coefficients
+    np.testing.assert_allclose(basis.evaluate(smoother.lost(coefficients, hz)), lost, atol=1e-8)
     mu = eigh(rough, b.T @ b, eigvals_only=True)
     reinsch = (rate * np.maximum(mu, 0.0)) ** (1 / 6) / (2 * np.pi)
     gains = 1 / (1 + (reinsch / hz) ** 6)
@@ -348,6 +355,6 @@ def test_half_of_an_oscillation_passes_at_the_cut_off(hz: float, gain: float) ->
     time = np.arange(1000) / 200.0
     basis = spline_basis(time, 505)
     wave = np.sin(2 * np.pi * hz * time)[:, None]
-    passed = basis.evaluate(Smoother(basis).nodes(basis.matrices[0].T @ wave, 6.0))
+    passed = basis.evaluate(Smoother(basis).coefficients(basis.matrices[0].T @ wave, 6.0))
     middle = slice(250, 750)
     assert float((passed * wave)[middle].sum() / (wave**2)[middle].sum()) == pytest.approx(gain, abs=0.005)

@@ -45,43 +45,45 @@ def far_away(rng: np.random.Generator) -> tuple[MotionProblem, Array]:
         names=("lumbar_bending",), time=problem.basis.time, low=course, high=course, scale=np.array([0.1])
     )
     priors = (walls(coordinates, {"hip_rotation_l": 0.2}), about_posture(("arm_add_r",), {"arm_add_r": 0.4}), moving)
-    nodes = true.copy()
+    coefficients = true.copy()
     for name in WALLS:
-        nodes[::2, coordinates.index(name)] += rng.choice([-1.0, 1.0]) * 1.5
-    return replace(problem, priors=priors), nodes
+        coefficients[::2, coordinates.index(name)] += rng.choice([-1.0, 1.0]) * 1.5
+    return replace(problem, priors=priors), coefficients
 
 
 def test_cost_gradient_and_matrix_belong_together() -> None:
-    problem, nodes = far_away(np.random.default_rng(41))
+    problem, coefficients = far_away(np.random.default_rng(41))
     constants = problem.constants(perturbed_parameters(np.random.default_rng(41)))
-    shape = nodes.shape
-    alone = [pull.both(nodes)[0] for pull in problem.pulls]
+    shape = coefficients.shape
+    alone = [pull.both(coefficients)[0] for pull in problem.pulls]
     assert min(alone) > 0.0
-    cost, gradient = problem.gradient(nodes, constants)
-    equations = problem.equations(nodes, constants)
+    cost, gradient = problem.gradient(coefficients, constants)
+    equations = problem.equations(coefficients, constants)
     assert equations.cost == pytest.approx(cost, rel=1e-12)
-    assert problem.cost(nodes, constants) == pytest.approx(cost, rel=1e-12)
-    assert cost - problem.marker_cost(nodes, constants) == pytest.approx(sum(alone), rel=1e-9)
+    assert problem.cost(coefficients, constants) == pytest.approx(cost, rel=1e-12)
+    assert cost - problem.marker_cost(coefficients, constants) == pytest.approx(sum(alone), rel=1e-9)
     np.testing.assert_allclose(equations.node_gradient, gradient, atol=1e-12 * np.abs(gradient).max())
     assert_derivative(
-        2.0 * gradient.reshape(1, -1), lambda x: np.array([problem.cost(x.reshape(shape), constants)]), nodes.ravel()
+        2.0 * gradient.reshape(1, -1),
+        lambda x: np.array([problem.cost(x.reshape(shape), constants)]),
+        coefficients.ravel(),
     )
     plain = replace(problem, priors=())
-    added = (equations.band - plain.equations(nodes, constants).band)[:, 0]
+    added = (equations.band - plain.equations(coefficients, constants).band)[:, 0]
 
     def of_priors(x: Array) -> Array:
         own = x.reshape(shape)
         return np.asarray(sum(pull.both(own)[1] for pull in problem.pulls)).ravel()
 
-    numeric = central_differences(of_priors, nodes.ravel())
+    numeric = central_differences(of_priors, coefficients.ravel())
     np.testing.assert_allclose(np.diag(added), numeric, atol=BAND * np.abs(numeric).max())
 
 
 def test_a_share_of_the_cost_is_a_share_of_the_prior() -> None:
-    problem, nodes = far_away(np.random.default_rng(42))
+    problem, coefficients = far_away(np.random.default_rng(42))
     half = problem.scaled(0.5)
     for whole, part in zip(problem.pulls, half.pulls, strict=True):
-        assert part.both(nodes)[0] == pytest.approx(0.5 * whole.both(nodes)[0], rel=1e-12)
+        assert part.both(coefficients)[0] == pytest.approx(0.5 * whole.both(coefficients)[0], rel=1e-12)
     scores = [p.scores(problem.basis, problem.chain.coordinates) for p in (problem.priors[1], half.priors[1])]
     np.testing.assert_allclose(scores[1], 0.5 * scores[0], rtol=1e-12)
 
@@ -101,7 +103,7 @@ def test_inside_the_walls_not_a_digit_changes() -> None:
     noisy = problem.with_measured(problem.data.measured + rng.normal(0.0, 0.003, problem.data.measured.shape))
     with_walls = tracked_motion(noisy, MODEL.parameters)
     without = tracked_motion(replace(noisy, priors=()), MODEL.parameters)
-    np.testing.assert_array_equal(with_walls.nodes, without.nodes)
+    np.testing.assert_array_equal(with_walls.coefficients, without.coefficients)
 
 
 def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
@@ -117,7 +119,7 @@ def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     start[:, k] += np.deg2rad(370.0)
     most = [
-        np.rad2deg(np.abs(loose.basis.evaluate(track_nodes(p, constants, start).nodes)[:, k]).max())
+        np.rad2deg(np.abs(loose.basis.evaluate(track_nodes(p, constants, start).coefficients)[:, k]).max())
         for p in (loose, replace(loose, priors=()))
     ]
     assert most[0] < 60.0
@@ -239,7 +241,7 @@ def test_it_turns_with_the_way_and_not_with_the_pelvis() -> None:
 def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     problem = problem_of(hidden(walk, *TRUNK, *ARMS))
     motion = tracked_motion(problem, MODEL.parameters)
-    moves = marker_moves(problem, motion.nodes, MODEL.parameters, None)
+    moves = marker_moves(problem, motion.coefficients, MODEL.parameters, None)
     variance = coordinate_variances(problem, moves)[ErrorSource.POSTURE]
     for k, name in enumerate(motion.coordinates):
         expected = DEVIATION.get(name, 0.0) if name in problem.guessed else 0.0
@@ -248,5 +250,5 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     more = coordinate_variances(problem, moves, twice)[ErrorSource.POSTURE]
     np.testing.assert_allclose(more[:, -2:], 4.0 * variance[:, :2], rtol=1e-9, err_msg="what depends on coordinates")
     whole = problem_of(walk)
-    seen = marker_moves(whole, tracked_motion(whole, MODEL.parameters).nodes, MODEL.parameters, None)
+    seen = marker_moves(whole, tracked_motion(whole, MODEL.parameters).coefficients, MODEL.parameters, None)
     assert ErrorSource.POSTURE not in seen.own

@@ -141,7 +141,7 @@ def test_no_step_that_raises_the_cost_converges(damping: float) -> None:
     settings = DescentSettings(first_damping=damping, keep_within=0.0)
     saddle = descend(_Saddle(), np.ones(2), settings)
     assert (saddle.ending, saddle.x.tolist()) == (Ending.NO_DESCENT, [1.0, 1.0])
-    if damping:  # without, the step is the last by its promise alone
+    if damping:  # without, the step is the last by its prediction alone
         assert descend(_Step(), np.zeros(2), settings).ending is Ending.NO_DESCENT
 
 

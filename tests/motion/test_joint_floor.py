@@ -59,15 +59,15 @@ def test_every_joint_finds_its_own_place() -> None:
 @pytest.mark.parametrize("equal", [True, False])
 def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
     """Also where markers have weights of their own, and where they are missing for a while."""
-    rng, true, problem, nodes = seeded_trial(3, frames=40, per_segment=3)
+    rng, true, problem, coefficients = seeded_trial(3, frames=40, per_segment=3)
     problem = noisy(problem, 4)
     weight = problem.data.weight.copy()
     if not equal:
         weight *= rng.uniform(0.1, 1.0, (len(weight), 1))
         weight[5, 10:20] = weight[12, :] = 0.0
     problem = problem.with_weight(weight)
-    fit = JointSearch([problem], true, JP_NAMES, [nodes]).run()
-    best = motion_of(problem, fit.parameters, fit.nodes[0])
+    fit = JointSearch([problem], true, JP_NAMES, [coefficients]).run()
+    best = motion_of(problem, fit.parameters, fit.coefficients[0])
     floor = joint_floor(problem, fit.parameters, best.q)
     least, middle, most = (
         squares(d, problem) for d in (rigid_floor(problem).distance, floor.errors.distance, best.errors.distance)
@@ -84,11 +84,11 @@ def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
 def test_two_markers_a_segment_lead_nowhere() -> None:
     """As in clinical sets: much of a joint's place is not told, and no joint ends above the linkage all the same.
 
-    With this seed a last step that is taken on its promise alone leads from 6 to 8 mm.
+    With this seed a last step that is taken on its prediction alone leads from 6 to 8 mm.
     """
     seed = 23
-    _, true, problem, nodes = seeded_trial(seed, frames=40, per_segment=4)
-    problem = problem.with_measured(problem.positions(0.6 * nodes, problem.constants(true)))
+    _, true, problem, coefficients = seeded_trial(seed, frames=40, per_segment=4)
+    problem = problem.with_measured(problem.positions(0.6 * coefficients, problem.constants(true)))
     weight = problem.data.weight.copy()
     for s in range(1, len(problem.chain.segments)):
         weight[np.flatnonzero(problem.data.segment == s)[2:]] = 0.0
@@ -108,11 +108,11 @@ def test_two_markers_a_segment_lead_nowhere() -> None:
 def test_one_joint_is_its_own_least_squares(joint: str) -> None:
     """All unknowns of all frames at once, by SciPy with differences, for a trial of that joint alone."""
     segments = {"knee_r": ("thigh_r", "shank_r"), "ankle_r": ("shank_r", "talus_r", "foot_r")}[joint]
-    _, true, problem, nodes = seeded_trial(5, frames=14, nodes=8, root=segments[0], segments=segments)
+    _, true, problem, coefficients = seeded_trial(5, frames=14, nodes=8, root=segments[0], segments=segments)
     problem = noisy(problem, 6, 0.003)
-    floor = joint_floor(problem, true, problem.basis.evaluate(nodes))
+    floor = joint_floor(problem, true, problem.basis.evaluate(coefficients))
     chain = chain_of(segments[0], segments, JP_NAMES)
-    q = problem.basis.evaluate(nodes)
+    q = problem.basis.evaluate(coefficients)
     kept = problem.data.weight > 0
 
     def residual(x: Array) -> Array:
@@ -131,8 +131,8 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
 
 def test_a_marker_shares_its_weight_among_its_joints() -> None:
     """The hip in the whole body is the hip alone, its pelvis markers a third as heavy, its thigh markers half."""
-    _, parameters, problem, nodes = seeded_trial(12, frames=30, per_segment=3)
-    problem, q = noisy(problem, 13), problem.basis.evaluate(nodes)
+    _, parameters, problem, coefficients = seeded_trial(12, frames=30, per_segment=3)
+    problem, q = noisy(problem, 13), problem.basis.evaluate(coefficients)
     floor = joint_floor(problem, parameters, q)
     chain = chain_of("pelvis", ("pelvis", "thigh_r"))
     kept = np.array([problem.chain.segments[s] in chain.segments for s in problem.data.segment])
@@ -151,33 +151,33 @@ def test_a_marker_shares_its_weight_among_its_joints() -> None:
 
 
 def test_a_segment_without_markers_has_no_joint() -> None:
-    _, parameters, problem, nodes = seeded_trial(7, frames=30, per_segment=3)
+    _, parameters, problem, coefficients = seeded_trial(7, frames=30, per_segment=3)
     problem = noisy(problem, 8)
     weight = problem.data.weight.copy()
     shank, arm = (problem.chain.segments.index(s) for s in ("shank_r", "upper_arm_l"))
     weight[np.isin(problem.data.segment, [shank, arm])] = 0.0
     problem = problem.with_weight(weight)
-    floor = joint_floor(problem, parameters, problem.basis.evaluate(nodes))
+    floor = joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
     assert not {"knee_r", "ankle_r", "shoulder_l", "elbow_l"} & set(floor.joints)
     assert {"hip_r", "hip_l", "back", "elbow_r"} <= set(floor.joints)
     assert "foot_r" not in floor.segments and floor.rms("foot_r") is None
     rigid, foot = rigid_floor(problem), np.array([s == "foot_r" for s in floor.errors.segments])
     np.testing.assert_allclose(floor.errors.distance[:, foot], rigid.distance[:, foot], rtol=ROUNDING, atol=0)
     alone = replace(problem, data=replace(problem.data, weight=np.where(problem.data.segment[:, None] == 0, weight, 0)))
-    assert joint_floor(alone, parameters, problem.basis.evaluate(nodes)) is None
+    assert joint_floor(alone, parameters, problem.basis.evaluate(coefficients)) is None
 
 
 def test_long_trials_are_looked_at_in_steps() -> None:
     rng = np.random.default_rng(9)
     parameters = perturbed_parameters(rng)
     segments = ("thigh_r", "shank_r")
-    problem, nodes = random_trial(rng, parameters, frames=1000, root="thigh_r", segments=segments)
+    problem, coefficients = random_trial(rng, parameters, frames=1000, root="thigh_r", segments=segments)
     problem = noisy(problem, 10)
-    floor = joint_floor(problem, parameters, problem.basis.evaluate(nodes))
+    floor = joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
     seen = np.flatnonzero(np.isfinite(floor.errors.distance).all(axis=1))
     assert len(seen) == MOST_FRAMES and seen[0] == 0 and seen[-1] == 999
     assert set(np.diff(seen)) <= {3, 4}
     unseen = np.isin(np.arange(1000), seen, invert=True)
     moved = problem.with_measured(problem.data.measured + 0.1 * unseen)
-    again = joint_floor(moved, parameters, problem.basis.evaluate(nodes))
+    again = joint_floor(moved, parameters, problem.basis.evaluate(coefficients))
     assert again is not None and again.rms() == floor.rms()

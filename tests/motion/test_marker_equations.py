@@ -26,9 +26,9 @@ def dense(equations: NormalEquations) -> Array:
     return full
 
 
-def residual(problem: MotionProblem, parameters: object, nodes: Array, p: Array) -> Array:
+def residual(problem: MotionProblem, parameters: object, coefficients: Array, p: Array) -> Array:
     values = parameters.with_joint(problem.chain.free, p)  # type: ignore[attr-defined]
-    gap = problem.positions(nodes, problem.constants(values)) - problem.data.measured
+    gap = problem.positions(coefficients, problem.constants(values)) - problem.data.measured
     return (np.sqrt(problem.data.weight)[:, None] * gap).ravel()
 
 
@@ -40,13 +40,15 @@ def test_normal_equations_are_those_of_the_residual() -> None:
     problem, true = random_trial(rng, parameters, free=gait_parameters("r"), frames=30, nodes=7, segments=segments)
     weight = rng.uniform(0.2, 2.0, problem.data.weight.shape) * (rng.random(problem.data.weight.shape) > 0.2)
     problem = problem.with_weight(weight)
-    nodes = true + rng.normal(0, 0.02, true.shape)
+    coefficients = true + rng.normal(0, 0.02, true.shape)
     p = problem.values(parameters) + rng.normal(0, 0.01, len(problem.chain.free))
     at = parameters.with_joint(problem.chain.free, p)
-    equations = problem.equations(nodes, problem.constants(at))
-    by_nodes = central_differences(lambda x: residual(problem, parameters, x.reshape(nodes.shape), p), nodes.ravel())
-    by_p = central_differences(lambda x: residual(problem, parameters, nodes, x), p)
-    r = residual(problem, parameters, nodes, p)
+    equations = problem.equations(coefficients, problem.constants(at))
+    by_nodes = central_differences(
+        lambda x: residual(problem, parameters, x.reshape(coefficients.shape), p), coefficients.ravel()
+    )
+    by_p = central_differences(lambda x: residual(problem, parameters, coefficients, x), p)
+    r = residual(problem, parameters, coefficients, p)
     for found, wanted in (
         (equations.node_gradient.ravel(), by_nodes.T @ r),
         (equations.parameter_gradient, by_p.T @ r),
@@ -56,9 +58,9 @@ def test_normal_equations_are_those_of_the_residual() -> None:
     ):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=DERIVATIVE * np.abs(wanted).max())
     np.testing.assert_allclose(equations.cost, r @ r, rtol=1e-12)
-    cost, gradient = problem.gradient(nodes, problem.constants(at))
+    cost, gradient = problem.gradient(coefficients, problem.constants(at))
     np.testing.assert_allclose(gradient, equations.node_gradient, rtol=0, atol=1e-12 * np.abs(gradient).max())
-    np.testing.assert_allclose([cost, problem.cost(nodes, problem.constants(at))], equations.cost, rtol=1e-12)
+    np.testing.assert_allclose([cost, problem.cost(coefficients, problem.constants(at))], equations.cost, rtol=1e-12)
 
 
 def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
@@ -130,12 +132,12 @@ def test_the_arrow_is_solved_as_the_dense_matrix_is(damping: float, known: bool)
     n = NODES * COORDINATES
     whole, gradient = np.zeros((SIZE + 2 * n, SIZE + 2 * n)), np.zeros(SIZE + 2 * n)
     for k, (one, own) in enumerate(zip(trials, COLUMNS, strict=True)):
-        nodes = np.arange(SIZE + k * n, SIZE + (k + 1) * n)
+        coefficients = np.arange(SIZE + k * n, SIZE + (k + 1) * n)
         matrices: tuple[Array, Array] = dense(one), one.parameters
-        whole[np.ix_(nodes, nodes)], corner = (m + damping * np.diag(np.diag(m)) for m in matrices)
+        whole[np.ix_(coefficients, coefficients)], corner = (m + damping * np.diag(np.diag(m)) for m in matrices)
         whole[np.ix_(own, own)] += corner
-        whole[np.ix_(nodes, own)], whole[np.ix_(own, nodes)] = one.mixed, one.mixed.T
-        gradient[nodes] = one.node_gradient.ravel()
+        whole[np.ix_(coefficients, own)], whole[np.ix_(own, coefficients)] = one.mixed, one.mixed.T
+        gradient[coefficients] = one.node_gradient.ravel()
         gradient[own] += one.parameter_gradient
     cost = 2.0
     if prior is not None:

@@ -26,7 +26,7 @@ SECOND_ORDER = 1e-6
 
 def trial_with_tissue(seed: int) -> tuple[MotionProblem, Array, Array]:
     """A trial off its minimum with two regressors on thigh and shank, its nodes, and z."""
-    rng, _, problem, nodes = seeded_trial(seed, free=FREE, segments=SEGMENTS, frames=20, nodes=7)
+    rng, _, problem, coefficients = seeded_trial(seed, free=FREE, segments=SEGMENTS, frames=20, nodes=7)
     groups = tuple(
         SegmentTissue(
             segment=s,
@@ -45,11 +45,11 @@ def trial_with_tissue(seed: int) -> tuple[MotionProblem, Array, Array]:
         problem.data.measured + rng.normal(0, 0.01, (len(weight), 3, 20))
     )
     z = rng.normal(size=(4, 6)) * np.repeat([0.01, 0.1], 3)  # m, rad: markers lie some 0.1 m from their middle
-    return problem, nodes, z.ravel()
+    return problem, coefficients, z.ravel()
 
 
 def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> None:
-    problem, nodes, z = trial_with_tissue(4)
+    problem, coefficients, z = trial_with_tissue(4)
     tissue = problem.tissue
     assert tissue is not None and len(tissue.keys) == len(set(tissue.keys)) == len(z)
     shift, by_hand = tissue.shift(z, len(problem.labels)), np.zeros((len(problem.labels), 3, 20))
@@ -63,9 +63,9 @@ def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> No
     np.testing.assert_allclose(shift, by_hand, atol=1e-15)
     constants = problem.constants(perturbed_parameters(np.random.default_rng(4)))
     segments = segment_transforms(
-        problem.chain, constants, forward(problem.chain, constants, problem.basis.evaluate(nodes))
+        problem.chain, constants, forward(problem.chain, constants, problem.basis.evaluate(coefficients))
     )
-    moved = problem.displaced(z).positions(nodes, constants) - problem.positions(nodes, constants)
+    moved = problem.displaced(z).positions(coefficients, constants) - problem.positions(coefficients, constants)
     in_laboratory = np.einsum("mjif,mjf->mif", segments[problem.data.segment, :3], shift)
     np.testing.assert_allclose(moved, in_laboratory, atol=1e-12)
 
@@ -104,7 +104,7 @@ def drawn(rng: np.random.Generator, prior: TissuePrior) -> Array:
 
 def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() -> None:
     rng = np.random.default_rng(1)
-    problem, nodes, _ = leg_trial(1, 20, 7)
+    problem, coefficients, _ = leg_trial(1, 20, 7)
     shank = next((s, m) for s, m in problem.data.placed.groups if problem.chain.segments[s] == "shank_r")
     group = SegmentTissue(
         segment=shank[0],
@@ -123,23 +123,23 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
     z = 0.1 * rng.normal(size=14)  # far more than any knee does, so that what is of second order counts
 
     def residual(x: Array) -> Array:
-        n, values, z = np.split(x, [nodes.size, nodes.size + len(LEG_FREE)])
+        n, values, z = np.split(x, [coefficients.size, coefficients.size + len(LEG_FREE)])
         at = problem.displaced(z)
-        gap = at.positions(n.reshape(nodes.shape), at.constants(parameters.with_joint(LEG_FREE, values)))
+        gap = at.positions(n.reshape(coefficients.shape), at.constants(parameters.with_joint(LEG_FREE, values)))
         return (np.sqrt(at.data.weight)[:, None] * (gap - at.data.measured)).ravel()
 
-    x = np.concatenate([nodes.ravel(), parameters.joint[[JP_INDEX[n] for n in LEG_FREE]], z])
+    x = np.concatenate([coefficients.ravel(), parameters.joint[[JP_INDEX[n] for n in LEG_FREE]], z])
     at = problem.displaced(z)
-    equations = at.equations(nodes, at.constants(parameters))
+    equations = at.equations(coefficients, at.constants(parameters))
     slope, r = central_differences(residual, x), residual(x)
     dense, gradient = slope.T @ slope, slope.T @ r
     found = np.concatenate([equations.node_gradient.ravel(), equations.parameter_gradient])
     np.testing.assert_allclose(found, gradient, atol=SECOND_ORDER * np.abs(gradient).max())
     corner = np.vstack([equations.mixed, equations.parameters])
-    np.testing.assert_allclose(corner, dense[:, nodes.size :], atol=SECOND_ORDER * np.abs(dense).max())
-    band = BandFactor(equations.band).solve(dense[: nodes.size, : nodes.size])
-    np.testing.assert_allclose(band, np.eye(nodes.size), atol=1e-4)
-    _, by_nodes, by_unknowns = at.both_gradients(nodes, at.constants(parameters))
+    np.testing.assert_allclose(corner, dense[:, coefficients.size :], atol=SECOND_ORDER * np.abs(dense).max())
+    band = BandFactor(equations.band).solve(dense[: coefficients.size, : coefficients.size])
+    np.testing.assert_allclose(band, np.eye(coefficients.size), atol=1e-4)
+    _, by_nodes, by_unknowns = at.both_gradients(coefficients, at.constants(parameters))
     np.testing.assert_allclose(np.append(by_nodes, by_unknowns), found, rtol=0, atol=1e-12 * np.abs(found).max())
 
 

@@ -36,18 +36,18 @@ def test_spline_and_derivatives_are_scipys(nodes: int, frames: int, seed: int) -
 
 def test_spline_fit_finds_a_curve_of_its_own_space() -> None:
     basis = spline_basis(np.linspace(0, 2, 200), 25)
-    nodes = np.random.default_rng(7).normal(size=(25, 3))
-    np.testing.assert_allclose(basis.fit(basis.evaluate(nodes)), nodes, atol=1e-8)
+    coefficients = np.random.default_rng(7).normal(size=(25, 3))
+    np.testing.assert_allclose(basis.fit(basis.evaluate(coefficients)), coefficients, atol=1e-8)
 
 
 def test_effective_cutoff_is_where_the_fit_passes_71_percent() -> None:
     time = np.arange(4000) / 1000.0
-    nodes = NodeRule(per_second=15.0).nodes(time)
-    basis = spline_basis(time, nodes)
+    coefficients = NodeRule(per_second=15.0).nodes(time)
+    basis = spline_basis(time, coefficients)
     middle = slice(1000, 3000)
     gains = []
     for phase in (0.0, np.pi / 2):  # near the knots' Nyquist frequency the gain depends on phase; the mean does not
-        wave = np.sin(2 * np.pi * cutoff(time, nodes) * time + phase)[:, None]
+        wave = np.sin(2 * np.pi * cutoff(time, coefficients) * time + phase)[:, None]
         passed = basis.evaluate(basis.fit(wave))
         gains.append(float((passed[middle].T @ wave[middle])[0, 0] / (wave[middle].T @ wave[middle])[0, 0]))
     assert np.mean(gains) == pytest.approx(np.sqrt(0.5), abs=0.01)
@@ -64,7 +64,7 @@ def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
     result = track_nodes(problem, constants, start, DescentSettings(first_damping=1e-3 if zero else 0.0))
     assert result.converged
     assert np.sqrt(result.cost / problem.data.weight.sum()) < 1e-12
-    np.testing.assert_allclose(problem.basis.evaluate(result.nodes), problem.basis.evaluate(true), atol=1e-9)
+    np.testing.assert_allclose(problem.basis.evaluate(result.coefficients), problem.basis.evaluate(true), atol=1e-9)
 
 
 @given(st.floats(-np.pi, np.pi), st.integers(0, 2**31))
@@ -117,10 +117,12 @@ def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
     rng, parameters, problem, true = seeded_trial(41, frames=25, nodes=7)
     weight = rng.uniform(0.2, 2.0, problem.data.weight.shape) * (rng.random(problem.data.weight.shape) > 0.2)
     problem, constants = problem.with_weight(weight), problem.constants(parameters)
-    nodes = true + rng.normal(0, 0.05, true.shape)
-    found = problem.equations(nodes, constants, curved=True)
-    plain = problem.equations(nodes, constants)
-    assert_derivative(dense(found), lambda x: problem.gradient(x.reshape(nodes.shape), constants)[1], nodes.ravel())
+    coefficients = true + rng.normal(0, 0.05, true.shape)
+    found = problem.equations(coefficients, constants, curved=True)
+    plain = problem.equations(coefficients, constants)
+    assert_derivative(
+        dense(found), lambda x: problem.gradient(x.reshape(coefficients.shape), constants)[1], coefficients.ravel()
+    )
     np.testing.assert_array_equal(found.node_gradient, plain.node_gradient)
     assert np.abs(found.band - plain.band).max() > 1e-3 * np.abs(plain.band).max()  # far above the tolerance
 
@@ -136,7 +138,7 @@ def test_tracking_ends_where_gauss_newton_does_not() -> None:
     found = track_nodes(problem, constants, start, EXACT)
     assert found.converged and found.curved
     size = np.abs(problem.gradient(start, constants)[1]).max()
-    assert np.abs(problem.gradient(found.nodes, constants)[1]).max() < 1e-9 * size
+    assert np.abs(problem.gradient(found.coefficients, constants)[1]).max() < 1e-9 * size
     without = track_nodes(problem, constants, start, replace(EXACT, curved_tries=0))
     assert without.steps > 2 * found.steps
     assert found.cost <= without.cost * (1 + 1e-9)
@@ -171,10 +173,10 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     assert with_keeping[-1] == "gradient"
     assert "gradient" not in calls
     assert with_keeping.count("equations") < calls.count("equations")
-    exact = track_nodes(problem, constants, fresh.nodes, DescentSettings(gain=1e-15))  # type: ignore[arg-type]
+    exact = track_nodes(problem, constants, fresh.coefficients, DescentSettings(gain=1e-15))  # type: ignore[arg-type]
     for found in (kept, fresh):
         assert found.converged
-        np.testing.assert_allclose(found.nodes, exact.nodes, rtol=0, atol=SAME)
+        np.testing.assert_allclose(found.coefficients, exact.coefficients, rtol=0, atol=SAME)
 
 
 def test_a_kept_factor_that_no_longer_serves_is_formed_anew() -> None:
@@ -185,7 +187,7 @@ def test_a_kept_factor_that_no_longer_serves_is_formed_anew() -> None:
     found = track_nodes(problem, constants, far, DescentSettings(gain=1e-10, keep_within=np.inf))  # type: ignore[arg-type]
     assert found.converged
     assert found.steps < FEW
-    np.testing.assert_allclose(found.nodes, exact.nodes, rtol=0, atol=SAME)
+    np.testing.assert_allclose(found.coefficients, exact.coefficients, rtol=0, atol=SAME)
 
 
 SLOPE_GIB = 0.3
@@ -202,7 +204,7 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
     monkeypatch.setattr(motion, "LARGE_BYTES", 0)
     lean = track_nodes(problem, constants, start, settings)
     assert (lean.steps, lean.converged) == (plain.steps, plain.converged)
-    np.testing.assert_allclose(lean.nodes, plain.nodes, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(lean.coefficients, plain.coefficients, rtol=0, atol=1e-9)
     assert lean.cost == pytest.approx(plain.cost, rel=1e-6, abs=1e-18)
 
 

@@ -86,7 +86,14 @@ def walking_trial(model, true: TrueMotion, name, wrench):
         model,
         name,
         "gait",
-        Motion(name=name, coordinates=COORDINATES, basis=true.basis, nodes=true.nodes, errors=errors, converged=True),
+        Motion(
+            name=name,
+            coordinates=COORDINATES,
+            basis=true.basis,
+            coefficients=true.coefficients,
+            errors=errors,
+            converged=True,
+        ),
         recording,
         reactions,
     )

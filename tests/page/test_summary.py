@@ -149,7 +149,7 @@ def test_an_unseen_parameter_that_a_cohort_moves_is_shown(whole: Calibration) ->
 def test_what_would_show_an_unseen_parameter(whole: Calibration, share: float, advice: str) -> None:
     """The subtalar joint moves by some 34 degrees, or by a hundredth of that."""
     walk = whole.trials[0]
-    still = replace(walk.calibrated, nodes=share * walk.calibrated.nodes)
+    still = replace(walk.calibrated, coefficients=share * walk.calibrated.coefficients)
     person = replace(whole, trials=(replace(walk, calibrated=still),))
     angle = np.degrees(walk.body.q[:, COORDINATE_INDEX["subtalar_angle_r"]])
     assert range_of_motion(person, "subtalar_r") == pytest.approx(share * np.ptp(angle))

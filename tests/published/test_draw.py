@@ -35,8 +35,8 @@ TORQUE = 1e-9
 """N·m: rounding of sums of a few thousand N at lever arms of metres."""
 
 
-def whole_body(context: MonteCarloContext, parameters: Parameters, nodes: Array) -> Array:
-    q, v, a = (context.basis.evaluate(nodes, k) for k in range(3))
+def whole_body(context: MonteCarloContext, parameters: Parameters, coefficients: Array) -> Array:
+    q, v, a = (context.basis.evaluate(coefficients, k) for k in range(3))
     forces = Dynamics(parameters).forces(q, v, a, context.case.wrench)
     return forces[:, [FORCES.index(name) for name in LEG_TORQUES]]
 
@@ -46,14 +46,14 @@ def test_a_disturbed_model_has_the_torques_of_a_model_built_anew(context: MonteC
     for _ in range(3):
         parameters = perturbed_parameters(rng)
         parameters = parameters.with_inertial(parameters.inertial * rng.uniform(0.8, 1.2, len(IP_NAMES)))
-        nodes = context.case.nodes + rng.normal(0, 0.02, context.case.nodes.shape)
-        laboratory, _ = leg_torques(parameters, context.basis, nodes, context.case.wrench, context.feet)
-        np.testing.assert_allclose(laboratory, whole_body(context, parameters, nodes), rtol=0, atol=TORQUE)
+        coefficients = context.case.coefficients + rng.normal(0, 0.02, context.case.coefficients.shape)
+        laboratory, _ = leg_torques(parameters, context.basis, coefficients, context.case.wrench, context.feet)
+        np.testing.assert_allclose(laboratory, whole_body(context, parameters, coefficients), rtol=0, atol=TORQUE)
 
 
 def test_both_frames_agree_where_nothing_is_disturbed(context: MonteCarloContext) -> None:
     case = context.case
-    laboratory, carried = leg_torques(case.parameters, context.basis, case.nodes, case.wrench, context.feet)
+    laboratory, carried = leg_torques(case.parameters, context.basis, case.coefficients, case.wrench, context.feet)
     np.testing.assert_array_equal(laboratory, context.torques)
     np.testing.assert_allclose(carried, laboratory, rtol=0, atol=TORQUE)
 
@@ -76,9 +76,9 @@ def test_a_carried_wrench_is_constant_in_the_foot() -> None:
 def test_moving_the_whole_person_matters_to_wrenches_of_the_laboratory_only(context: MonteCarloContext) -> None:
     """10 mm forward with the person: carried wrenches come along, so that no torque changes."""
     case = context.case
-    nodes = case.nodes.copy()
-    nodes[:, COORDINATES.index("pelvis_tx")] += 0.010
-    laboratory, carried = leg_torques(case.parameters, context.basis, nodes, case.wrench, context.feet)
+    coefficients = case.coefficients.copy()
+    coefficients[:, COORDINATES.index("pelvis_tx")] += 0.010
+    laboratory, carried = leg_torques(case.parameters, context.basis, coefficients, case.wrench, context.feet)
     np.testing.assert_allclose(carried, context.torques, rtol=0, atol=TORQUE)
     flexion = LEG_TORQUES.index("hip_flexion_l")
     assert np.abs(laboratory - context.torques)[:, flexion].max() > 0.009 * np.abs(case.wrench[:, 1, 1]).max()
@@ -108,19 +108,19 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
         name="reference", chain=context.problem.chain, basis=context.basis, data=data, labels=context.problem.labels
     )
     constants = problem.constants(parameters)
-    nodes = case.nodes
+    coefficients = case.coefficients
     for _ in range(60):  # plain Newton from the undisturbed motion, with a fresh matrix every time
-        matrix = dense(problem.equations(nodes, constants))
-        step = np.linalg.solve(matrix, problem.gradient(nodes, constants)[1].ravel())
-        nodes = nodes - step.reshape(nodes.shape)
+        matrix = dense(problem.equations(coefficients, constants))
+        step = np.linalg.solve(matrix, problem.gradient(coefficients, constants)[1].ravel())
+        coefficients = coefficients - step.reshape(coefficients.shape)
         if np.abs(step).max() < 1e-8:
             break
-    error = 100 * (whole_body(context, parameters, nodes) - context.torques) / case.subject.bwh
+    error = 100 * (whole_body(context, parameters, coefficients) - context.torques) / case.subject.bwh
     # the re-fit ends at steps of 1e-6 m or rad: some 1e-5 %BW*H
     within = {"rtol": 0, "atol": 2e-5}
     np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "rms"), np.sqrt((error**2).mean(0)), **within)
     np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "mean"), error.mean(0), **within)
-    apart = 1e3 * np.linalg.norm(problem.positions(nodes, constants) - data.measured, axis=1)
+    apart = 1e3 * np.linalg.norm(problem.positions(coefficients, constants) - data.measured, axis=1)
     left = [i for i, label in enumerate(context.problem.labels) if label.startswith("L.") and _on_leg(context, i)]
     assert found.values[COLUMNS.index(marker_column("l", "rms"))] == pytest.approx(
         np.sqrt((apart[left] ** 2).mean()), abs=1e-4
@@ -150,7 +150,7 @@ def test_only_valid_frames_count(case: MonteCarloCase) -> None:
     change = disturb(some, Varied.IP, 100, 0)
     factor = 1 + some.inertial_set.selection @ change.inertial
     parameters = case.parameters.with_inertial(case.parameters.inertial * factor)
-    error = 100 * (whole_body(some, parameters, case.nodes) - some.torques)[60:90] / case.subject.bwh
+    error = 100 * (whole_body(some, parameters, case.coefficients) - some.torques)[60:90] / case.subject.bwh
     found = recorded(draw(some, Varied.IP, 100, 0).values, ReactionFrame.LAB, "mean")
     np.testing.assert_allclose(found, error.mean(axis=0), rtol=0, atol=ERROR)
 
@@ -257,22 +257,22 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         assert change.joint is not None
         parameters = context.case.parameters.with_joint(context.names, context.joint_values + change.joint)
         constants = context.problem.constants(parameters)
-        start = context.case.nodes + context.sensitivity @ change.joint
+        start = context.case.coefficients + context.sensitivity @ change.joint
         found = refit(context.problem, constants, start, MonteCarloSettings())
         assert found.failure == ""
         tight = DescentSettings(gain=0.0, most_steps=60)
-        kept = track_nodes(context.problem, constants, found.nodes, tight)
-        assert np.abs(kept.nodes - found.nodes).max() < NODES
-        afar = track_nodes(context.problem, constants, context.case.nodes, DescentSettings(gain=1e-12))
-        assert context.problem.cost(found.nodes, constants) <= afar.cost * (1 + 1e-9)
+        kept = track_nodes(context.problem, constants, found.coefficients, tight)
+        assert np.abs(kept.coefficients - found.coefficients).max() < NODES
+        afar = track_nodes(context.problem, constants, context.case.coefficients, DescentSettings(gain=1e-12))
+        assert context.problem.cost(found.coefficients, constants) <= afar.cost * (1 + 1e-9)
 
 
 def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) -> None:
     change = 1e-4 * context.settings.joint_bounds * np.random.default_rng(3).uniform(-1, 1, len(context.names))
     parameters = context.case.parameters.with_joint(context.names, context.joint_values + change)
     constants = context.problem.constants(parameters)
-    found = refit(context.problem, constants, context.case.nodes, MonteCarloSettings(refit_tolerance=1e-10))
-    moved = found.nodes - context.case.nodes
+    found = refit(context.problem, constants, context.case.coefficients, MonteCarloSettings(refit_tolerance=1e-10))
+    moved = found.coefficients - context.case.coefficients
     np.testing.assert_allclose(context.sensitivity @ change, moved, rtol=0, atol=2e-3 * np.abs(moved).max())
 
 
@@ -281,18 +281,18 @@ def test_noise_is_fitted_from_the_known_factor_as_from_a_fresh_one(context: Mont
     noisy = context.problem.with_measured(context.data.measured + change.noise)
     constants = context.problem.constants(context.case.parameters)
     found = [
-        refit(noisy, constants, context.case.nodes, MonteCarloSettings(), known)
+        refit(noisy, constants, context.case.coefficients, MonteCarloSettings(), known)
         for known in (None, context.undisturbed_factor)
     ]
-    np.testing.assert_array_equal(found[0].nodes, found[1].nodes)
-    assert np.abs(noisy.gradient(found[0].nodes, constants)[1]).max() < 1e-6
+    np.testing.assert_array_equal(found[0].coefficients, found[1].coefficients)
+    assert np.abs(noisy.gradient(found[0].coefficients, constants)[1]).max() < 1e-6
 
 
 def test_a_refit_that_is_cut_short_says_so(context: MonteCarloContext) -> None:
     change = disturb(context, Varied.NOISE, 100, 1)
     noisy = context.problem.with_measured(context.data.measured + change.noise)
     constants = context.problem.constants(context.case.parameters)
-    found = refit(noisy, constants, context.case.nodes, MonteCarloSettings(refit_most_evaluations=2))
+    found = refit(noisy, constants, context.case.coefficients, MonteCarloSettings(refit_most_evaluations=2))
     assert "2 evaluations" in found.failure
     lost = context.problem.with_measured(np.full_like(context.data.measured, np.nan))
-    assert refit(lost, constants, context.case.nodes, MonteCarloSettings()).failure
+    assert refit(lost, constants, context.case.coefficients, MonteCarloSettings()).failure

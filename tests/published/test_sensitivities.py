@@ -176,20 +176,22 @@ LEG = ("pelvis", "thigh_l", "shank_l", "talus_l", "foot_l")
 STEP = 1e-6
 
 
-def dense_squares(problem: MotionProblem, nodes: Array, free: tuple[str, ...], noise: Array) -> float:
+def dense_squares(problem: MotionProblem, coefficients: Array, free: tuple[str, ...], noise: Array) -> float:
     """|P n|^2 by a least-squares solution with every column of J written out, by central differences."""
     truth = true_model().parameters
 
     def column(by_node: Array, by_value: Array) -> Array:
         values = problem.with_free(free).values(truth)
         ends = [
-            problem.positions(nodes + s * by_node, problem.constants(truth.with_joint(free, values + s * by_value)))
+            problem.positions(
+                coefficients + s * by_node, problem.constants(truth.with_joint(free, values + s * by_value))
+            )
             for s in (STEP, -STEP)
         ]
         return (ends[0] - ends[1]).ravel() / (2 * STEP)
 
-    units = np.eye(nodes.size + len(free))
-    columns = [column(u[: nodes.size].reshape(nodes.shape), u[nodes.size :]) for u in units]
+    units = np.eye(coefficients.size + len(free))
+    columns = [column(u[: coefficients.size].reshape(coefficients.shape), u[coefficients.size :]) for u in units]
     matrix, _ = np.linalg.qr(np.column_stack(columns))
     return float(np.square(matrix.T @ noise.ravel()).sum())
 
@@ -198,12 +200,13 @@ def dense_squares(problem: MotionProblem, nodes: Array, free: tuple[str, ...], n
 def test_a_dense_projection_gives_the_same(free: tuple[str, ...]) -> None:
     problem = synthetic_problem("full leg", None).part("pelvis", LEG)
     whole, motion = synthetic_problem("full leg", None).chain.coordinates, true_motion("full leg")
-    nodes = motion.nodes[:, [whole.index(name) for name in problem.chain.coordinates]]
+    coefficients = motion.coefficients[:, [whole.index(name) for name in problem.chain.coordinates]]
     noise = marker_noise(problem.basis.time, len(problem.labels), np.random.default_rng(0)).transpose(1, 2, 0)
-    (ours,) = absorbed_squares(problem.with_free(free), true_model().parameters, nodes, [noise])
-    assert ours == pytest.approx(dense_squares(problem, nodes, free, noise), rel=1e-6)
+    (ours,) = absorbed_squares(problem.with_free(free), true_model().parameters, coefficients, [noise])
+    assert ours == pytest.approx(dense_squares(problem, coefficients, free, noise), rel=1e-6)
     assert (
-        any_motion_share(problem, true_model().parameters, nodes) == len(problem.chain.coordinates) / noise[..., 0].size
+        any_motion_share(problem, true_model().parameters, coefficients)
+        == len(problem.chain.coordinates) / noise[..., 0].size
     )
 
 
@@ -224,7 +227,7 @@ def test_a_fit_leaves_what_is_told() -> None:
     truth = true_model().parameters
     found = solve("hip", noisy, truth, compare=False)
     opened = exact.with_free(found.names)
-    (absorbed_part,) = absorbed_squares(opened, truth, true_motion("hip").nodes, [noise])
+    (absorbed_part,) = absorbed_squares(opened, truth, true_motion("hip").coefficients, [noise])
     assert found.cost == pytest.approx(float((noise**2).sum()) - absorbed_part, rel=5e-3)
 
 
@@ -266,7 +269,7 @@ def test_no_iteration_leaves_the_undisturbed_motion(
     change = disturb(context, Varied.JP, 50, 0)
     assert change.joint is not None
     parameters = case.parameters.with_joint(context.names, context.joint_values + change.joint)
-    q = context.basis.evaluate(case.nodes)
+    q = context.basis.evaluate(case.coefficients)
     apart = synthetic_markers(parameters, case.markers, q) - synthetic_markers(case.parameters, case.markers, q)
     leg = [segment in LEGS["l"] for segment in case.markers.segments]
     rms = 1e3 * np.sqrt((apart[:, leg] ** 2).sum(axis=2).mean())

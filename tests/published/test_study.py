@@ -134,7 +134,7 @@ def test_another_model_is_refused(case: MonteCarloCase, tmp_path: Path) -> None:
     others = {
         "other inertial parameters;": replace(case, parameters=heavier),
         "other ground reactions;": replace(case, wrench=1.01 * case.wrench),
-        "other motion;": replace(case, nodes=case.nodes + 1e-9),
+        "other motion;": replace(case, coefficients=case.coefficients + 1e-9),
         "other markers;": replace(case, markers=replace(case.markers, local=case.markers.local + 1e-9)),
         "other joint parameters;": replace(case, parameters=moved),
     }

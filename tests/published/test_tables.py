@@ -279,7 +279,7 @@ def test_exact_without_noise(clean: SeedResult, problem: str) -> None:
     assert found.converged
     assert found.marker_mm < MARKER_MM
     assert np.abs(found.errors).max() < PARAMETER
-    assert found.nodes == pytest.approx(true_motion(problem).nodes, abs=NODES)
+    assert found.coefficients == pytest.approx(true_motion(problem).coefficients, abs=NODES)
 
 
 def test_problems_are_the_published_ones(clean: SeedResult) -> None:
@@ -327,7 +327,7 @@ SEEN = 31
 
 @pytest.fixture(scope="module")
 def equations() -> RootEquations:
-    return gait_equations(true_model().parameters, true_motion("full leg").nodes)
+    return gait_equations(true_model().parameters, true_motion("full leg").coefficients)
 
 
 def test_correct_seed_without_noise_is_exact(clean: SeedResult) -> None:
@@ -404,7 +404,7 @@ def test_processes_do_not_matter(draws: list[SeedResult]) -> None:
     """Those of the fixture come from two processes."""
     here = noisy_draw(0, 1, random_seeds=FEW_SEEDS)
     assert draw_frame([here]).equals(draw_frame(draws[1:]))
-    assert np.array_equal(here.joints["full leg"].nodes, draws[1].joints["full leg"].nodes)
+    assert np.array_equal(here.joints["full leg"].coefficients, draws[1].joints["full leg"].coefficients)
     assert [r.each for r in here.random] == [r.each for r in draws[1].random]
 
 

@@ -169,12 +169,12 @@ def test_pelvis_angles_are_along_each_stride_and_those_of_a_turn_do_not_count(wh
     angles = np.radians(np.stack([-12.0 + 2 * wave, 5.0 * wave, 8.0 * wave], axis=1))
     by = np.radians(60.0)
     in_room = (Rotation.from_euler("y", by) * Rotation.from_euler(AXES, angles)).as_euler(AXES)
-    evaluation = trial.body.basis.evaluate(np.eye(len(trial.body.nodes)))
+    evaluation = trial.body.basis.evaluate(np.eye(len(trial.body.coefficients)))
     tables = []
     for line, pelvis in ((0.0, angles), (by, in_room)):
-        nodes = trial.body.nodes.copy()
-        nodes[:, columns] = np.linalg.lstsq(evaluation, pelvis, rcond=None)[0]
-        body = replace(trial.body, nodes=nodes)
+        coefficients = trial.body.coefficients.copy()
+        coefficients[:, columns] = np.linalg.lstsq(evaluation, pelvis, rcond=None)[0]
+        body = replace(trial.body, coefficients=coefficients)
         strides = tuple(replace(s, line=line, turn=40.0 if s.side == "l" else 1.0) for s in trial.strides)
         tables.append(cycle_table(whole.model, [replace(trial, body=body, strides=strides)]))
     plain, turned = tables

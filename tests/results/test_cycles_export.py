@@ -358,6 +358,26 @@ def test_relative_angles_have_no_profile(made: Path, tmp_path: Path) -> None:
     assert not content.profile and "counted from the static posture" in content.norm_remark
 
 
+def test_an_activity_has_sheets_and_peaks_of_its_own(made: Path, tmp_path: Path) -> None:
+    with edited(made, tmp_path / "squats") as (folder, data):
+        table = (folder / "cycles.csv").read_text()
+        (folder / "cycles.csv").write_text(re.sub(",gait,(stance|swing|)$", ",squat,rising", table, flags=re.MULTILINE))
+        for trial in data["page.json"]["trials"]:
+            trial |= {"activity": "squat", "repeats": True}
+            for stride in trial["strides"]:
+                stride["peaks"] = {"in_rising_knee_extension_moment": [-40.0, 2.0, 1.0, 70.0]}
+        for trial in data["summary.json"]["trials"].values():
+            trial["role"] = "motion"
+    content = report_content(folder, None, {})
+    assert not content.walked and content.title.startswith("Movement report")
+    assert [sheet.title for sheet in content.sheets] == ["Kinematics, squat", "Kinetics, squat"]
+    assert all(sheet.has_curves and "repetitions" in sheet.thin for sheet in content.sheets)
+    (title, (_, row)) = content.peaks[0]
+    moment = 40.0 / load_result_model(folder)[0].subject.mass
+    assert "repetitions" in title and row[:3] == ("Knee extension moment, rising", "N·m/kg", "the pelvis goes up")
+    assert all(cell.startswith(f"{moment:.2f} ± ") and cell.endswith("at 70 %") for cell in row[3:])
+
+
 def test_without_a_stride_a_sentence_stands_in_place_of_sheets(made: Path, tmp_path: Path) -> None:
     with edited(made, tmp_path / "none") as (folder, data):
         lines = (folder / "cycles.csv").read_text().splitlines(keepends=True)
@@ -366,8 +386,8 @@ def test_without_a_stride_a_sentence_stands_in_place_of_sheets(made: Path, tmp_p
         for trial in data["page.json"]["trials"]:
             trial["strides"] = []
     content = report_content(folder, None, {"kinetics": "kept"})
-    assert {sheet.without for sheet in content.sheets} == {"No curves: no walk has a complete stride."}
-    assert "result.html" in _no_curves({})  # a study of squats
+    assert {sheet.without for sheet in content.sheets} == {"No curves: there is no complete stride or repetition."}
+    assert "result.html" in _no_curves({})  # isolated trials alone
     printed = [part.text for part in _story(content, 500.0, 700.0) if hasattr(part, "text")]
     assert printed.count(content.sheets[0].without) == 2 and "kept" in printed
     assert write_pdf(content, tmp_path / "two.pdf") == 2

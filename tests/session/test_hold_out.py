@@ -55,10 +55,10 @@ def test_nothing_of_a_held_block_reaches_the_fit(study: Study) -> None:
     held = fold_of_frame(trial) == 1
     fitted = without(trial, held).joints
     spoilt = replace(fitted.data, measured=fitted.data.measured + np.where(held, 0.5, 0.0))
-    nodes = np.zeros((fitted.basis.nodes, len(fitted.chain.coordinates)))
+    coefficients = np.zeros((fitted.basis.nodes, len(fitted.chain.coordinates)))
     constants = fitted.constants(nominal_of(study).parameters)
-    assert replace(fitted, data=spoilt).cost(nodes, constants) == pytest.approx(
-        fitted.cost(nodes, constants), rel=1e-12
+    assert replace(fitted, data=spoilt).cost(coefficients, constants) == pytest.approx(
+        fitted.cost(coefficients, constants), rel=1e-12
     )
 
 

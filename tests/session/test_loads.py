@@ -63,7 +63,7 @@ def test_errors_are_those_of_the_last_step(done: Calibration) -> None:
     problem = replace(with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"])
     errors = ErringForces(
         problem,
-        trial.body.nodes,
+        trial.body.coefficients,
         done.model.parameters,
         trial.loads.reactions.wrench,
         spread.joint,

@@ -23,7 +23,7 @@ from gaitcal.session.person_facts import Options
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.synthetic.motion import gait_motion
 from scripts.validation.harness import results
-from scripts.validation.markerless import Errors, body_poses, points_recording
+from scripts.validation.markerless import TORQUES, Errors, body_poses, points_recording
 
 
 def test_a_bare_folder_of_poses(data_dir: Path, tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
     """One walk of key points alone: a standing person is made of it, and nothing is said to be wrong."""
     person, walk = published_model().parameters, gait_motion()
     exact = Errors(place=0.0, turn=0.0)
-    write_markers_csv(tmp_path / "walk.csv", points_recording(0, exact, person, walk))
+    write_markers_csv(tmp_path / "walk.csv", points_recording(0, exact, body_poses(person, walk.q), walk.basis.time))
     made = draft_of(read_folder(tmp_path), Options(mass=69.4, height=1.7, sex="male"))
     assert made.fault == made.problem == "" and made.choice is not None and made.choice.entry == "key-points"
     assert [(trial.name, trial.role) for trial in made.trials] == [("walk_upright", "static"), ("walk", "gait")]
@@ -74,7 +74,9 @@ def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
 
 def test_augmented_markers_beside_key_points_are_the_set() -> None:
     """OpenCap leaves the key points in the file of the markers that it makes of them."""
-    points = points_recording(0, Errors(place=0.0, turn=0.0), published_model().parameters, gait_motion())
+    walk = gait_motion()
+    poses = body_poses(published_model().parameters, walk.q)
+    points = points_recording(0, Errors(place=0.0, turn=0.0), poses, walk.basis.time)
     augmented = load_marker_set("opencap").labels
     both = replace(
         points,
@@ -86,9 +88,10 @@ def test_augmented_markers_beside_key_points_are_the_set() -> None:
 
 
 @pytest.mark.slow
-def test_key_points_against_the_truth() -> None:
-    """Key points that err by 15 mm for 0.1 s at a time."""
-    found = results("markerless", "--parts", "points", "--people", 1, "--seed", 1)["points"]
-    assert found["verdicts"] == ["trustworthy"] and max(found["centres_mm"].values()) < 50.0
-    covered = [found[torque]["covered"] for torque in ("hip_flexion", "hip_adduction", "knee_angle", "ankle_angle")]
-    assert min(covered) > 0.8 and sum(covered) / len(covered) > 0.92
+@pytest.mark.parametrize(("part", "centres_mm"), [("opensim_poses", 20.0), ("opensim_points", 40.0)])
+def test_people_whom_opensim_knows_without_markers(data_dir: Path, part: str, centres_mm: float) -> None:
+    """Knees that are no hinges, masses that are not ours: feet of 2.1 % of the body swing on the knees."""
+    found = results("markerless", "--parts", part, "--people", 1)[part]
+    assert set(found["verdicts"]) == {"trustworthy"} and max(found["centres_mm"].values()) < centres_mm
+    covered = {torque: found[torque]["covered"] for torque in TORQUES if torque in found}
+    assert min(covered.values()) > 0.8 and sum(covered.values()) / len(covered) > 0.92

@@ -35,7 +35,7 @@ def test_every_trial_is_cleaned_once(study: Study, monkeypatch: pytest.MonkeyPat
 def test_a_stage_changes_nothing_of_the_one_before(study: Study) -> None:
     prepared = session_of(study, nominal_of(study))
     (walk,) = prepared.trials
-    assert walk.stages == {} and walk.reactions is None and walk.strays == ()
+    assert walk.stages == {} and walk.reactions is None and walk.outliers == ()
     moved = track(fit_joints(prepared), silent)
     (tracked,) = moved.trials
     assert list(tracked.stages) == [Stage.NOMINAL] and tracked.reactions is not None and tracked.scores is not None

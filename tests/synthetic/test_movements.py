@@ -30,6 +30,11 @@ TORQUE_NM = {Activity.JUMP: 3.0, Activity.RUN: 5.5}
 """RMS over valid frames and joints: what the knots of the tracked motion make of a landing (2.7, 5.0); else 1."""
 REPEATS = {Activity.SQUAT: 2, Activity.SIT_TO_STAND: 1, Activity.JUMP: 1}
 """From rest to rest, of both legs."""
+PHASES = {
+    Activity.SQUAT: ("lowering", "rising"),
+    Activity.SIT_TO_STAND: ("rising", "lowering"),
+    Activity.JUMP: ("lowering", "push-off", "flight", "landing", "rising"),
+}
 LEAST_STRIDES = 1
 LEFT_ON_SEAT = 0.1
 """Of body weight, where torques count again."""
@@ -56,7 +61,7 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     model = synthetic_model(np.random.default_rng(), perturb=False)
     found = made_up(activity, model.parameters)
     motion, ground = found.motion, ground_on_feet(model.parameters, found.motion)
-    state = [motion.basis.evaluate(motion.nodes, k) for k in range(3)]
+    state = [motion.basis.evaluate(motion.coefficients, k) for k in range(3)]
     truth = Dynamics(model.parameters).forces(*state, ground.wrench)
     up, share = ground.wrench[:, :, 1], ground.load_share.sum(axis=1)
     flies, sits = share == 0, (share > 0) & (share < 1.0 - 1e-9)
@@ -89,5 +94,6 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     cycles = strides_of(events)
     if activity in REPEATS:
         assert [len(cycles[side]) for side in SIDES] == [REPEATS[activity]] * 2 and not events.events
+        assert {tuple(name for name, _ in cycle.parts) for cycle in events.repeats} == {PHASES[activity]}
     else:
         assert min(len(of) for of in cycles.values()) >= LEAST_STRIDES and not events.repeats

@@ -52,7 +52,7 @@ def test_the_same_work_and_nothing_left_at_the_pelvis(told: tuple[Teller, TrueMo
     """Power of all generalised forces is that of the true ones, whatever the coordinates; so is that of each joint."""
     _, motion, wrench, result = told
     model = person()
-    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     true = Dynamics(model.parameters).forces(q, v, a, wrench)
     assert np.abs(pelvis_residual(result.q, result.forces)).max() < SPLINE
     for joint in ("hip", "knee_angle", "ankle_angle", "subtalar", "lumbar", "arm", "elbow"):

@@ -76,7 +76,7 @@ def test_the_ground_carries_the_walk(person: str) -> None:
     """
     parameters, motion = walk(person)
     ground = ground_on_feet(parameters, motion)
-    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, ground.wrench))
     assert np.abs(residual).max() < RESIDUAL
     up = ground.wrench[:, :, 1]
@@ -137,14 +137,19 @@ def test_slopes_are_those_of_the_residuals() -> None:
     time = np.arange(40) / 200.0
     basis, phase = spline_basis(time, 12), 0.4 + time / GAIT_CYCLE
     meant = nominal_curves(phase)
-    nodes, rng, size = basis.fit(meant.q), np.random.default_rng(6), 1e-6
-    direction = rng.normal(size=nodes.shape)
+    coefficients, rng, size = basis.fit(meant.q), np.random.default_rng(6), 1e-6
+    direction = rng.normal(size=coefficients.shape)
 
     def rows(at: Array) -> list[_Rows]:
         return _carried(parameters, basis, at, walking_ground(phase))
 
     for k, (low, here, high) in enumerate(
-        zip(rows(nodes - size * direction), rows(nodes), rows(nodes + size * direction), strict=True)
+        zip(
+            rows(coefficients - size * direction),
+            rows(coefficients),
+            rows(coefficients + size * direction),
+            strict=True,
+        )
     ):
         if k == 3:  # resting points
             continue
@@ -152,5 +157,5 @@ def test_slopes_are_those_of_the_residuals() -> None:
         for order, slope in here[1].items():
             told += np.einsum("fnc,fc->fn", slope, basis.evaluate(direction, order))
         scale = np.abs(told).max()
-        assert len(COORDINATES) == nodes.shape[1] and scale > 0
+        assert len(COORDINATES) == coefficients.shape[1] and scale > 0
         np.testing.assert_allclose((high[0] - low[0]) / (2 * size), told, atol=2e-6 * scale)

@@ -248,9 +248,11 @@ Gaitcal.Curves = class {
   // What the lines of the curves are, and of how many strides; above and below the grid.
   tell() {
     const { strides, state } = this;
-    const { percent, counts, sheet } = strides;
-    const [axis] = document.getElementById("switch-axis")?.options ?? [];
-    if (axis) axis.textContent = strides.trial.repeats ? "% repetition" : "% gait cycle";
+    const { percent, counts, sheet, one } = strides;
+    const options = (name) => document.getElementById(`switch-${name}`)?.options ?? [];
+    const choices = [[options("axis")[0], one === "stride" ? "% gait cycle" : "% repetition"],
+      [options("spread")[0], `mean of ${one}s`], [options("spread")[1], `every ${one}`]];
+    for (const [choice, text] of choices) if (choice) choice.textContent = text;
     const many = Math.max(...counts) > 1;
     const means = percent && state.spread === "mean" && many;
     const has = (part) => sheet.trials.some(({ packed }) => packed.curves.some((curve) => curve[part] && curve.joint));
@@ -263,13 +265,15 @@ Gaitcal.Curves = class {
       truth: state.truth && has("truth"),
       norm: state.norm && percent && strides.ofWalks && sheet.bands.length > 0,
       now: percent,
-      off: percent,
+      off: percent && this.offs.length > 0,
       stance: !percent,
       window: state.window !== null,
     };
     const words = {
       se: means ? "± standard error of the mean" : "± standard error",
-      window: `replayed part${percent ? `, of the ${Gaitcal.LEGS[this.looped]} stride` : ""}`,
+      window: `replayed part${percent ? `, of the ${Gaitcal.LEGS[this.looped]} ${one}` : ""}`,
+      thin: `other ${one}s`,
+      now: one === "stride" ? "now, each leg in its own stride" : "now",
     };
     for (const item of this.legend.children) {
       const { key } = item.dataset;
@@ -283,7 +287,7 @@ Gaitcal.Curves = class {
     const { strides, state } = this;
     const relative = strides.trial.relative ? ["Joint angles are counted from the static trial."] : [];
     if (!percent) {
-      const why = state.axis === "percent" ? ", which holds no complete stride" : "";
+      const why = state.axis === "percent" ? ", which holds no complete stride or repetition" : "";
       return [`Against the time of ${strides.trial.name}${why}.`, ...relative];
     }
     const on = (side) => strides.on(side);

@@ -167,7 +167,7 @@ Gaitcal.Panel = class {
       .join(", ");
     const means = ["r", "l"].map((side) => this.traces.main(side)).filter((line) => line?.weight === "mean");
     const part = means.some((line) => this.traces.tellsErrors(line)) ? "standard error" : "SD";
-    const spread = means.length ? ` (mean ± ${part}, strides: ${[...new Set(means.map(({ n }) => n))].join(" and ")})` : "";
+    const spread = means.length ? ` (mean ± ${part}, ${this.curves.strides.one}s: ${[...new Set(means.map(({ n }) => n))].join(" and ")})` : "";
     const unit = this.convention.unit(this.subject.kind);
     return `${this.title.textContent}: ${sides || "nothing"} ${unit}${spread} at ${Gaitcal.numeral(this.state.seconds, 2)} s`;
   }

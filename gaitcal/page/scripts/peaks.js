@@ -1,9 +1,12 @@
 // The peaks of the curves as tables: what the eye reads off the panels, for those who read or hear. Windows, means and
-// errors are of gaitcal/gait/peaks.py, over all straight strides of the result.
+// errors are of gaitcal/gait/peaks.py, over all straight strides, or repetitions, of the chosen trial's activity.
 Gaitcal.PEAK_TABLES = { angle: "Angles", moment: "Moments", power: "Powers", force: "Ground reactions" };
 Gaitcal.PEAK_WORDS =
   "Each stride by itself, in the window of its own stance and swing that is named, then mean ± standard error over all " +
   "straight strides of all walks. Highest and lowest are told only where the curve turns within the window. Place: % of the stride.";
+Gaitcal.PHASE_WORDS = (one) =>
+  `Each ${one} by itself, over the whole of the phase that is named, then mean ± standard error over all ${one}s. ` +
+  `None beside what is not valid, as on a seat. Place: % of the ${one}.`;
 
 Gaitcal.Peaks = class {
   constructor(root, curves) { Object.assign(this, { root, curves }); }
@@ -20,7 +23,8 @@ Gaitcal.Peaks = class {
     const digits = this.convention.digits(kind);
     const scale = Math.abs(factor);
     const where = of.percent === null ? [] : [`at ${Gaitcal.numeral(of.percent, 0)} %`];
-    const count = of.n < of.strides ? `${of.n} of ${of.strides} strides` : of.n > 1 ? `${of.n} strides` : "1 stride";
+    const all = Gaitcal.count(of.strides, this.curves.strides.one);
+    const count = of.n < of.strides ? `${of.n} of ${all}` : all;
     const spread = of.sd === null ? count : `SD ${Gaitcal.numeral(scale * of.sd, digits)} of ${count}`;
     const error = of.se === null ? NaN : scale * of.se;
     return [Gaitcal.plusMinus((apart ? scale : factor) * of.mean, error, digits), [...where, spread].join("; ")];
@@ -28,15 +32,15 @@ Gaitcal.Peaks = class {
 
   // In one line, for who cannot see the panel.
   summary({ base, kind }) {
-    const rows = this.curves.strides.sheet.peaks.filter((row) => row.base === base && row.kind === kind);
+    const rows = this.curves.strides.peaks.filter((row) => row.base === base && row.kind === kind);
     const legs = (row) => ["r", "l"].filter((side) => row[side]).map((side) => `${Gaitcal.LEGS[side]} ${this.cell(row, side)[0]}`);
     return rows.map((row) => `${this.title(row)}: ${legs(row).join(", ")}`).join("; ");
   }
 
   write() {
-    const { peaks } = this.curves.strides.sheet;
+    const { peaks, one, ofWalks } = this.curves.strides;
     const tables = Object.keys(Gaitcal.PEAK_TABLES).map((kind) => this.table(kind, peaks.filter((row) => row.kind === kind)));
-    const parts = [html("h3", "Peaks"), html("p", Gaitcal.PEAK_WORDS), ...tables.filter(Boolean)];
+    const parts = [html("h3", "Peaks"), html("p", ofWalks ? Gaitcal.PEAK_WORDS : Gaitcal.PHASE_WORDS(one)), ...tables.filter(Boolean)];
     this.root.replaceChildren(...(peaks.length ? parts : []));
   }
 

@@ -6,8 +6,14 @@ Gaitcal.Strides = class {
 
   get trial() { return this.sheet.trials[this.state.trial] ?? this.sheet.trials[0]; }
 
-  // Whether the chosen trial walks: norms and peaks by phase are of walks.
+  // Whether the chosen trial walks: norms are of walks.
   get ofWalks() { return (this.trial.activity ?? "gait") === "gait"; }
+
+  // What one of the chosen trial is called.
+  get one() { return this.trial.repeats ? "repetition" : "stride"; }
+
+  // Rows of peaks of the chosen trial's activity.
+  get peaks() { return this.sheet.peaks.filter((row) => row.activity === (this.trial.activity ?? "gait")); }
 
   // Over the cycle where the chosen trial has a stride of any leg: what has none can only be seen over time.
   get percent() { return this.state.axis === "percent" && this.trial.strides.length > 0; }

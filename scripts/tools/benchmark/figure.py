@@ -101,7 +101,7 @@ def problem(
 
 
 def start_of(p: MotionProblem) -> np.ndarray:
-    """(nn, nq) nodes from rigid fits."""
+    """(nn, nq) coefficients from rigid fits."""
     return starting_nodes(p.chain, p.with_free(()).constants(subject().parameters), p.data, p.basis)
 
 

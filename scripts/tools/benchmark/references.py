@@ -37,13 +37,15 @@ ACCURACY = 1e-5
 class Counted(MotionProblem):
     """A trial that counts what is asked of it."""
 
-    def equations(self, nodes: np.ndarray, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
+    def equations(
+        self, coefficients: np.ndarray, constants: ChainConstants, *, curved: bool = False
+    ) -> NormalEquations:
         self.counts["matrices"] += 1
-        return super().equations(nodes, constants, curved=curved)
+        return super().equations(coefficients, constants, curved=curved)
 
-    def gradient(self, nodes: np.ndarray, constants: ChainConstants) -> tuple[float, np.ndarray]:
+    def gradient(self, coefficients: np.ndarray, constants: ChainConstants) -> tuple[float, np.ndarray]:
         self.counts["gradients"] += 1
-        return super().gradient(nodes, constants)
+        return super().gradient(coefficients, constants)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -90,12 +92,12 @@ def plain_least_squares(
         return x[:size].reshape(nn, nq), opened.constants(model.parameters.with_joint(opened.chain.free, x[size:]))
 
     def residual(x: np.ndarray) -> np.ndarray:
-        nodes, here = at(x)
-        return (np.sqrt(p.data.weight)[:, None] * (opened.positions(nodes, here) - p.data.measured)).ravel()
+        coefficients, here = at(x)
+        return (np.sqrt(p.data.weight)[:, None] * (opened.positions(coefficients, here) - p.data.measured)).ravel()
 
     def sparse(x: np.ndarray) -> csr_array:
-        nodes, here = at(x)
-        return _marker_jacobian(opened, nodes, here, columns)
+        coefficients, here = at(x)
+        return _marker_jacobian(opened, coefficients, here, columns)
 
     settings = {"tr_solver": "lsmr", "ftol": 1e-8, "xtol": 1e-8, "max_nfev": evaluations}
     if analytic:
@@ -104,11 +106,13 @@ def plain_least_squares(
     return lambda: least_squares(residual, x0, jac="2-point", jac_sparsity=pattern, **settings)
 
 
-def _marker_jacobian(p: MotionProblem, nodes: np.ndarray, constants: ChainConstants, columns: np.ndarray) -> csr_array:
-    q = p.basis.evaluate(nodes)
+def _marker_jacobian(
+    p: MotionProblem, coefficients: np.ndarray, constants: ChainConstants, columns: np.ndarray
+) -> csr_array:
+    q = p.basis.evaluate(coefficients)
     nf, nq, nm = len(q), q.shape[1], len(p.data.segment)
     spatial = jacobian(p.chain, constants, forward(p.chain, constants, q))
-    x = p.positions(nodes, constants)
+    x = p.positions(coefficients, constants)
     rows, cols, values = [], [], []
     frame = np.arange(nf)
     for m, segment in enumerate(p.data.segment):
@@ -123,9 +127,9 @@ def _marker_jacobian(p: MotionProblem, nodes: np.ndarray, constants: ChainConsta
             values.append(block.ravel())
             for k in range(len(p.chain.free)):
                 rows.append(row)
-                cols.append(np.full(nf, nodes.size + k))
+                cols.append(np.full(nf, coefficients.size + k))
                 values.append(velocity[nq + k, i])
-    shape = (3 * nm * nf, nodes.size + len(p.chain.free))
+    shape = (3 * nm * nf, coefficients.size + len(p.chain.free))
     out = csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=shape)
     out.eliminate_zeros()
     return out

@@ -73,15 +73,15 @@ def section_track() -> list[Timing]:
 def _parts_of_track() -> list[Timing]:
     """What the time of tracking is made of."""
     p, parameters = problem("gait"), subject().parameters
-    constants, nodes = p.constants(parameters), start_of(p)
-    band = p.equations(nodes, constants).band
+    constants, coefficients = p.constants(parameters), start_of(p)
+    band = p.equations(coefficients, constants).band
     return [
         Timing("  of it: trial set up", lambda: problem("gait")),
         Timing("  of it: start from rigid fits", lambda: start_of(p)),
-        Timing("  of it: a pass with the matrix", lambda: p.equations(nodes, constants)),
-        Timing("  of it: a pass without", lambda: p.gradient(nodes, constants)),
+        Timing("  of it: a pass with the matrix", lambda: p.equations(coefficients, constants)),
+        Timing("  of it: a pass without", lambda: p.gradient(coefficients, constants)),
         Timing("  of it: a factorisation", lambda: BandFactor(band)),
-        Timing("  of it: distances of all markers", lambda: motion_of(p, parameters, nodes)),
+        Timing("  of it: distances of all markers", lambda: motion_of(p, parameters, coefficients)),
     ]
 
 
@@ -165,7 +165,7 @@ def section_bandwidth() -> list[Timing]:
 def section_inverse_dynamics() -> list[Timing]:
     """Generalised forces of 208 frames."""
     model, motion = subject(), gait_motion()
-    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     wrench = residual_free_wrench(model.parameters, motion)
     bare = build_model(model.parameters)
     data = bare.createData()

@@ -129,7 +129,7 @@ def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Ar
     loads = calibration.trial("gait").loads
     if loads is None or loads.errors is None:
         raise RuntimeError("the gait trial has no torques with standard errors")
-    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     true = Dynamics(parameters).forces(q, v, a, residual_free_wrench(parameters, motion))
     valid, errors = loads.reactions.valid, np.hstack([loads.errors.tau, loads.errors.knee_adduction])
     final, nominal = (np.hstack([m.tau, m.knee_adduction]) - true for m in (loads.final, loads.nominal))
@@ -142,7 +142,7 @@ def kinetic_errors(calibration: Calibration, seed: int) -> tuple[tuple[Array, Ar
     loads = calibration.trial("gait").loads
     if loads is None or loads.kinetics is None or loads.errors is None or loads.errors.kinetics is None:
         raise RuntimeError("the gait trial has no powers with standard errors")
-    q, v, a = (motion.basis.evaluate(motion.nodes, k) for k in range(3))
+    q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     power, moment = kinetic_values(parameters, q, v, a, residual_free_wrench(parameters, motion))
     valid, spread = loads.reactions.valid, loads.errors.kinetics
     vectors = [of[valid].reshape(int(valid.sum()), -1) for of in (loads.kinetics.moment - moment, spread.moment)]
