@@ -18,6 +18,7 @@ from gaitcal.faults.study import check_file, check_study
 from gaitcal.faults.verdict import stopping
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.atomic import atomic_text, real_path
+from gaitcal.io.formats import MARKER_READERS
 from gaitcal.session.draft import (
     STUDY,
     Draft,
@@ -90,7 +91,9 @@ def draft_study_file(
     console.line(f"study: {target}")
     _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
     nominal_of(study_of(draft, proposed=True))  # an error of the static trial is told now
-    if unconfirmed_words(draft):
+    if draft.choice is not None and (proposal := draft.choice.proposal) is not None:
+        for label in sorted(proposal.asked):
+            console.line(f"asked: is {label} {proposal.rename[label]}? It lies where one in a hundred does")
         console.line("asked: is each marker what [markers.rename] and [markers.tracking] say? Then confirmed = true")
     console.line(f"next:  look through it, then gaitcal calibrate {target} --out {folder.resolve().name}-result")
 
@@ -115,6 +118,8 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | Dra
     InputError
         A folder with several study files, or from which no study follows.
     """
+    if path.suffix.lower() in MARKER_READERS and path.is_file():
+        raise UsageError("is a recording; name its folder, with the static trial in it, or a study file", source=path)
     if not path.is_dir():
         _no_options_beside(path, options)
         return path

@@ -49,7 +49,7 @@ inside bars of 68, 93 inside those of 95 (68 and 87 while those thighs were take
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -62,7 +62,7 @@ from gaitcal.compare.stride_sets import Common, Session, mean_over
 from gaitcal.dynamics.axis_errors import PALPATED_DEG
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted, parameter_words
-from gaitcal.model.coordinates import coordinate_words
+from gaitcal.model.coordinates import coordinate_words, senses_of
 from gaitcal.model.linkage import LEG_JOINTS, segment_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.parameters import Kind as ParameterKind
@@ -244,8 +244,15 @@ def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]
     return tuple(lines)
 
 
+def _told(d: Difference) -> Difference:
+    """A moment that is lowest counts in the sense in which it acts: as knee abduction, no negative adduction."""
+    acts = d.kind == Kind.MOMENT.words and d.measure.startswith("lowest")
+    return replace(d, a=-d.a, b=-d.b) if acts else d
+
+
 def sentence(d: Difference) -> str:
     """`right knee flexion, highest in swing: 8.1 deg less (52.3 against 60.4), 3.2 times what ... could miss`."""
+    d = _told(d)
     digits = 3 if d.unit == "m" or d.unit == "m/s" else 2 if d.unit == "s" else 1
     below = max(d.a, d.b) < 0.0  # of a negative moment, a larger number is less
     way = ("less negative" if below else "more") if d.difference > 0 else ("more negative" if below else "less")
@@ -266,9 +273,11 @@ def subject(d: Difference) -> str:
     if d.name == GROUND_REACTION:
         return f"{side}vertical ground reaction, {d.measure}"
     coordinate = coordinate_of(d.name)
-    words = coordinate_words(coordinate)
-    title = words.title[:1].lower() + words.title[1:]
-    title += {Kind.ANGLE: "", Kind.MOMENT: f" moment (+ {words.moment})", Kind.POWER: " power"}.get(kind, "")
+    title = coordinate_words(coordinate).title
+    title = title[:1].lower() + title[1:] + (" power" if kind is Kind.POWER else "")
+    if kind is Kind.MOMENT and (senses := senses_of(coordinate)):
+        figure, _, phase = d.measure.partition(" in ")
+        return f"{side}{title.split()[0]} {senses[figure == 'lowest']} moment, {phase}"
     if coordinate.startswith(("pelvis", "lumbar")):
         return f"{title} in {side}strides, {d.measure}"
     return f"{side}{title}, {d.measure}"
@@ -276,9 +285,9 @@ def subject(d: Difference) -> str:
 
 def numbers_of(d: Difference) -> tuple[str, ...]:
     """Both sessions, their difference, what could be missed, and how many times that it is."""
-    digits = 3 if d.unit in ("m", "m/s", "s") else 1
+    d, digits = _told(d), 3 if d.unit in ("m", "m/s", "s") else 1
     figures = [f"{round(value, digits) + 0.0:.{digits}f}" for value in (d.a, d.b, d.difference)]  # + 0.0: no -0.0
-    limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.3g}", f"{d.times:.1f}")
+    limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.{digits}f}", f"{d.times:.1f}")
     return (*figures, *limit)
 
 

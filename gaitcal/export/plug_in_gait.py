@@ -5,6 +5,7 @@
 | `RPelvisAngles` | anterior tilt | this side up | this side forward |
 | `RHipAngles` | flexion | adduction | internal rotation |
 | `RKneeAngles`, `RAnkleAngles`, `RSubtalarAngles` | flexion; dorsiflexion; inversion | 0 | 0 |
+| `RFootProgressAngles` | 0 | 0 | toes in, against the axis of the room along which the person walks |
 | `RHipMoment` | extension | abduction | external rotation |
 | `RKneeMoment` | extension | abduction | 0 |
 | `RAnkleMoment`, `RSubtalarMoment` | plantarflexion; eversion | 0 | 0 |
@@ -27,12 +28,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.dynamics.joint_kinetics import POWERS, powers
 from gaitcal.export.osim import joint_frames
+from gaitcal.gait.strides import FootAxes
 from gaitcal.io.c3d.writer import AddedPoint, PointKind
 from gaitcal.model.chain import Chain, forward, segment_poses
 from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED, Coordinate, with_side
-from gaitcal.model.linkage import COORDINATES, SIDES
+from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
 
 ANGLE_UNITS = {"deg": 180.0 / np.pi, "degrees": 180.0 / np.pi, "rad": 1.0, "radians": 1.0}
@@ -64,6 +67,7 @@ _POWERS = ("Hip", "Knee", "Ankle")
 _WORDS = {
     **{f"{point}Angles": _angle_words(rows) for point, rows in _ANGLES.items()},
     **{f"{point}Moment": _moment_words(rows) for point, rows in _MOMENTS.items()},
+    "FootProgressAngles": "0, 0, toes in, against the room's axis of progression",
     "HipPower": "W/kg: 0, 0, all axes",
     "KneePower": "W/kg: 0, 0, flexion",
     "AnklePower": "W/kg: 0, 0, ankle and subtalar axis",
@@ -92,7 +96,10 @@ def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tup
 
     `angle` is a radian in the file's unit, `moment` 1 N·m. Torques and powers are NaN in frames that do not count.
     """
-    points = [*_angles(motion, angle), *_places(motion)]
+    chain = Chain()
+    constants = chain.constants(motion.parameters.joint, motion.parameters.zero_angles)
+    poses = segment_poses(chain, constants, forward(chain, constants, motion.q))
+    points = [*_angles(motion, angle), *_foot_progress(motion, angle, poses[0]), *_places(motion, *poses)]
     if motion.torques is not None:
         points += [*_moments(motion, motion.torques, moment), *_powers(motion, motion.torques)]
     return tuple(points)
@@ -141,16 +148,24 @@ def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> list[AddedPoin
     return points
 
 
-def _places(motion: SavedMotion) -> list[AddedPoint]:
-    chain = Chain()
-    constants = chain.constants(motion.parameters.joint, motion.parameters.zero_angles)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, motion.q))
+def _foot_progress(motion: SavedMotion, unit: float, axes: Array) -> list[AddedPoint]:
+    """`axes`: as of `segment_poses`."""
+    points = []
+    feet = FootAxes(np.stack([axes[SEGMENTS.index(foot), 0].T for foot in FEET], axis=1))
+    for side in (side for side in SIDES if f"ankle_angle_{side}" not in motion.frozen):
+        values = np.zeros((len(motion.q), 3))
+        values[:, 2] = unit * feet.progression(side, 0.0)
+        points.append(_point(side, "FootProgressAngles", PointKind.ANGLE, values))
+    return points
+
+
+def _places(motion: SavedMotion, axes: Array, origins: Array) -> list[AddedPoint]:
     frames = {joint.name: joint for joint in joint_frames(motion.parameters)}
     points = []
     for joint, name in (("hip", "HJC"), ("knee", "KJC"), ("talocrural", "AJC")):
         for side in SIDES:
             of = frames[f"{joint}_{side}"]
-            segment = chain.segments.index(of.parent)
+            segment = SEGMENTS.index(of.parent)
             place = np.einsum("j,jif->fi", of.in_parent.translation, axes[segment]) + origins[segment].T
             points.append(_point(side, name, PointKind.PLACE, place))
     return points

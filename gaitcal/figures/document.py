@@ -6,11 +6,11 @@ counts, steps; kinematics; kinetics; joints, comments, signature.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from reportlab.lib.colors import HexColor
 from reportlab.lib.pagesizes import A4
@@ -121,38 +121,50 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     InputError
         `path` is a folder, or cannot be written.
     """
-    story = _of_sessions if isinstance(content, ComparisonContent) else _story
     register_fonts()
-    _, pages = _drawn(content, story, total=None)
-    drawn, pages = _drawn(content, story, total=pages)
-    atomic_bytes(path, drawn)
-    return pages
-
-
-def _drawn(content: Any, story: Callable[[Any, float, float], list[Flowable]], total: int | None) -> tuple[bytes, int]:
-    """The file, and how many pages it has; drawn a first time only to learn that."""
     width, height = A4
+    size = width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm
     out = BytesIO()
     document = BaseDocTemplate(out, pagesize=A4, title=content.title, author="", creator=content.footer, invariant=1)
-    frame = Frame(MARGIN, MARGIN + 6 * mm, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm, 0, 0, 0, 0)
-    seen = 0
+    frame = Frame(MARGIN, MARGIN + 6 * mm, *size, 0, 0, 0, 0)
 
     def decorate(canvas: Canvas, _: object) -> None:
-        nonlocal seen
-        seen = canvas.getPageNumber()
         canvas.setFillColor(INK)
         canvas.setFont(BOLD, 8)
         canvas.drawString(MARGIN, height - MARGIN, content.title[:90])
         canvas.setFont(SANS, 7)
         canvas.setFillColor(FAINT)
         canvas.drawString(MARGIN, MARGIN - 2 * mm, content.footer)
-        canvas.drawRightString(width - MARGIN, MARGIN - 2 * mm, f"page {seen}" + (f" of {total}" if total else ""))
+        canvas.drawRightString(width - MARGIN - 3 * mm, MARGIN - 2 * mm, f"page {canvas.getPageNumber()} of")
+        canvas.doForm(_Total.FORM)
         canvas.setStrokeColor(GRID)
         canvas.line(MARGIN, height - MARGIN - 2.5 * mm, width - MARGIN, height - MARGIN - 2.5 * mm)
 
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
-    document.build(story(content, width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm))
-    return out.getvalue(), seen
+    total = _Total(width - MARGIN, MARGIN - 2 * mm)
+    story = _of_sessions(content, *size) if isinstance(content, ComparisonContent) else _story(content, *size)
+    document.build([*story, total])
+    atomic_bytes(path, out.getvalue())
+    return total.pages
+
+
+class _Total(Flowable):  # type: ignore[misc]
+    """The last flowable: draws how many pages there are into the form that every page shows."""
+
+    FORM: Final = "total"
+
+    def __init__(self, x: float, y: float) -> None:
+        super().__init__()
+        self.place, self.pages = (x, y), 0
+
+    def draw(self) -> None:
+        """On the last page, which is known then."""
+        self.pages = self.canv.getPageNumber()
+        self.canv.beginForm(self.FORM)
+        self.canv.setFont(SANS, 7)
+        self.canv.setFillColor(FAINT)
+        self.canv.drawRightString(*self.place, str(self.pages))
+        self.canv.endForm()
 
 
 def _story(content: ReportContent, width: float, height: float) -> list[Flowable]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 from xml.sax.saxutils import escape
@@ -83,9 +84,8 @@ class Sheet:
 @cache
 def register_fonts() -> None:
     """DejaVu Sans, which comes with matplotlib: names in most alphabets, the same on every machine."""
-    from matplotlib import get_data_path
-
-    folder = Path(get_data_path()) / "fonts" / "ttf"
+    matplotlib = Path(getattr(find_spec("matplotlib"), "origin", ""))  # found, not loaded: that takes its time
+    folder = matplotlib.parent / "mpl-data" / "fonts" / "ttf"
     for name, file in ((SANS, "DejaVuSans.ttf"), (BOLD, "DejaVuSans-Bold.ttf")):
         pdfmetrics.registerFont(TTFont(name, folder / file))
     pdfmetrics.registerFontFamily(SANS, normal=SANS, bold=BOLD, italic=SANS, boldItalic=BOLD)

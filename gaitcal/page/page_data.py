@@ -414,6 +414,9 @@ def read_page_data(path: Path) -> dict[str, Any]:
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        message = f"is no result of 'gaitcal calibrate': found no {path.name} in it"
+        raise InputError(message, source=path.parent, code=Code.NO_RESULT) from None
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None
     if not isinstance(data, dict) or data.get("format") != FORMAT or not isinstance(data.get("trials"), list):

@@ -70,12 +70,12 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     InputError
         It is no result of `gaitcal calibrate`, or is damaged.
     """
+    page = read_page_data(folder / PAGE_DATA)
     model, _, _ = load_result_model(folder)
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
     of = read_cycles(folder)
     strides = strides_in_convention(of, CLINICAL, model)
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
-    page = read_page_data(folder / PAGE_DATA)
     norm = _norm(page, named, model.subject, summary, manifest)
     relative = table_of(manifest, "settings").get("angles") == "relative"
     remark = " ".join(filter(None, (norm.remark, RELATIVE if relative and norm.bands else "")))

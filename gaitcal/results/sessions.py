@@ -90,8 +90,7 @@ def write_comparison(
 def comparison_html(comparison: SessionComparison, results: Sequence[Path]) -> str:
     """The page of a comparison of two `results`: `comparison.html`."""
     norms, scores = _scores(results)
-    people = [person_facts(person) for person in comparison.subjects]
-    return comparison_page(comparison, CLINICAL, SHEETS, people, scores, norms)
+    return comparison_page(comparison, CLINICAL, SHEETS, _people(comparison, results), scores, norms)
 
 
 def comparison_content(
@@ -99,7 +98,7 @@ def comparison_content(
 ) -> ComparisonContent:
     """The report on paper of two `results`; `comments` as of `report_content`."""
     norms, scores = _scores(results)
-    names, people = comparison.names, [dict(person_facts(person)) for person in comparison.subjects]
+    names, people = comparison.names, [dict(known) for known in _people(comparison, results)]
     labels = dict.fromkeys(label for known in people for label in known)
     head = ("figure", "unit", *names, "difference", "missed below", "times")
     steps = [d for d in comparison.found if d.kind == "spatiotemporal" and d.name in SHOWN_MEASURES]
@@ -131,6 +130,12 @@ def comparison_content(
         comments=comments,
         footer=f"gaitcal {package_version('gaitcal')}: gaitcal compare has every figure and its error",
     )
+
+
+def _people(comparison: SessionComparison, results: Sequence[Path]) -> list[tuple[tuple[str, str], ...]]:
+    """Of each session, label and value of what is known of person and day, and the verdict of its result."""
+    verdicts = [str(read_object(result / SUMMARY).get("verdict") or "not told") for result in results]
+    return [(*person_facts(p), ("Verdict", v)) for p, v in zip(comparison.subjects, verdicts, strict=True)]
 
 
 def _scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:

@@ -103,7 +103,8 @@ def _without_torque_errors(
     events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
     events = activity_events(body, events) if trial.role is Role.MOTION else events
     feet = foot_points(model, body, final) if has_feet(model) else None
-    faced = None if trial.joint else facing(pelvis_angles(body))
+    may_turn = trial.joint or trial.role is Role.MOTION  # nothing of an activity is left out because it is a turn
+    faced = None if may_turn else facing(pelvis_angles(body))
     strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
     lines = stride_lines(strides, body.time)
     long_axes, by_coordinate = foot_axes(body, final, lines)
@@ -258,9 +259,9 @@ def leg_fit(trial: TrialResult) -> RmsErrors:
     return trial_fit(trial, *LOWER_BODY)
 
 
-def segment_fits(trial: TrialResult, segments: tuple[str, ...] = SEGMENTS) -> list[RmsErrors]:
-    """Of each of these segments that has markers in this trial."""
-    return [trial_fit(trial, s) for s in segments if trial.calibrated.errors.kept(s).any()]
+def segment_fits(trial: TrialResult) -> list[RmsErrors]:
+    """Of each segment that has markers in this trial."""
+    return [trial_fit(trial, s) for s in SEGMENTS if trial.calibrated.errors.kept(s).any()]
 
 
 def static_angles(model: SubjectModel, parameters: Parameters, static: Recording) -> dict[str, float]:

@@ -114,6 +114,11 @@ def test_negative_values_are_told_as_more_or_less_negative() -> None:
     peak = replace(found[0], name="ankle_angle_moment", kind="moment", unit="N m", a=-86.0, b=-77.0)
     assert "9.0 N m less negative (-77.0 against -86.0)" in sentence(peak)
     assert "9.0 N m more negative" in sentence(replace(peak, a=-77.0, b=-86.0))
+    lowest = replace(peak, name="knee_adduction_moment", measure="lowest in terminal stance", a=-11.8, b=-8.4)
+    told = "knee abduction moment, terminal stance: 3.4 N m less (8.4 against 11.8)"
+    assert told in sentence(lowest) and numbers_of(lowest)[:3] == ("11.8", "8.4", "-3.4"), (
+        "in the sense in which it acts"
+    )
     same_step = replace(peak, unit="s", a=0.6070, b=0.60696)
     assert numbers_of(same_step)[:3] == ("0.607", "0.607", "0.000")
 

@@ -15,6 +15,7 @@ from gaitcal.cli.application import app
 from gaitcal.cli.console import Console
 from gaitcal.cli.figures import chosen
 from gaitcal.cli.figures import draw_figures as run
+from gaitcal.cli.view import print_report
 from gaitcal.errors import InputError, UsageError
 from gaitcal.export.muscle_paths import MusclePath, muscle_changes, muscles_csv
 from gaitcal.figures import report
@@ -231,6 +232,8 @@ def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str,
 
 
 def test_a_folder_that_is_no_result(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no result of 'gaitcal calibrate': found no page.json in it"):
+        print_report(Console(quiet=True, verbose=False), tmp_path)
     for folder, message in ((tmp_path, "has no page.json"), (tmp_path / "no", "no such folder")):
         with pytest.raises(InputError, match=message):
             run(Console(quiet=True, verbose=False), folder)

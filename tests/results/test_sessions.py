@@ -98,6 +98,8 @@ def test_scores_against_other_norms_have_no_difference(results: tuple[Path, Path
 def test_the_report_of_two_sessions_holds_both_means(results: tuple[Path, Path], tmp_path: Path) -> None:
     found = compare_results(*results)
     content = comparison_content(found, results, {"kinematics": "Softer knee."})
+    told = [json.loads((folder / SUMMARY).read_text())["verdict"] for folder in results]
+    assert content.people[-1] == ("Verdict", *told), "of both, not of doubtful ones only"
     panel = next(p for p in content.sheets[0].panels if not isinstance(p, str) and p.title == "Pelvic tilt")
     rows = found.curves[(found.curves["variable"] == "pelvis_tilt") & (found.curves["side"] == "r")]
     for drawn, column, sign in (

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gaitcal.cli.console import Console
 from gaitcal.cli.folder import study_or_draft
-from gaitcal.errors import InputError
+from gaitcal.errors import InputError, UsageError
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
@@ -32,7 +32,7 @@ name = "person"  # sure: name of the folder
 height_m = 1.7  # sure: option
 sex = "male"  # sure: option
 # age_years =   # no file says it; tables of masses and norms of gait go by it
-# session_date = "2016-03-09"   # no file says it; with birth_date it gives the age
+# session_date = "YYYY-MM-DD"   # no file says it; with birth_date it gives the age
 # For reports and tables, where wanted: birth_date, diagnosis, affected_side, aids, laboratory
 
 [markers]
@@ -270,6 +270,8 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
     assert "walk.csv is not used: another person" in made.problem
     with pytest.raises(InputError, match="walk.csv is not used: another person"):
         study_or_draft(folder, Options(), Console(quiet=True, verbose=False))
+    with pytest.raises(UsageError, match="is a recording; name its folder"):
+        study_or_draft(next(folder.glob("*.csv")), Options(), Console(quiet=True, verbose=False))
     assert missing_words(made).startswith("no file that is used says subject.mass_kg")
 
 
