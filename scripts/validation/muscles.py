@@ -254,6 +254,8 @@ def _arms_in_postures(file: Path, legs: tuple[LegJoint, ...]) -> Iterator[Array]
     """(muscles,) m, about one coordinate of the legs after the other, the others anywhere in their ranges."""
     import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
+    opensim.Logger.removeFileSink()
+    opensim.Logger.setLevelString("Off")
     rng, ranges = np.random.default_rng(0), leg_ranges(legs)
     model = opensim.Model(str(file))
     state, names = model.initSystem(), list(ranges)
