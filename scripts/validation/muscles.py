@@ -271,8 +271,9 @@ def _arms_in_postures(file: Path, legs: tuple[LegJoint, ...]) -> Iterator[Array]
         model.assemble(state)
         model.realizePosition(state)
         which = k % len(coordinates)
-        arms = np.array([m.computeMomentArm(state, coordinates[which]) for m in crossing.get(which, muscles)])
-        crossing.setdefault(which, [m for m, arm in zip(muscles, arms, strict=True) if abs(arm) > CROSSES])
+        asked = crossing.get(which, muscles)
+        arms = np.array([m.computeMomentArm(state, coordinates[which]) for m in asked])
+        crossing[which] = [m for m, arm in zip(asked, arms, strict=True) if abs(arm) > CROSSES]
         yield arms
 
 
