@@ -35,13 +35,14 @@ from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_fram
 from gaitcal.dynamics.inverse_dynamics import FEET, moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.gait.events import GaitEvents, activity_events, trial_events
 from gaitcal.gait.moments import segment_words
 from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
 from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Source
+from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Source, segment_kind
 from gaitcal.model.parameters import Parameters, impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import joint_floor
@@ -74,8 +75,9 @@ def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, un
         model=model, settings=settings, parameters=model.parameters, trials=(prepared,), uncertainty=uncertainty
     )
     session = replace(session, trials=(tracked(prepared, session, Stage.JP_IP),))
+    session = replace(session, forces=diagnose_forces(session))
     result = trial_result(session.trials[0], session)
-    return replace(result, doubts=(*result.doubts, *diagnose_forces(session).findings))
+    return replace(result, doubts=(*result.doubts, *session.forces.findings))
 
 
 def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
@@ -84,7 +86,8 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
     if trial.joint is None:
         joint, coefficients = session.uncertainty.joint, trial.motion.coefficients
         moves = marker_moves(trial.with_skin, coefficients, trial.parameters, joint, trial.scores)
-    axes = AxisErrors(trial.parameters, axis_deviations(session.settings, session.model))
+    deviations = axis_deviations(session.settings, session.model, session.moves.get(trial.name))
+    axes = AxisErrors(trial.parameters, deviations)
     erring = _erring_forces(trial, session, axes, moves)
     if erring is None:
         return _without_torque_errors(trial, session, axes, moves)
@@ -171,12 +174,20 @@ def _foot_axes(
     return FootAxes(long_axes, np.sqrt(variance), None if own is None else np.sqrt(own))
 
 
-def axis_deviations(settings: CalibrationSettings, model: SubjectModel) -> Mapping[str, tuple[float, float, float]]:
-    """Segment -> deg, how far its axes may point elsewhere."""
+def axis_deviations(
+    settings: CalibrationSettings, model: SubjectModel, moves: Mapping[str, PossibleMove] | None = None
+) -> Mapping[str, tuple[float, float, float]]:
+    """Segment -> deg, how far its axes may point elsewhere; of one side, with what its markers may have done (`moves`)
+    in a trial.
+    """
     if settings.segment_axes == "exact":
         return EXACT
     by = 1.0 if model.noise is None else model.noise.joints
-    return {segment: (by * x, by * y, by * z) for segment, (x, y, z) in PALPATED_DEG.items()}
+    out = {segment: (by * x, by * y, by * z) for segment, (x, y, z) in PALPATED_DEG.items()}
+    for segment, move in (moves or {}).items():
+        x, y, z = np.hypot(out[segment_kind(segment).name], np.rad2deg(move.turn)).tolist()
+        out[segment] = x, y, z
+    return out
 
 
 def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float) -> TrialResult:
@@ -206,7 +217,7 @@ def _erring_forces(
         session.uncertainty.joint,
         session.uncertainty.inertial,
         moves,
-        PlateErrors.of(session.settings.plate_error),
+        PlateErrors.of(session.settings.plate_error).beside(session.forces.possible.get(trial.name)),
         axes,
     )
 
