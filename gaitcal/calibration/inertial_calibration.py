@@ -247,20 +247,14 @@ class InertialFit:
 
 
 def fit_published(
-    equations: RootEquations,
-    seed: Array,
-    which: InertialSet,
-    *,
-    start: Array | None = None,
-    reseed: bool = True,
-    decay: float = 1.0,
+    equations: RootEquations, seed: Array, which: InertialSet, *, reseed: bool = True, decay: float = 1.0
 ) -> InertialFit:
     """The published cost; `seed` (84,) gives the constants too. Relative penalties, re-seeded until nothing changes.
 
     `decay` multiplies the penalty's weight at every re-seed: 1 is the published procedure, 0.1 for data without noise.
     """
     began = time.perf_counter()
-    inertial, centre = (seed if start is None else start).copy(), seed
+    inertial, centre = seed.copy(), seed
     s = which.selection
     norm = (s * s).sum(axis=0)
 

@@ -129,11 +129,14 @@ def write(axes: Axes, x: float, y: float, text: str, **options: object) -> None:
     axes.text(x, y, text, **(style | options))  # type: ignore[arg-type]
 
 
-def limits(values: list[np.ndarray], least: float, margin: float = 0.06) -> tuple[float, float]:
+MARGIN = 0.06  # of the span of all values, at either end of an axis
+
+
+def limits(values: list[np.ndarray], least: float) -> tuple[float, float]:
     """Limits of an axis that hold all finite `values` and span at least `least`."""
     finite = np.concatenate([v[np.isfinite(v)].ravel() for v in values] or [np.empty(0)])
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
-    middle, half = (low + high) / 2, max((high - low) * (0.5 + margin), least / 2)
+    middle, half = (low + high) / 2, max((high - low) * (0.5 + MARGIN), least / 2)
     return middle - half, middle + half
 
 

@@ -156,11 +156,11 @@ def _median_difference(known: Sequence[float], other: Sequence[float]) -> float:
     return float(np.median(near)) if near else 0.0
 
 
-def motion_events(time: Array, slower: Array, strike: float = STRIKE, off: float = OFF) -> list[FootEvent]:
+def motion_events(time: Array, slower: Array) -> list[FootEvent]:
     """Events of both feet from the speed (nf, 2) m/s of the slower end of each: order right, left."""
     events = []
     for foot, side in enumerate(SIDES):
-        strikes, offs = swing_events(time, slower[:, foot], strike, off)
+        strikes, offs = swing_events(time, slower[:, foot])
         events += [FootEvent(FootMoment.STRIKE, side, t) for t in strikes.tolist()]
         events += [FootEvent(FootMoment.OFF, side, t) for t in offs.tolist()]
     return events
@@ -190,14 +190,13 @@ def _passing(plates: Sequence[ForcePlate], begin: float, end: float, *, rising: 
     return end if rising else begin
 
 
-def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float = OFF) -> tuple[Array, Array]:
+def swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
     """Strikes and offs (s, increasing) of one foot, between frames by a straight line.
 
     Parameters
     ----------
     time : (nf,) s.
     slower : (nf,) m/s, speed of heel or toe against the ground, whichever is the slower.
-    strike, off : thresholds, as parts of a swing's peak.
     """
     if len(time) < 3 or not np.isfinite(slower).all():
         return np.array([]), np.array([])
@@ -210,14 +209,14 @@ def swing_events(time: Array, slower: Array, strike: float = STRIKE, off: float 
         # A swing that the trial cuts has its peak outside: the others tell how fast it was.
         cut = k in (0, len(time) - 1)
         peak = max(float(slower[k]), float(np.median(inner))) if cut and inner else float(slower[k])
-        begin, end = _below(slower, int(k), off * peak, -1), _below(slower, int(k), strike * peak, 1)
+        begin, end = _below(slower, int(k), OFF * peak, -1), _below(slower, int(k), STRIKE * peak, 1)
         path = slower[slice((begin or 0), (len(time) if end is None else end + 1))]
         if float(path.sum()) * float(np.median(np.diff(time))) < LEAST_TRAVEL:
             continue
         if end is not None:
-            strikes.append(_crossing(time, slower, end - 1, strike * peak))
+            strikes.append(_crossing(time, slower, end - 1, STRIKE * peak))
         if begin is not None:
-            offs.append(_crossing(time, slower, begin, off * peak))
+            offs.append(_crossing(time, slower, begin, OFF * peak))
     return np.unique(strikes), np.unique(offs)
 
 

@@ -53,10 +53,10 @@ class StillWindow:
     because the person moved."""
 
 
-def still_window(recording: Recording, labels: Iterable[str], duration: float = DURATION_S) -> StillWindow:
-    """The window of `duration` s in which most of the markers `labels` are seen, and of those the stillest.
+def still_window(recording: Recording, labels: Iterable[str]) -> StillWindow:
+    """The window of `DURATION_S` in which most of the markers `labels` are seen, and of those the stillest.
 
-    Without a still one, the stillest that is merely restless. A recording shorter than `duration` is taken whole, one
+    Without a still one, the stillest that is merely restless. A recording shorter than `DURATION_S` is taken whole, one
     shorter than LAG_S even where it moves a little: noise moves it, too.
     InputError where none of the labels is ever seen, or where no window is slower than RESTLESS_M_S; it names the
     smallest speed found.
@@ -80,7 +80,7 @@ def still_window(recording: Recording, labels: Iterable[str], duration: float = 
                 f"at most {WALKS_M_S:g} m/s is allowed where there are so few"
             )
         return StillWindow(slice(0, frames), speed, float(time[0]), float(time[-1]), _scatter(markers))
-    length = min(frames, max(2, round(duration * recording.rate) + 1))
+    length = min(frames, max(2, round(DURATION_S * recording.rate) + 1))
     lag = min(length - 1, max(1, round(LAG_S * recording.rate)))
     speeds = _speeds(time, markers, lag, length)
     wide = max(1, min(round(SMOOTH_S * recording.rate), length - lag))

@@ -90,9 +90,9 @@ def number(value: float | None, digits: int = 1, sign: bool = False) -> str:
     return text.replace(",", "\u202f").replace("-", "−")
 
 
-def rounded(value: float | None, digits: int = 4) -> float | None:
+def rounded(value: float | None) -> float | None:
     """A number of a picture, without more digits than can be seen; None where there is none."""
-    return None if value is None or value != value else round(float(value), digits)
+    return None if value is None or value != value else round(float(value), 4)
 
 
 def visible(text: object) -> str:

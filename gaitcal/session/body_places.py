@@ -60,6 +60,11 @@ class Body:
         """(np,) whether one marker only may sit there."""
         return np.array([bool(label) for label in self.labels])
 
+    def with_arm(self, side: str, other: Body) -> Body:
+        """The body with an arm as another one holds it."""
+        arm = [segment in (f"upper_arm_{side}", f"forearm_hand_{side}") for segment in self.segments]
+        return replace(self, at=np.where(np.array(arm)[:, None], other.at, self.at))
+
 
 def _both(text: str, side: str) -> str:
     return text.replace("{s}", side)
@@ -199,6 +204,23 @@ def place_markers(points: Array, body: Body, height: float, evidence: Together, 
         body=body,
         height=height,
     )
+
+
+def out_of_place(points: Array, placed: Placed) -> Array:
+    """(n,) chi-squared of three: how far each of `points` (n, 3), those of `place_markers`, lies from where all
+    others put its place; NaN on nobody. With K their covariance and r their residuals, the sum over the axes of
+    (K^-1 r)_i^2 / (K^-1)_ii.
+    """
+    body, on = placed.body, placed.places >= 0
+    found, out = placed.places[on], np.full(len(points), np.nan)
+    residual = points[on] / placed.height - body.at[found]
+    out[on] = 0.0
+    for axis in range(3):
+        at = body.at[found, axis]
+        joint = body.shared[np.ix_(found, found)][:, :, axis] + SCALE**2 * np.outer(at, at)
+        inverse = np.linalg.inv(joint + np.diag(np.square(body.own[found])))
+        out[on] += np.square(inverse @ residual[:, axis]) / np.diag(inverse)
+    return out
 
 
 def _numbers(body: Body) -> tuple[list[int], list[int]]:

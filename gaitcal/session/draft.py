@@ -211,7 +211,7 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
 
 
 def _proposed(proposal: LabelProposal) -> list[str]:
-    """What labels mean that say nothing, each with its evidence, for a person to confirm."""
+    """What labels mean that say nothing, each with its evidence, to be confirmed; what is asked is a comment."""
     lines = [
         "[markers]",
         f"# likely: no marker set knows the labels; {proposal.told}",
@@ -221,7 +221,9 @@ def _proposed(proposal: LabelProposal) -> list[str]:
         "[markers.rename]  # label in the files = what the marker lies on",
     ]
     for label, name in sorted(proposal.rename.items(), key=lambda item: item[1]):
-        lines.append(f"{toml_value({label: name})[1:-1].strip()}  # {proposal.evidence[label]}")
+        line = f"{toml_value({label: name})[1:-1].strip()}  # {proposal.evidence[label]}"
+        question = "; ASKED: is it? Then take the first # away; else name its segment under markers.tracking"
+        lines.append(f"# {line}{question}" if label in proposal.asked else line)
     return lines + _followers(proposal)
 
 
@@ -342,6 +344,9 @@ def study_of(draft: Draft, *, proposed: bool = False) -> Study:
         raise InputError(
             f"{missing_words(draft)}: give {missing_options(draft)}", source=draft.folder.path, code=Code.WHO_IT_IS
         )
+    if draft.choice is not None and draft.choice.proposal is not None:
+        answered = replace(draft.choice.proposal, asked=frozenset())
+        draft = replace(draft, choice=replace(draft.choice, proposal=answered))
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / STUDY
         written.write_text(draft_text(draft, None), encoding="utf-8")

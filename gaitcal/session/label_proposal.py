@@ -6,9 +6,9 @@ One recording stands, the others move. Height, heading and posture of the arms a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import PureWindowsPath
 
 import numpy as np
@@ -18,8 +18,16 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.landmarks import is_device
-from gaitcal.model.linkage import SIDES
-from gaitcal.session.body_places import HEIGHT_M, HEIGHT_SD_M, Placed, Together, place_markers, standing_bodies
+from gaitcal.model.linkage import LOWER_BODY, SIDES
+from gaitcal.session.body_places import (
+    HEIGHT_M,
+    HEIGHT_SD_M,
+    Placed,
+    Together,
+    out_of_place,
+    place_markers,
+    standing_bodies,
+)
 from gaitcal.session.marker_motion import (
     distance_scatter,
     forward_direction,
@@ -33,11 +41,14 @@ BOTH_FEET = 0.5
 """How far both feet must say the same of the way forward to be believed without asking where feet and pelvis point."""
 BEYOND_DOUBT = 4.6
 """Log of the odds, 100 to 1, from which left and right, or a segment, are told without a doubt."""
+ONE_IN_100 = 11.34
+"""Chi-squared of three, which one landmark in a hundred exceeds: of such a one a person is asked."""
 FLOOR_M = 0.02
 """Of the lowest marker over the floor."""
 TALL, STEP, STEPS = 1.03, 1.06, 12
 """Heights that are tried: the highest marker's, as if it were over the head, and so on to where it is on the pelvis."""
 NEAREST = 5
+LIKELIEST = 3
 """Of these heights, where one is told."""
 HEIGHT_TOLD = 0.03
 """Standard deviation of a height that is told, as a share, against that by which markers fit best."""
@@ -48,8 +59,8 @@ WITH_ANOTHER = 0.75
 """Share of the markers that another one is on a segment with: all but some wrist, elbow or shoulder."""
 ALONE = 0.09
 """Half as far from the middle as a posterior superior iliac spine, as a share of the distance of the anterior ones."""
-RIGID = 0.1
-"""Scatter of a distance, as a share of the least of two measured markers', from which a point must be computed."""
+MEASURED_M = 1e-5
+"""Least scatter of a distance that cameras measure while somebody moves; of less, a program computed a point."""
 GLIDING, CLUSTER = ("knee_", "toe_"), 3
 """Landmarks over which skin glides, or that bend, and of how many other markers a segment needs to do without them."""
 KNEE, KNEE_SPREAD = 0.27, 0.08
@@ -71,6 +82,8 @@ class LabelProposal:
     """Label -> by what it was told, in words."""
     unused: Mapping[str, str]
     """Label -> why it is nowhere."""
+    asked: frozenset[str] = frozenset()
+    """Labels of `rename` that lie where few markers of that landmark do: not named so unless a person says it."""
     told: str
     """By what height and heading were told, in words."""
 
@@ -82,8 +95,7 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     """
     standing = min(recordings, key=_sway)
     moving = [r for r in recordings if r is not standing]
-    resting = _resting(standing, moving)
-    every, scatter, points, seen = _seen(standing, moving, resting)
+    every, scatter, points, seen, why = _seen(standing, moving)
     rows = np.isfinite(scatter).any(axis=1)
     if rows.any() and (share := float((on_one_segment(scatter)[rows] > 0).any(axis=1).mean())) < WITH_ANOTHER:
         raise InputError(
@@ -93,19 +105,19 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
             code=Code.LANDMARKS,
         )
     forward = forward_direction(moving, points[seen], [every[i] for i in seen])
-    placed, heading, told = _likeliest(points[seen], _evidence(scatter[np.ix_(seen, seen)]), forward, height)
+    placed, view, told = _likeliest(*_of(seen, points, scatter), forward, height)
     still_only = [every[i] for i in seen if not np.isfinite(scatter[i]).any()]
-    knee = points[seen, 1].min() - FLOOR_M + KNEE * placed.height
-    devices = _devices(standing, still_only, knee, KNEE_SPREAD * placed.height)
+    devices = _devices(standing, still_only, view.origin[1] + KNEE * placed.height, KNEE_SPREAD * placed.height)
     on_device = {label for parts in devices for label in parts}
     if on_device:
         seen = [i for i in seen if every[i] not in on_device]
-        placed, heading, told = _likeliest(points[seen], _evidence(scatter[np.ix_(seen, seen)]), forward, height)
-    found = _read_off([every[i] for i in seen], placed, scatter[np.ix_(seen, seen)])
+        placed, view, told = _likeliest(*_of(seen, points, scatter), forward, height)
+    labels = [every[i] for i in seen]
+    found = _read_off(labels, placed, scatter[np.ix_(seen, seen)])
+    odd = dict(zip(labels, out_of_place(view.of(points[seen]), placed), strict=True))
+    segment = {m: placed.body.segments[p] for m, p in zip(labels, placed.places, strict=True)}
     found = _sacral(found, {label: points[i] for i, label in enumerate(every)})
-    right = np.array([-heading[1], heading[0]])
-    middle = np.median(points[seen][:, [0, 2]], axis=0)
-    out = {label: float((points[every.index(label)][[0, 2]] - middle) @ right) for label in on_device}
+    out = {label: float(view.of(points[[every.index(label)]])[0, 2]) for label in on_device}
     rods: dict[str, str] = {}
     for parts in devices:
         outwards = sorted(parts, key=lambda label: -abs(out[label]))
@@ -118,7 +130,8 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
         tracking=found.tracking,
         weights=found.weights,
         evidence={**found.evidence, **words},
-        unused={**found.unused, **resting, **{m: "never seen with the others" for m in every if m not in known}},
+        unused={**found.unused, **why, **{m: "never seen with the others" for m in every if m not in known}},
+        asked=frozenset(m for m in found.rename if odd[m] > ONE_IN_100 and segment[m] in LOWER_BODY),
         told=f"{told}; {PureWindowsPath(standing.source).name} stands",
     )
 
@@ -130,28 +143,24 @@ def place_strangers(
 
     InputError as of `propose_labels`.
     """
-    resting = _resting(standing, moving)
-    every, scatter, points, seen = _seen(standing, moving, resting)
-    why = resting | {
-        m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()
-    }
-    for i in _computed(scatter, [m in segment_of for m in every]):
-        why[every[i]] = "keeps its distance from another one better than markers do: computed"
+    every, scatter, points, seen, why = _seen(standing, moving, segment_of)
+    why |= {m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()}
     seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
     labels, body = [every[i] for i in seen], standing_bodies()[0]
+    points, beside = _of(seen, points, scatter)
     segments, scatter = np.array(body.segments), scatter[np.ix_(seen, seen)]
     own = [segment_of.get(label) for label in labels]
     allowed = np.array([~body.landmark if segment is None else segments == segment for segment in own])
     known = [k for k, segment in enumerate(own) if segment is not None]
-    forward = forward_direction(moving, points[seen][known], [labels[k] for k in known])
-    placed, _, told = _likeliest(points[seen], replace(_evidence(scatter), allowed=allowed), forward, height)
+    forward = forward_direction(moving, points[known], [labels[k] for k in known])
+    placed, _, told = _likeliest(points, replace(beside, allowed=allowed), forward, height)
     found = _read_off(labels, placed, scatter)
     near_two = {m for m, ahead in zip(labels, placed.ahead, strict=True) if ahead < BEYOND_DOUBT}
     why |= dict.fromkeys(near_two, "moves with two segments about as well") | dict(found.unused)
     why |= {m: "never seen with the others" for m in every if m not in labels and m not in why}
-    evidence, place = on_one_segment(scatter), segments[placed.places]
-    same = np.isfinite(scatter) & (place[:, None] == place)
-    loose = {m for m, row, mates in zip(labels, evidence, same, strict=True) if mates.any() and row[mates].mean() < 0}
+    place = segments[placed.places]
+    same = beside.known & (place[:, None] == place)
+    loose = {m for m, t, mates in zip(labels, beside.moves, same, strict=True) if mates.any() and t[mates].mean() < 0}
     why |= dict.fromkeys(loose - near_two, "does not keep its distance from the segment on which it stands")
     alone = {m for s, group in found.tracking.items() if s not in own for m in group}
     why |= dict.fromkeys(alone - near_two - loose, "on a segment of which the set knows no marker")
@@ -170,12 +179,17 @@ def place_strangers(
 
 
 def _seen(
-    standing: Recording, moving: Sequence[Recording], resting: Mapping[str, str]
-) -> tuple[list[str], Array, Array, list[int]]:
-    """All labels but what is `resting`, (n, n) m scatter of their distances, (n, 3) m where they stand, and the numbers
-    of those seen.
+    standing: Recording, moving: Sequence[Recording], named: Collection[str] = ()
+) -> tuple[list[str], Array, Array, list[int], dict[str, str]]:
+    """All labels of markers, (n, n) m scatter of their distances, (n, 3) m where they stand, the numbers of those seen,
+    and label -> why it is no marker on a person, of which nothing else is said; those `named` are.
     """
-    every = list(dict.fromkeys(m for r in (standing, *moving) for m in r.labels if m not in resting))
+    why = _resting(standing, moving)
+    every = list(dict.fromkeys(m for r in (standing, *moving) for m in r.labels if m not in why))
+    scatter = distance_scatter(moving, every)
+    words = "keeps its distance from another one better than markers do: computed"
+    why |= {every[i]: words for i in _computed(scatter) if every[i] not in named}
+    every = [m for m in every if m not in why]
     standing_at = standing_points(standing, every)
     scatter = distance_scatter(moving, every, standing_at)
     points = with_missing(standing_at, every, moving, scatter)
@@ -183,15 +197,17 @@ def _seen(
     if len(seen) < FEWEST_MARKERS:
         message = f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are needed"
         raise InputError(message, code=Code.LANDMARKS)
-    return every, scatter, points, seen
+    return every, scatter, points, seen, why
 
 
-def _computed(scatter: Array, measured: Sequence[bool]) -> list[int]:
-    """Numbers of the points that keep their distance from another one far better than any two `measured` markers do."""
+def _computed(scatter: Array) -> list[int]:
+    """Numbers of the points that keep their distance from another one as no two markers do; none where most points do,
+    as those of a made-up person.
+    """
     apart = np.where(np.isfinite(scatter), scatter, np.inf)
     np.fill_diagonal(apart, np.inf)
-    least = apart[np.ix_(measured, measured)].min(initial=np.inf)
-    return [i for i, row in enumerate(apart) if row.min() < RIGID * least]
+    rigid = apart.min(axis=1, initial=np.inf) < MEASURED_M
+    return [] if 2 * rigid.sum() > np.isfinite(apart).any(axis=1).sum() else np.flatnonzero(rigid).tolist()
 
 
 def _sway(recording: Recording) -> float:
@@ -235,15 +251,31 @@ def _devices(standing: Recording, labels: Sequence[str], knee: float, spread: fl
     return out
 
 
-def _evidence(scatter: Array) -> Together:
+def _of(rows: Sequence[int], points: Array, scatter: Array) -> tuple[Array, Together]:
+    """Where some of the markers stand, and what is known of them besides."""
+    scatter = scatter[np.ix_(rows, rows)]
     known = np.isfinite(scatter)
     np.fill_diagonal(known, False)
-    places = len(standing_bodies()[0].labels)
-    return Together(moves=on_one_segment(scatter), known=known, allowed=np.ones((len(scatter), places), dtype=bool))
+    allowed = np.ones((len(scatter), len(standing_bodies()[0].labels)), dtype=bool)
+    return points[rows], Together(moves=on_one_segment(scatter), known=known, allowed=allowed)
 
 
-def _likeliest(points: Array, evidence: Together, forward: Array, height: float | None) -> tuple[Placed, Array, str]:
-    """The markers on the likeliest body, the way (x, z) that it faces, and how both were told."""
+@dataclass(frozen=True)
+class _View:
+    """How a standing person is seen: `heading` (x, z) and `origin`, (3,) m, on the floor in the body's middle."""
+
+    heading: Array
+    origin: Array
+
+    def of(self, points: Array) -> Array:
+        """(n, 3) m: forward, up, to the right."""
+        away = points - self.origin
+        ahead, right = self.heading, np.array([-self.heading[1], self.heading[0]])
+        return np.column_stack([away[:, [0, 2]] @ ahead, away[:, 1], away[:, [0, 2]] @ right])
+
+
+def _likeliest(points: Array, evidence: Together, forward: Array, height: float | None) -> tuple[Placed, _View, str]:
+    """The markers on the likeliest body, how it is seen, and how that was told."""
     floor = points[:, 1].min() - FLOOR_M
     above = points[:, 1] - floor
     low = points[above < 0.6 * above.max()][:, [0, 2]]
@@ -256,10 +288,9 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     headings = [sign * axis for axis in axes for sign in (1.0, -1.0)]  # that of the feet first
     usual, spread = (height, HEIGHT_TOLD * height) if height else (HEIGHT_M, HEIGHT_SD_M)
 
-    def seen_from(heading: Array) -> Array:
-        flat, right = points[:, [0, 2]] - middle, np.array([-heading[1], heading[0]])
-        ahead = flat @ heading
-        return np.column_stack([ahead - np.median(ahead[above < 0.5 * above.max()]), above, flat @ right])
+    def seen_from(heading: Array) -> _View:
+        ahead = float(np.median((points[:, [0, 2]] - middle)[above < 0.5 * above.max()] @ heading))
+        return _View(heading, np.insert(middle + ahead * heading, 1, floor))
 
     def cost(placed: Placed) -> float:
         return placed.cost + 0.5 * ((placed.height - usual) / spread) ** 2
@@ -267,16 +298,21 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     heights = above.max() / TALL * STEP ** np.arange(STEPS)
     heights = heights[np.argsort(np.abs(heights - usual))][: None if height is None else NEAREST]
     hanging, *_ = bodies = standing_bodies()
-    tried = []
-    for k, heading in enumerate(headings):
-        seen = seen_from(heading)
-        for tall in heights:
-            tried.append((cost(place_markers(seen, hanging, tall, evidence, rounds=4)), float(tall), k))
-    best = {k: min(t for t in tried if t[2] == k) for k in range(len(headings))}
+    views = [seen_from(heading) for heading in headings]
+    seen, tried = [view.of(points) for view in views], []
+    for k, tall in product(range(len(views)), heights):
+        tried.append((cost(place_markers(seen[k], hanging, tall, evidence, rounds=4)), float(tall), k))
+    best = {k: sorted(t for t in tried if t[2] == k)[:LIKELIEST] for k in range(len(headings))}
     whole = {
-        k: min((place_markers(seen_from(headings[k]), body, best[k][1], evidence) for body in bodies), key=cost)
+        k: min((place_markers(seen[k], body, tall, evidence) for _, tall, _ in best[k] for body in bodies), key=cost)
         for k in {*sorted(best, key=lambda k: best[k][0])[:2], *([0] if walks else [])}
     }
+    for k, found in whole.items():
+        for side in SIDES:  # both arms alike so far
+            armed = (found.body.with_arm(side, body) for body in bodies)
+            tried_too = [place_markers(seen[k], body, found.height, evidence) for body in armed]
+            found = min((found, *tried_too), key=cost)
+        whole[k] = found
     chosen = min(whole, key=lambda k: cost(whole[k]))
     if walks and cost(whole[0]) - cost(whole[chosen]) > BEYOND_DOUBT:
         raise InputError(
@@ -293,7 +329,7 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
             code=Code.LANDMARKS,
         )
     how = f"both feet swing forward (agreement {said:.2f})" if walks else "feet and pelvis point forward"
-    return whole[chosen], headings[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"
+    return whole[chosen], views[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"
 
 
 def _sacral(found: LabelProposal, at: Mapping[str, Array]) -> LabelProposal:

@@ -11,7 +11,8 @@ back with the belt. With h the height and u the horizontal velocity of a low mar
 
     forward ~ sum over frames of (h - mean h) (u - mean u),
 
-by each foot for itself; what counts is in how far both say the same.
+by each foot for itself; what counts is in how far both say the same, 2 min(a, b) / (a + b) with a and b how much each
+says, and a recording counts by 2 min(a, b): one in which one foot moves says nothing.
 """
 
 from __future__ import annotations
@@ -161,9 +162,10 @@ def forward_direction(recordings: Sequence[Recording], points: Array, labels: Se
             swing = np.nansum((height - np.nanmean(height, axis=0)) * (u - np.nanmean(u, axis=1)[:, None]), axis=1)
         one, other = swing[:, feet == 1].sum(axis=1), swing[:, feet == 2].sum(axis=1)
         sizes = np.linalg.norm(one), np.linalg.norm(other)
-        weight += float(sum(sizes))
+        both = 2 * float(min(sizes))
+        weight += both
         if one @ other > 0:
-            total += 2 * min(sizes) * (one + other) / max(float(np.linalg.norm(one + other)), 1e-12)
+            total += both**2 / float(sum(sizes)) * (one + other) / float(np.linalg.norm(one + other))
     out: Array = total / weight if weight > 0 else total
     return out
 

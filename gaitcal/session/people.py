@@ -7,6 +7,13 @@ differ in several segments by more. D(a, b) is the median distance of two marker
 
 Within sessions of eight people the second largest d_s of pelvis and legs is at most 9 mm, between people from 11 mm.
 
+Points that are no markers (`model/point_noise.py`) show bones, from joint to joint: corners of a pose keep their
+distances whoever moves. Their errors sigma last for a time tau each, so that a median over T errs by
+
+    e = sqrt(2) sigma / sqrt(max(T / tau, 1)),
+
+which the limits are widened by: to (limit^2 + z^2 (e^2 + e'^2))^1/2, z = 1.96.
+
 A folder may hold two people, or one person on two days. Each static trial gathers the recordings whose markers sit as
 in itself; the largest such group is the session, and the others keep their reason. Where one exchange of labels (any
 two of pelvis and legs, or all of the right with those of the left) explains the difference, it is no other person: the
@@ -17,7 +24,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -25,6 +32,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import other_side
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
+from gaitcal.io.key_points import holds_key_points
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_poses
 from gaitcal.model.linkage import LOWER_BODY
@@ -46,42 +54,70 @@ movement, where one may be filtered. No two walks agree to 2 mm at the same fram
 MOVES_M = 0.01
 """Standard deviation of a marker's distance from the middle from which a recording is a movement."""
 
-Distances = dict[frozenset[str], float]
-"""Two markers -> m, median distance."""
+DOUBT = 1.96
+"""z, of 95 %."""
+
+
+@dataclass(frozen=True)
+class Distances:
+    """How far the points of one recording are from each other."""
+
+    apart: Mapping[frozenset[str], float]
+    """Two labels -> m, median distance."""
+    error: float = 0.0
+    """m, e of points that are no markers."""
 
 
 def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
-    """Two markers of pelvis and legs -> m, median distance, within one segment or not."""
+    """Distances of markers of pelvis and legs, within one segment or not."""
     column = {label: i for i, label in enumerate(recording.labels)}
     worn = sorted({label for group in worn_labels(marker_set, recording.labels).values() for label in group})
     markers = recording.markers[:: max(1, len(recording.markers) // MOST_FRAMES)]
-    out: Distances = {}
+    out: dict[frozenset[str], float] = {}
     for a, b in combinations(worn, 2):
         apart = np.linalg.norm(markers[:, column[a]] - markers[:, column[b]], axis=1)
         if np.isfinite(apart).sum() >= min(FEWEST_FRAMES, len(apart)):
             out[frozenset((a, b))] = float(np.nanmedian(apart))
-    return out
+    if (noise := marker_set.noise) is None:
+        return Distances(out)
+    looks = max(float(recording.time[-1] - recording.time[0]) / noise.memory_s, 1.0)
+    # where a pose has a joint, four corners say
+    corners = 4.0 if holds_poses(recording.labels) and not holds_key_points(recording.labels) else 1.0
+    return Distances(out, 1e-3 * noise.size_mm * float(np.sqrt(2.0 / (looks * corners))))
 
 
 def worn_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[str]]:
-    """Segment of pelvis and legs -> those of the labels that are followed on it and tell places."""
+    """Segment of pelvis and legs -> those of the labels that are followed on it and tell places; of points that are no
+    markers the ends of its bone.
+    """
     there = set(labels)
     out: dict[str, list[str]] = {}
     for segment in LOWER_BODY:
         worn = (*marker_set.tracking.get(segment, ()), *marker_set.optional.get(segment, ()))
+        if marker_set.noise is not None and "hjc_r" in marker_set.landmarks:
+            worn = tuple(label for name in _bone(segment) for label in marker_set.landmarks.get(name, ()))
+            out[segment] = sorted(there.intersection(worn))
+            continue
         out[segment] = sorted(m for m in dict.fromkeys(worn) if m in there and marker_set.weight(m) > NEGLIGIBLE_WEIGHT)
     return out
 
 
+def _bone(segment: str) -> tuple[str, ...]:
+    """Landmarks at the ends of the bone of a segment of the lower body; none of the talus."""
+    kind, _, side = segment.partition("_")
+    ends = {"thigh": ("hjc", "knee_lat"), "shank": ("knee_lat", "ankle_lat"), "foot": ("ankle_lat", "toe")}
+    return ("hjc_r", "hjc_l") if kind == "pelvis" else tuple(f"{end}_{side}" for end in ends.get(kind, ()))
+
+
 def apart_by_segment(one: Distances, other: Distances, marker_set: MarkerSet) -> dict[str, float]:
     """Segment -> m, d_s; without segments of which the two recordings have no pair in common."""
-    common = set(one) & set(other)
+    common = set(one.apart) & set(other.apart)
     worn = worn_labels(marker_set, {label for pair in common for label in pair})
     out: dict[str, float] = {}
     for segment, labels in worn.items():
         pairs = [pair for pair in map(frozenset, combinations(labels, 2)) if pair in common]
         if pairs:
-            out[segment] = max(abs(one[pair] - other[pair]) for pair in pairs)
+            out[segment] = max(abs(one.apart[pair] - other.apart[pair]) for pair in pairs)
     return out
 
 
@@ -92,7 +128,8 @@ def placed_otherwise(one: Distances, other: Distances, marker_set: MarkerSet) ->
     if len(ranked) < 2:
         return ""
     differ = [by_segment[segment] for segment in ranked]
-    if differ[1] <= APART_M and float(np.median(differ)) <= ALL_APART_M:
+    doubt = DOUBT * np.hypot(one.error, other.error)
+    if differ[1] <= np.hypot(APART_M, doubt) and float(np.median(differ)) <= np.hypot(ALL_APART_M, doubt):
         return ""
     return "distances within segments differ: " + ", ".join(f"{s} {1e3 * by_segment[s]:.0f} mm" for s in ranked[:3])
 
@@ -168,7 +205,7 @@ def exchange_told(one: Distances, other: Distances, marker_set: MarkerSet) -> st
 
 
 def _exchanges(marker_set: MarkerSet, distances: Distances) -> Iterator[tuple[str, Mapping[str, str]]]:
-    labels = sorted({label for pair in distances for label in pair})
+    labels = sorted({label for pair in distances.apart for label in pair})
     of_sides = [(a, b) for a, b in combinations(labels, 2) if other_side(a, b)]
     if of_sides:
         yield SIDES_EXCHANGED, {old: new for a, b in of_sides for old, new in ((a, b), (b, a))}
@@ -179,7 +216,8 @@ def _exchanges(marker_set: MarkerSet, distances: Distances) -> Iterator[tuple[st
 
 def _exchanged(distances: Distances, exchange: Mapping[str, str]) -> Distances:
     """Distances as they are after the exchange."""
-    return {frozenset(exchange.get(label, label) for label in pair): d for pair, d in distances.items()}
+    apart = {frozenset(exchange.get(label, label) for label in pair): d for pair, d in distances.apart.items()}
+    return replace(distances, apart=apart)
 
 
 STATIC_WORD = re.compile(

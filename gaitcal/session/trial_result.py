@@ -258,9 +258,9 @@ def leg_fit(trial: TrialResult) -> RmsErrors:
     return trial_fit(trial, *LOWER_BODY)
 
 
-def segment_fits(trial: TrialResult, segments: tuple[str, ...] = SEGMENTS) -> list[RmsErrors]:
-    """Of each of these segments that has markers in this trial."""
-    return [trial_fit(trial, s) for s in segments if trial.calibrated.errors.kept(s).any()]
+def segment_fits(trial: TrialResult) -> list[RmsErrors]:
+    """Of each segment that has markers in this trial."""
+    return [trial_fit(trial, s) for s in SEGMENTS if trial.calibrated.errors.kept(s).any()]
 
 
 def static_angles(model: SubjectModel, parameters: Parameters, static: Recording) -> dict[str, float]:

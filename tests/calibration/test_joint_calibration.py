@@ -118,6 +118,8 @@ def test_bounds_are_about_the_nominal_values_wherever_the_fit_starts() -> None:
     found = JointSearch([problem], present, name, [coefficients], settings, nominal=nominal).run()
     assert found.values[0] == pytest.approx(true + 0.020, abs=1e-4)
     assert found.at_bound == name
+    wide = replace(settings, position_bound=0.1)
+    assert JointSearch([problem], present, name, [coefficients], wide, nominal=nominal).run().at_bound == ()
 
 
 def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:

@@ -16,6 +16,7 @@ from gaitcal.dynamics.off_sole import DIVIDED, MOMENT_NM, OUTLINE_M, outside_hul
 from gaitcal.faults.foot_on_plate import Feet
 from gaitcal.findings import Severity
 from gaitcal.io.recording import Recording
+from gaitcal.model.subject_model import GRAVITY
 from gaitcal.synthetic.motion import gait_motion
 from tests.dynamics.test_ground_contact import STANCE, TIME, right_foot, square
 from tests.faults.test_foot_on_plate import HEIGHT, divided_walk, evidence
@@ -98,6 +99,18 @@ def test_a_belt_under_the_feet_changes_no_speed(tracked: gc.Motion) -> None:
         path, speed = getattr(still, name), getattr(still, f"{name}_speed")
         np.testing.assert_allclose(speed, np.linalg.norm(np.gradient(path, tracked.time, axis=0), axis=2), rtol=1e-9)
         np.testing.assert_allclose(getattr(moving, f"{name}_speed"), speed, atol=0.5 * RESTING)
+
+
+def test_feet_at_the_top_of_a_jump_rest_on_nothing(tracked: gc.Motion) -> None:
+    """A posture that falls freely: its feet stand still for a moment, as they do on the ground."""
+    model, time = gc.published_model(), tracked.time
+    q = np.repeat(tracked.q[:1], len(time), axis=0)
+    top = len(time) // 2
+    for weight, rests in ((0.0, True), (1.0, False)):
+        q[:, 1] = 1.0 - 0.5 * weight * GRAVITY * (time - time[top]) ** 2
+        still = replace(tracked, coefficients=tracked.basis.fit(q))
+        feet = foot_points(model, still, model.parameters)
+        assert (feet.heel_speed[top] < RESTING).all() == (feet.toe_speed[top] < RESTING).all() == rests
 
 
 def test_a_leg_that_no_weighted_marker_shows_is_not_valid(walk: Recording, tracked: gc.Motion) -> None:

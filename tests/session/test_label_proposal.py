@@ -76,6 +76,8 @@ def test_a_walk_tells_which_way_is_forward() -> None:
     assert ahead[0] > 0.8 and abs(ahead[1]) < 0.1, "x, as both feet say"
     walk = turned(files["walk"], 1.0)
     assert forward_direction([walk], points, labels) == pytest.approx(ahead, abs=1e-9), "wherever the walk leads"
+    isolated = recordings("hip_r")["hip_r"]
+    assert forward_direction([walk, isolated], points, labels) == pytest.approx(ahead, abs=2e-3), "one foot is mute"
     belt = replace(walk, markers=walk.markers - walk.markers.mean(axis=1, keepdims=True) * [1, 0, 1])
     assert forward_direction([belt], points, labels)[0] > 0.8, "on a treadmill, too"
     assert forward_direction([recordings("hip_r")["hip_r"]], points, labels) == pytest.approx(0, abs=1e-3), "one foot"
@@ -156,6 +158,31 @@ def test_too_few_markers_are_told(tmp_path: Path) -> None:
     few = {name: replace(r, labels=r.labels[:7], markers=r.markers[:, :7]) for name, r in files.items()}
     fault = draft(write(tmp_path / "few", few)).fault
     assert "no marker set knows enough" in fault and "10 or more are needed" in fault
+
+
+def test_a_landmark_that_lacks_is_not_taken_from_a_marker_nearby() -> None:
+    files, old = nameless(recordings())
+    gone = next(m for m, name in old.items() if name == "R.Knee.Lat")
+    keep = {n: [i for i, m in enumerate(r.labels) if m != gone] for n, r in files.items()}
+    fewer = [
+        replace(r, labels=tuple(r.labels[i] for i in keep[n]), markers=r.markers[:, keep[n]]) for n, r in files.items()
+    ]
+    found = propose_labels(fewer)
+    taken = [m for m, name in found.rename.items() if name == "knee_lat_r"]
+    assert set(taken) <= found.asked, [old[m] for m in taken]
+
+
+def test_points_of_a_program_are_no_landmarks() -> None:
+    files, _ = nameless(recordings())
+    rng = np.random.default_rng(0)
+    for name, r in files.items():  # made-up segments are rigid, unless skin moves
+        sway = 0.002 * rng.normal(size=r.markers[:1].shape)
+        skin = r.markers + sway * np.sin(np.arange(len(r.time)) / 20)[:, None, None]
+        heel = skin[:, [0]] + [0.0, 0.0, 0.01]
+        markers = np.concatenate([skin, heel, heel + 0.01], axis=1)
+        files[name] = replace(r, labels=(*r.labels, "X1", "X2"), markers=markers)
+    found = propose_labels(list(files.values()))
+    assert all("computed" in found.unused[m] for m in ("X1", "X2"))
 
 
 @pytest.mark.slow

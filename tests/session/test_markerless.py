@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from gaitcal import load_model
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Severity
 from gaitcal.io.csv import write_markers_csv
+from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import upright, with_landmarks
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import save_model
@@ -19,11 +21,12 @@ from gaitcal.model.nominal import published_model
 from gaitcal.session.draft import draft_text
 from gaitcal.session.drafting import draft_of
 from gaitcal.session.folder import read_folder
+from gaitcal.session.people import pair_distances, placed_otherwise
 from gaitcal.session.person_facts import Options
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.synthetic.motion import gait_motion
 from scripts.validation.harness import results
-from scripts.validation.markerless import TORQUES, Errors, body_poses, points_recording
+from scripts.validation.markerless import TORQUES, Errors, body_poses, points_recording, poses_recording
 
 
 def test_a_bare_folder_of_poses(data_dir: Path, tmp_path: Path) -> None:
@@ -85,6 +88,22 @@ def test_augmented_markers_beside_key_points_are_the_set() -> None:
     )
     assert with_landmarks(points).labels != points.labels
     assert with_landmarks(both) is both and upright(both) is both
+
+
+@pytest.mark.parametrize(
+    ("made", "marker_set", "errors"),
+    [(poses_recording, "poses", Errors()), (points_recording, "key-points", Errors(place=0.015))],
+)
+def test_another_person_without_markers(made: Callable[..., Recording], marker_set: str, errors: Errors) -> None:
+    """Corners of a pose keep their distances whoever moves; bones tell, beyond what they err by."""
+    walk, known = gait_motion(), load_marker_set(marker_set)
+    poses = body_poses(published_model().parameters, walk.q)
+    child = {name: (axes, 0.8 * origin) for name, (axes, origin) in poses.items()}
+    recordings = [
+        with_landmarks(made(seed, errors, of, walk.basis.time)) for seed, of in enumerate([poses] * 3 + [child])
+    ]
+    first, *others = (pair_distances(recording, known) for recording in recordings)
+    assert [bool(placed_otherwise(first, other, known)) for other in others] == [False, False, True]
 
 
 @pytest.mark.slow

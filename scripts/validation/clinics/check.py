@@ -162,7 +162,7 @@ AS_IT_IS = "as it is"
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Where to work."""
-    parser.add_argument("--keep", type=Path, help="where the folders and results stay")
+    parser.add_argument("--keep", dest="room", type=Path, help="where the folders and results stay")
 
 
 def run(chosen: argparse.Namespace) -> list[Outcome]:
@@ -172,7 +172,7 @@ def run(chosen: argparse.Namespace) -> list[Outcome]:
         print("\n".join(f"{clinic}: {variant.name}" for variant, clinic in wanted))
         return []
     with tempfile.TemporaryDirectory() as temporary:
-        folder = chosen.keep or Path(temporary)
+        folder = chosen.room or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         bases = sorted({clinic for _, clinic in wanted})
         first, changed = [partial(run_case, AS_IT_IS, clinic, folder, None) for clinic in bases], []
