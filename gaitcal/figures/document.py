@@ -226,7 +226,7 @@ def _of_sessions(content: ComparisonContent, width: float, height: float) -> lis
         else:
             out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
     if len(content.others) > 1:
-        out += [PageBreak(), _heading("Other figures, the largest first"), Spacer(1, 1.5 * mm), _table(content.others, width)]
+        out += [PageBreak(), _heading("Largest other figures"), Spacer(1, 1.5 * mm), _table(content.others, width)]
     return [*out, *_comment(content, "joints"), Spacer(1, 14 * mm), _signature(width)]
 
 
