@@ -314,7 +314,7 @@ def _no_curves(uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = Fa
 
 
 def _steps(summary: Mapping[str, object], norms: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, ...]]:
-    yield ("measure", "unit", "right", "left", "asymmetry, % ± SE", *(["norm"] if norms else []))
+    yield ("measure", "unit", "right, mean ± SD", "left, mean ± SD", "asymmetry, % ± SE", *(["norm"] if norms else []))
     found = table_of(summary, "spatiotemporal")
     for name, (title, digits) in SHOWN_MEASURES.items():
         measure = table_of(found, name)
