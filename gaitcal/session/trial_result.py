@@ -29,6 +29,7 @@ from gaitcal.calibration.error_sources import (
 from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
+from gaitcal.codes import Code
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
@@ -37,16 +38,18 @@ from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.force_diagnosis import beyond_expected
+from gaitcal.findings import Finding, Severity
 from gaitcal.gait.events import GaitEvents, activity_events, trial_events
 from gaitcal.gait.moments import segment_words
+from gaitcal.gait.repetitions import crouches
 from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
 from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Source, segment_kind
+from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, SIDES, ZERO_ANGLES, Source, segment_kind
 from gaitcal.model.parameters import Parameters, impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import joint_floor
-from gaitcal.motion.motion import rigid_floor, tracked_motion
+from gaitcal.motion.motion import Motion, rigid_floor, tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.result import Loads, Stage, TrialResult, Uncertainty
@@ -147,7 +150,31 @@ def _without_torque_errors(
         bandwidth=trial.bandwidth,
         events=events,
         strides=strides,
-        doubts=(*trial_findings(trial, loads, subject.weight), *stride_findings(trial.name, strides)),
+        doubts=(
+            *trial_findings(trial, loads, subject.weight),
+            *stride_findings(trial.name, strides),
+            *_crouch_findings(trial.name, body, events),
+        ),
+    )
+
+
+def _crouch_findings(trial: str, body: Motion, events: GaitEvents) -> tuple[Finding, ...]:
+    """That somebody who steps also squats or sits down, which is in no stride."""
+    height = body.q[:, body.coordinates.index("pelvis_ty")]
+    found = crouches(body.time, height, [events.of(side) for side in SIDES]) if events.events else []
+    if not found:
+        return ()
+    when = ", ".join(f"{start:.2f}-{stop:.2f}" for start, stop in found)
+    return (
+        Finding(
+            severity=Severity.INFO,
+            topic="strides",
+            where=trial,
+            cause="not all of the trial is steps",
+            found=f"{when} s: the pelvis goes down and up while no foot steps; strides alone are counted",
+            cure='squats, rises and jumps count in trials of their own: the file again, with time and role = "motion"',
+            code=Code.NOT_ALL_STEPS,
+        ),
     )
 
 
