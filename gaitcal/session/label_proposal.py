@@ -13,7 +13,7 @@ from pathlib import PureWindowsPath
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, seen_mask
@@ -215,7 +215,8 @@ def _seen(
     every = list(dict.fromkeys(m for r in (standing, *moving) for m in r.labels if m not in why))
     scatter = distance_scatter(moving, every)
     words = "keeps its distance from another one better than markers do: computed"
-    why |= {every[i]: words for i in _computed(scatter) if every[i] not in named}
+    markers = np.array([not named or m in named for m in every])
+    why |= {every[i]: words for i in _computed(scatter, markers) if every[i] not in named}
     every = [m for m in every if m not in why]
     standing_at = standing_points(standing, every)
     scatter = distance_scatter(moving, every, standing_at)
@@ -227,14 +228,15 @@ def _seen(
     return every, scatter, points, seen, why
 
 
-def _computed(scatter: Array) -> list[int]:
-    """Numbers of the points that keep their distance from another one as no two markers do; none where most points do,
-    as those of a made-up person.
+def _computed(scatter: Array, markers: BoolArray) -> list[int]:
+    """Numbers of the points that keep their distance from another one as no two markers do; none where most of the
+    points do that are held for `markers` (n,), as those of a made-up person.
     """
     apart = np.where(np.isfinite(scatter), scatter, np.inf)
     np.fill_diagonal(apart, np.inf)
     rigid = apart.min(axis=1, initial=np.inf) < MEASURED_M
-    return [] if 2 * rigid.sum() > np.isfinite(apart).any(axis=1).sum() else np.flatnonzero(rigid).tolist()
+    moving = markers & np.isfinite(apart).any(axis=1)
+    return [] if 2 * (rigid & moving).sum() > moving.sum() else np.flatnonzero(rigid).tolist()
 
 
 def _sway(recording: Recording) -> float:
