@@ -131,6 +131,7 @@ class Code(Enum):
     RESULT_EDITED = "GC-131"
     JOINT_PLACE = "GC-132"
     SEATED = "GC-133"
+    NOT_ALL_STEPS = "GC-134"
 
     INPUT = "GC-200"
     NO_FILE = "GC-201"

@@ -84,7 +84,11 @@ class ErrorSources:
 
 def nominal_errors(names: Sequence[str] = JP_NAMES, prior: JointPrior | None = None) -> ErrorSources:
     """How far nominal joint parameters may be wrong, a column a cause (`joint_prior.py`; anatomy's unless given)."""
-    return ErrorSources(tuple(names), prior_root(names, prior), tuple(f"nominal/{name}" for name in names))
+    doubted = {} if prior is None else {name: by for name, by in prior.doubted.items() if name in names}
+    more = np.zeros((len(names), len(doubted)))
+    more[[list(names).index(name) for name in doubted], np.arange(len(doubted))] = list(doubted.values())
+    causes = tuple(f"nominal/{name}" for name in (*names, *doubted))
+    return ErrorSources(tuple(names), np.hstack([prior_root(names, prior), more]), causes)
 
 
 def left_of_prior(joint: str, errors: ErrorSources | None, prior: JointPrior | None = None) -> float:

@@ -17,10 +17,13 @@ independently if
 
 has (K - 1) n degrees of freedom, over the n directions that they determine. A smaller share s of that says that they
 have 1 - s of their variance in common, so that together they count as  K / (s + K (1 - s))  trials: f = s + K (1 - s).
+Kinds of task may disagree more than their errors allow: a cluster was put on anew for one, skin is not linear. With the
+same chi^2 between kinds, the soft tissue of each eliminated, b^2 = max(chi^2 / degrees of freedom, 1) is by how much
+the variances of all are too small (Birge, Phys Rev 40:207, 1932); the estimate stays.
 
 With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z) are
 
-    -H^-1 ( sum_t S_t^1/2 n_t  -  Sigma_p^-1 F_p e_p  -  Sigma_z^-1 F_z e_z ),      n, e_p, e_z independent, variance 1:
+    -H^-1 ( sum_t b S_t^1/2 n_t  -  Sigma_p^-1 F_p e_p  -  Sigma_z^-1 F_z e_z ),    n, e_p, e_z independent, variance 1:
 
 F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `ErrorSources` by source, markers of
 each trial, nominal values, soft tissue (`error_sources.py`). Their squares sum to H^-1.
@@ -84,6 +87,8 @@ class JointEstimate(JointFit):
     """m, sqrt(f) nu of every trial."""
     repeated: dict[str, float]
     """Kind of task -> f, where several trials have it."""
+    apart: float
+    """B, how far kinds of task disagree, in their errors; 1 where these explain it."""
     effective_parameters: float
     """Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t."""
     information: Array
@@ -172,9 +177,9 @@ def estimate_joints(
     else:
         inverse = np.asarray(np.linalg.inv(hessian), float)
     unknowns = (*free, *fitted.keys)
-    scores = _scores(
-        [p.name for p in problems], unknowns, parts, [own / by for own, by in zip(noise, weighed, strict=True)]
-    )
+    apart = 1.0 if prior is None or len(tasks) < 2 else _apart(kinds, search, fit, weighed, precision)
+    sizes = [apart * own / by for own, by in zip(noise, weighed, strict=True)]
+    scores = _scores([p.name for p in problems], unknowns, parts, sizes)
     known = known or nominal_errors(free, prior)
     known = ErrorSources(
         (*known.free, *tissue.keys),
@@ -190,6 +195,7 @@ def estimate_joints(
         keys=fitted.keys,
         noise=tuple(noise),
         repeated=repeated,
+        apart=apart,
         effective_parameters=float(np.trace(inverse @ information)),
         information=information,
         covariance=inverse @ (scores.covariance + precision) @ inverse,
@@ -284,6 +290,31 @@ def _independent_share(scores: Sequence[Array], informations: Sequence[Array], p
         chi2 += float(along @ np.linalg.solve(part, along))
     chi2 -= float(total @ np.linalg.solve(base.T @ sum(informations) @ base, total))
     return float(min(chi2 / ((len(scores) - 1) * base.shape[1]), 1.0))
+
+
+def _apart(kinds: Sequence[str], search: JointSearch, fit: JointFit, noise: Sequence[float], precision: Array) -> float:
+    """B of kinds of task, at the common estimate; `precision`: (np + nz, np + nz) of all unknowns."""
+    count, p, z = len(fit.free), slice(len(fit.free)), slice(len(fit.free), None)
+    root = np.linalg.inv(np.linalg.cholesky(precision[p, p])).T
+
+    def spread(score: Array, information: Array) -> Array:
+        """Chi^2 and its degrees of freedom, of the directions that are determined."""
+        values, vectors = np.linalg.eigh(root.T @ information @ root)
+        seen = values > DETERMINED
+        return np.array([(((root @ vectors[:, seen]).T @ score) ** 2 / values[seen]).sum(), seen.sum()])
+
+    scores, informations = list[Array](), list[Array]()
+    for kind in dict.fromkeys(kinds):
+        score, whole = np.zeros(count), np.zeros_like(precision)
+        for of, trial, places, nu in zip(kinds, fit.state.trials, search.problem.columns, noise, strict=True):
+            if of == kind:
+                score[places[places < count]] += trial.reduced_gradient[places < count] / nu**2
+                whole += _placed(trial.hessian / nu**2, places, len(whole))
+        scores.append(score)
+        informations.append(whole[p, p] - whole[p, z] @ np.linalg.solve(whole[z, z] + precision[z, z], whole[z, p]))
+    kept = [spread(*both) for both in zip(scores, informations, strict=True)]
+    chi2, degrees = np.sum(kept, axis=0) - spread(np.sum(scores, axis=0), np.sum(informations, axis=0))
+    return float(np.sqrt(max(chi2 / degrees, 1.0))) if degrees else 1.0
 
 
 def _scores(

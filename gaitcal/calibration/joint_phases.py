@@ -375,6 +375,8 @@ def _tissue_notes(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate
         for kind, repeated in estimate.repeated.items()
         if repeated > 1.05
     ]
+    if estimate.apart > 1.05:
+        out.append(f"isolated trials and gait disagree: error bars are {estimate.apart:.1f} times those of noise alone")
     return tuple(out)
 
 

@@ -20,7 +20,7 @@ from gaitcal.cli.console import (
     tell_changed,
     tell_kept,
 )
-from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft, tell_faulty
+from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
 from gaitcal.faults.study import check_further, check_study
@@ -98,14 +98,13 @@ def calibrate_study(
         if not force and (drafted is not None or stopping(findings, loaded.walks)):
             loaded, findings, faulty = without_faulty_trials(loaded, findings)
             drafted = drafted and drafted.without(faulty)
-            tell_faulty(console, faulty)
         if drafted is not None:
             findings = (*findings, *rejected_forces(drafted))
         if not force:
             stop_on_errors(findings, loaded.walks, study)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
         notes = draft_notes(drafted) if drafted is not None else faulty_notes(faulty)
-        calibration = replace(calibration, notes=(*notes, *calibration.notes))
+        calibration = replace(calibration, notes=(*notes, *calibration.notes), left_out=faulty)
         step("writing the results")
         made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
         text = None if drafted is None else draft_text(drafted, out) + settings_text(CalibrationSettings(), priors, out)

@@ -61,12 +61,15 @@ def frameless_table(words: Iterable[str], numbers: Iterable[str] = ()) -> Table:
 
 def print_calibration(console: Console, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
+    from gaitcal.session.drafting import faulty_notes
     from gaitcal.session.truth_comparison import sums  # with it comes all of a calibration, which `check` does not need
 
     print_trials(console, calibration.trials)
     for total in sums(calibration, calibration.truth) if calibration.truth else ():
         console.line(total.sentence)
     print_verdict(console, calibration.verdict)
+    for note in faulty_notes(calibration.left_out):
+        console.line(note)
     print_remarks(console, (), calibration.notes)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,7 +31,7 @@ from gaitcal.session.draft import (
     study_of,
     unconfirmed_words,
 )
-from gaitcal.session.drafting import draft_of, draft_study, faulty_notes, rejected_forces
+from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.study.study import nominal_of
@@ -212,12 +212,6 @@ def tell_draft(console: Console, draft: Draft) -> None:
             console.line(f"{role.value}: {', '.join(names)}")
     for line in doubtful_lines(draft):
         console.line(line)
-
-
-def tell_faulty(console: Console, faulty: Mapping[str, str]) -> None:
-    """Which trials are left out, as the checks find an error in them."""
-    for note in faulty_notes(faulty):
-        console.line(note)
 
 
 COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO: "dim"}

@@ -131,7 +131,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     calibration = calibrate(study, checked=findings)
     notes = draft_notes(drafted) if drafted is not None else _contradictions(person, study, common)
     notes += () if drafted is not None else faulty_notes(faulty)
-    calibration = replace(calibration, notes=(*notes, *calibration.notes))
+    calibration = replace(calibration, notes=(*notes, *calibration.notes), left_out=faulty)
     normal = common.normal
     made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
     bands = None if normal is None else read_normal_bands(normal)

@@ -101,11 +101,12 @@ class AxisErrors:
     def __init__(
         self, parameters: Parameters, deviations_deg: Mapping[str, tuple[float, float, float]] = PALPATED_DEG
     ) -> None:
-        """`deviations_deg`: standard deviations by segment, without its side, about x, y and z."""
+        """`deviations_deg`: standard deviations by segment, with or without its side, about x, y and z."""
         self._chain = chain_of(free=_ORIENTATIONS, reactions=True)
         self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
         self._dynamics = Dynamics(parameters, _HELD)
-        each = {s: deviations_deg.get(linkage.segment_kind(s).name, ()) for s in self._chain.segments}
+        alike = {s: deviations_deg.get(linkage.segment_kind(s).name, ()) for s in self._chain.segments}
+        each = {s: deviations_deg.get(s, of_both) for s, of_both in alike.items()}
         self._deviations = {segment: np.deg2rad(turns) for segment, turns in each.items() if any(turns)}
         self.columns = tuple((segment, axis) for segment in self._deviations for axis in range(3))
 

@@ -85,6 +85,8 @@ class GroundReactions:
     """Each loading of a plate that a foot was given: plate, foot (0 right, 1 left), frames."""
     findings: tuple[Finding, ...] = ()
     """What speaks against these ground reactions, and frames that they leave out; without the name of their trial."""
+    seated: BoolArray | None = None
+    """(nf,) a seat bears part of the body; None: nowhere."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -276,6 +278,7 @@ def reactions_of_motion(
         measured,
         valid=valid,
         valid_legs=legs,
+        seated=seated,
         notes=(*measured.notes, ends_left_out, _filter_words(recording, hz)),
         findings=(*measured.findings, *_unseen_findings(unseen, motion), *contradictions),
     )

@@ -26,7 +26,7 @@ source: 2 ms is a fifth of a frame at 100 Hz.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -65,6 +65,13 @@ class PlateErrors:
             turn=float(np.deg2rad(table.turn_deg)),
             clock=1e-3 * table.clock_ms,
         )
+
+    def beside(self, more: PlateErrors | None) -> PlateErrors:
+        """With independent errors besides; exact plates stay exact."""
+        if more is None or not self.any:
+            return self
+        both = {f.name: float(np.hypot(getattr(self, f.name), getattr(more, f.name))) for f in fields(self)}
+        return PlateErrors(**both)
 
     @property
     def any(self) -> bool:

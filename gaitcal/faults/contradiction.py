@@ -12,6 +12,10 @@ mirrored (m reflected), or all of it, or all but the markers on landmarks, slid 
 those with a C of their own). The price is
 what a free quantity gains by chance. The cheapest of the segments concerned is told; its C puts the pose right, all
 quantities are read with it, and what is left is explained anew.
+
+What is too weak to be told may be so all the same. An explanation that saves S of J is exp(S / 2) times as likely as
+that nothing moved (its price holds the odds before anything was seen), and if it is true the pose is wrong by its C.
+Over all explanations of a segment, weighed by their probabilities, that is an error of its pose (`possible_moves`).
 """
 
 from __future__ import annotations
@@ -22,6 +26,8 @@ from enum import Enum
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.special import softmax
 
 from gaitcal.arrays import Array
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
@@ -121,6 +127,28 @@ def contradictions(clusters: Mapping[str, Cluster], links: Mapping[str, JointLin
         found.append(cause)
         body.explained_by(cause, pose)
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class PossibleMove:
+    """How far the pose of a segment may be wrong by what markers did since the static trial: standard deviations."""
+
+    turn: Array
+    """(3,) rad, about forward, up, to the right in the static posture."""
+    shift: float
+    """m, at its joints."""
+
+
+def possible_moves(clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]) -> dict[str, PossibleMove]:
+    """Segment -> what its markers may have done, told or not."""
+    body, out = _Body(clusters, links), dict[str, PossibleMove]()
+    for segment, cluster in clusters.items():
+        before, found = body.cost(cluster)[0], list(_explanations(body, cluster))
+        share = softmax([0.0, *(0.5 * _saving(body, cluster, before, e) for e in found)])[1:]
+        turns = np.array([Rotation.from_matrix(e.pose[0]).as_rotvec() for e in found]).reshape(-1, 3)
+        shifts = np.array([_carried_away(body, segment, e.pose) for e in found])
+        out[segment] = PossibleMove(np.sqrt(share @ turns**2), float(np.sqrt(share @ shifts**2)))
+    return out
 
 
 def offset_limit(cluster: Cluster) -> float:
@@ -247,9 +275,7 @@ def _cheapest(body: _Body, excess: Mapping[str, float]) -> tuple[Contradiction, 
         concerned = tuple(name for name in (segment, *joints) if name in excess)
         before, rest = body.cost(cluster)[0], None
         for found in _explanations(body, cluster):
-            saving = before - found.cost
-            if found.fault is Fault.MARKER:
-                saving += _saved_where_lent(body, segment, found.labels)
+            saving = _saving(body, cluster, before, found)
             if saving <= (LIKELY if concerned else CERTAIN[found.fault.value]):
                 continue
             rest = _cost_of_the_rest(body, segment) if rest is None else rest
@@ -271,12 +297,19 @@ def _cost_of_the_rest(body: _Body, segment: str) -> float:
     return total
 
 
-def _saved_where_lent(body: _Body, segment: str, labels: tuple[str, ...]) -> float:
-    """What a marker's absence saves in the cluster that borrows it."""
-    for name, other in body.clusters.items():
-        if other.borrowed and name != segment and other.labels[-1] in labels:
-            return body.cost(other)[0] - body.cost(other, kept=range(len(other.labels) - 1))[0]
-    return 0.0
+def _saving(body: _Body, cluster: Cluster, before: float, found: _Explanation) -> float:
+    """What an explanation saves of the cost `before` it; a marker's absence, in the cluster that borrows it, too."""
+    saving = before - found.cost
+    for name, other in body.clusters.items() if found.fault is Fault.MARKER else ():
+        if other.borrowed and name != cluster.segment and other.labels[-1] in found.labels:
+            return saving + body.cost(other)[0] - body.cost(other, kept=range(len(other.labels) - 1))[0]
+    return saving
+
+
+def _carried_away(body: _Body, segment: str, pose: Pose) -> float:
+    """m, the farthest that a motion carries a joint centre of the segment."""
+    centres = [link.centre for link in body.links.values() if segment in (link.above, link.below)]
+    return max((float(np.linalg.norm(pose[0] @ c + pose[1] - c)) for c in centres), default=0.0)
 
 
 def _explanations(body: _Body, cluster: Cluster) -> Iterator[_Explanation]:
@@ -317,7 +350,6 @@ def _contradiction(
     body: _Body, cluster: Cluster, found: _Explanation, excess: float, seen_at: tuple[str, ...]
 ) -> Contradiction:
     turn, shift = found.pose
-    centres = [link.centre for link in body.links.values() if cluster.segment in (link.above, link.below)]
     at = [cluster.labels.index(label) for label in found.labels]
     now = cluster.shape[at] @ turn.T + shift
     away, angle = now - cluster.static[at], angle_of(turn)
@@ -330,7 +362,7 @@ def _contradiction(
         segment=cluster.segment,
         labels=found.labels,
         turn=float(angle),
-        shift=max((float(np.linalg.norm(turn @ c + shift - c)) for c in centres), default=0.0),
+        shift=_carried_away(body, cluster.segment, found.pose),
         direction=direction,
         excess=excess,
         seen_at=seen_at,

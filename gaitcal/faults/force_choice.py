@@ -21,11 +21,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.special import softmax
 
 from gaitcal.arrays import Array
+from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.force_causes import Cause, Corrected, Kind, causes_of
 from gaitcal.faults.force_evidence import ForceEvidence, ForceResidual
 from gaitcal.faults.plate_forces import surprise
@@ -225,30 +228,56 @@ class Unexplained:
     """|y|^2 a row: 1 is usual."""
 
 
-def choose(trials: Sequence[ForceEvidence]) -> tuple[list[Named], list[Unexplained]]:
+class Choice(NamedTuple):
+    """What is wrong with the forces of the trials of one session."""
+
+    named: list[Named]
+    unexplained: list[Unexplained]
+    possible: dict[str, PlateErrors]
+    """Trial -> by how much more its plates are uncertain, named or not."""
+
+
+def possible_errors(found: Sequence[ForceFit]) -> PlateErrors:
+    """What the plates of a trial may have, by all its causes: one is exp(gain - A_CHOICE) times as likely as no fault,
+    and by its size, weighed by its probability among all, the plates are uncertain. A gain is held by the person's
+    mass.
+    """
+    share = softmax([0.0, *(fit.gain - A_CHOICE for fit in found)])[1:]
+
+    def size(kind: Kind) -> float:
+        squares = [_departure(fit) ** 2 if fit.cause.kind is kind else 0.0 for fit in found]
+        return float(np.sqrt(share @ squares))
+
+    return PlateErrors(place=size(Kind.PLACE), gain=0.0, clock=size(Kind.CLOCK), turn=size(Kind.YAW))
+
+
+def choose(trials: Sequence[ForceEvidence]) -> Choice:
     """What is wrong with the forces of the trials of one session."""
     alone: list[Named] = []
     left: list[Unexplained] = []
+    possible = dict[str, PlateErrors]()
     residuals = [ForceResidual([trial]) for trial in trials]
     for trial, residual in zip(trials, residuals, strict=True):
         size, found = fits(residual)
+        possible[trial.name] = possible_errors(found)
         if best := named(found, *_doubts([trial])):
             alone.append(Named(trials=(trial,), fits=best))
         elif size > UNEXPLAINED and not trial.doubtful:
             left.append(Unexplained(trial=trial, size=size))
     together = _together(trials, residuals) if len(trials) > 1 else None
+    apart = Choice(alone, left, possible)
     if together is None:
-        return alone, left
+        return apart
     first = together.fits[0]
     convicted = {one.trials[0].name for one in alone}
     if alone and not _borne_out([r for r in residuals if r.trials[0].name not in convicted], first):
-        return alone, left
+        return apart
     share = {trial.name: gain for trial, gain in zip(trials, first.gains, strict=True)}
     as_good = all(share[one.trials[0].name] > SHARED * one.fits[0].gain for one in alone)
     separately = sum(one.fits[0].gain - A_CHOICE for one in alone)
     if as_good or first.gain - A_CHOICE > separately:
-        return [together], []
-    return alone, left
+        return Choice([together], [], possible)
+    return apart
 
 
 def _borne_out(rest: Sequence[ForceResidual], common: ForceFit) -> bool:
@@ -313,5 +342,10 @@ def _worth_telling(fit: ForceFit, shaken: bool, doubtful: bool) -> bool:
     if fit.explained < explained or not len(fit.x):
         return fit.explained >= explained
     least, low, high = SIZES[kind]
-    size = told_size(fit) - 1.0 if kind in FACTORS and kind is not Kind.FREE_MOMENT else fit.x
-    return bool(low <= fit.x.min() and fit.x.max() <= high and np.linalg.norm(size) >= least)
+    return bool(low <= fit.x.min() and fit.x.max() <= high and _departure(fit) >= least)
+
+
+def _departure(fit: ForceFit) -> float:
+    """s, m, rad, N, or of 1: how far from no fault."""
+    kind = fit.cause.kind
+    return float(np.linalg.norm(told_size(fit) - 1.0 if kind in FACTORS and kind is not Kind.FREE_MOMENT else fit.x))

@@ -20,7 +20,7 @@ over the frames of the evidence, each plate on the foot that stands at that time
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -29,6 +29,7 @@ from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.dynamics.expected_residual import ExpectedResidual
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
+from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.force_causes import Kind
 from gaitcal.faults.force_choice import ForceFit, Named, Unexplained, choose, told_size
 from gaitcal.faults.force_evidence import ForceEvidence
@@ -48,6 +49,8 @@ class ForceDiagnosis:
     findings: tuple[Finding, ...] = ()
     faulty: frozenset[str] = frozenset()
     """Trials whose forces are at fault: they say nothing of masses."""
+    possible: Mapping[str, PlateErrors] = field(default_factory=dict)
+    """Trial -> by how much more its plates are uncertain."""
 
 
 Told: TypeAlias = tuple[str, str]
@@ -218,13 +221,14 @@ def torque_change(trials: Sequence[ForceEvidence], fit: ForceFit) -> tuple[str, 
 
 def force_findings(trials: Sequence[ForceEvidence]) -> ForceDiagnosis:
     """What explains that motion and forces of these gait trials of one person, over the same plates, disagree."""
-    named, unexplained = choose(trials)
+    named, unexplained, possible = choose(trials)
     findings = [_finding(one) for one in named]
     findings += [_unexplained(one) for one in unexplained]
     faulty = {t.name for one in named if one.fits[0].cause.kind is not Kind.TRUNK for t in one.trials}
     return ForceDiagnosis(
         findings=tuple(sorted(findings, key=lambda f: -f.weight)),
         faulty=frozenset(faulty | {one.trial.name for one in unexplained}),
+        possible=possible,
     )
 
 

@@ -62,6 +62,9 @@ STILL_M = 2e-5
 """Second difference of a path that nobody measured: half the noise of good cameras."""
 STRAIGHT_FRAMES = 6
 STRAIGHT_M = 2e-4
+CUBIC_SHARE = 0.01
+"""Fourth difference of a path over that of its neighbours, below which nobody measured it: a cubic polynomial has none,
+measured paths have the noise of their cameras."""
 BENT_M = 8e-3
 """How far the path of another marker of the segment must bend meanwhile."""
 WRONG_M = 4e-3
@@ -103,7 +106,7 @@ def marker_slip(trial: MarkerEvidence) -> Iterator[Finding]:
         part = worst.cluster.segment
         what = f"marker '{label}' {'slipped' if any(s.slipped for s in of_marker) else 'left its place'} on {part}"
         if worst.straight:
-            what = f"the path of marker '{label}' on {part} was held or drawn as a straight line over a gap"
+            what = f"the path of marker '{label}' on {part} was held or drawn as a straight or smooth line over a gap"
         cure = f'export gaps as gaps, or weights = {{ "{worst.label}" = 0 }} under [markers]'
         if worst.cluster.own < FEWEST:
             cure = "or export gaps as gaps: without this marker the other does not tell how the segment lies"
@@ -237,18 +240,20 @@ def _culprit(trial: MarkerEvidence, cluster: Cluster, run: slice) -> int:
 
 
 def made_up(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
-    """Stretches in which a marker stands still or goes straight while the others of its segment do not."""
+    """Stretches in which a marker stands still, goes straight or along a cubic while others of its segment do not."""
     columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
     x = trial.recording.markers[:, columns]
     if len(x) < STRAIGHT_FRAMES + 2:
         return
-    second = np.linalg.norm(x[2:] - 2 * x[1:-1] + x[:-2], axis=2)
+    second, fourth = (np.linalg.norm(np.diff(x, order, axis=0), axis=2) for order in (2, 4))
     for k, label in enumerate(cluster.labels[: cluster.own]):
         baseline = float(np.nanmedian(cluster.strayed[:, k]))
-        for run in runs(second[:, k] < STILL_M, STRAIGHT_FRAMES):
-            frames = slice(run.start, run.stop + 2)
-            away = float(np.nan_to_num(cluster.strayed[frames, k]).max())
-            if away < baseline + WRONG_M or bend(x[frames, k]) > STRAIGHT_M:
+        drawn = [slice(run.start, run.stop + 2) for run in runs(second[:, k] < STILL_M, STRAIGHT_FRAMES)]
+        drawn = [frames for frames in drawn if bend(x[frames, k]) <= STRAIGHT_M]
+        smooth = fourth[:, k] < CUBIC_SHARE * np.median(np.delete(fourth, k, axis=1), axis=1)
+        drawn += [slice(run.start, run.stop + 4) for run in runs(smooth, STRAIGHT_FRAMES)]
+        for frames in drawn:
+            if float(np.nan_to_num(cluster.strayed[frames, k]).max()) < baseline + WRONG_M:
                 continue
             if max(bend(x[frames, i]) for i in range(len(columns)) if i != k) > BENT_M:
                 yield Stretch(cluster, label, frames, _farthest(cluster, k, frames), straight=True)

@@ -25,10 +25,13 @@ from gaitcal.faults import (
     static_landmarks,
 )
 from gaitcal.faults.cluster import Stance
+from gaitcal.faults.contradiction import PossibleMove, possible_moves
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
 from gaitcal.findings import Finding, Severity
+from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
@@ -172,6 +175,20 @@ def placed_by_motion(study: Study) -> tuple[Study, tuple[knocked.Placement, ...]
             break
         placed, found = knocked.with_placement(placed, static[0], one), (*found, one)
     return placed, found
+
+
+@remembered
+def moves_since_static(study: Study) -> dict[str, dict[str, PossibleMove]]:
+    """Trial -> segment that it is fitted by -> what its markers may have done since the static trial; a cluster that
+    was put back is as uncertain as its place.
+    """
+    out = dict[str, dict[str, PossibleMove]]()
+    placed = {p.segment: study.loosened.get(p.name, 0.0) for p in JOINT_PARAMETERS if p.kind is Kind.ORIENTATION}
+    for t in _looked_at(study)[2] if study.marker_set.noise is None else ():
+        fitted = SEGMENTS if t.trial.joint is None else joint_segments(t.trial.joint)
+        moves = {s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted}
+        out[t.name] = {s: replace(m, turn=np.hypot(m.turn, placed.get(s, 0.0))) for s, m in moves.items()}
+    return out
 
 
 @remembered

@@ -39,6 +39,8 @@ FALLING = 0.8
 """Of gravity, by which the pelvis accelerates downwards at the top of a jump, where it rests on nothing."""
 LEAST_RANGE_M = 0.05
 """m: a pelvis goes up and down by as much in walking; less is no squat, rise or jump."""
+CROUCH_M = 0.12
+"""m that a pelvis goes down and up while no foot strikes or leaves: who walks or runs, by less than 0.1."""
 SHORTEST_FLIGHT_S = 0.1
 """s that the pelvis falls: a hop of 12 mm."""
 TOGETHER_S = 0.1
@@ -85,6 +87,17 @@ def repetitions(time: Array, height: Array, feet: Sequence[FootEvents] = ()) -> 
         GaitCycle(start, stop, None, parts=tuple(_phases(time, height, (start, stop), flights, NEAR * reach)))
         for start, stop in ((float(time[a]), float(time[b])) for a, b in inner)
     )
+
+
+def crouches(time: Array, height: Array, feet: Sequence[FootEvents]) -> list[tuple[float, float]]:
+    """From which event of the `feet` to which (s) the pelvis goes down and up further than in any step, among steps."""
+    moments = [float(time[0]), *(t for foot in feet for t in (*foot.strikes, *foot.toe_offs)), float(time[-1])]
+    out = []
+    for start, stop in pairwise(sorted(moments)):
+        inner = height[(time >= start) & (time <= stop)]
+        if len(inner) and min(inner[0], inner[-1]) - inner.min() > CROUCH_M:
+            out.append((start, stop))
+    return out
 
 
 def _flights(time: Array, falls: BoolArray, feet: Sequence[FootEvents]) -> Iterator[tuple[float, float]]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.faults.verdict import Judgement
-from gaitcal.gait.cycles import GaitCycle, source_words
+from gaitcal.gait.cycles import WALKING, GaitCycle, source_words
 from gaitcal.gait.moments import SIDE_WORDS, MomentNumbers, counted, explained, listed, moment_numbers
 from gaitcal.gait.normal_bands import Norm
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean
@@ -31,6 +31,7 @@ REFUSED = "the verdict refuses this leg"
 NO_PLATES = "no force plates"
 BESIDE = "foot beside the plate"
 PART = "part of the stance beside the plate"
+SEATED = "on a seat"
 NOT_WHOLLY = "foot not wholly on a plate of its own"
 ENDS = "at the end of the recording"
 UNSEEN = "markers do not show the leg"
@@ -115,8 +116,9 @@ def _use(trial: TrialResult, foot: int, side: str, cycle: GaitCycle) -> tuple[st
     if trial.events.repeats and not (lost & ~near_end).any():
         return words, ENDS
     beside = PART if (loaded & stance).any() else BESIDE
-    kinds = {beside: lost & resting & ~loaded, NOT_WHOLLY: lost & loaded}
-    rest = lost & ~loaded & ~resting
+    seated = lost & (np.False_ if found.seated is None else found.seated)
+    kinds = {SEATED: seated, beside: lost & resting & ~loaded & ~seated, NOT_WHOLLY: lost & loaded & ~seated}
+    rest = lost & ~loaded & ~resting & ~seated
     kinds |= {ENDS: rest & near_end, UNSEEN: rest & ~near_end}
     return words, max(kinds, key=lambda kind: int(np.count_nonzero(kinds[kind])))
 
@@ -284,9 +286,10 @@ def clinician_blocks(calibration: Calibration, norm: Norm, scores: Sequence[Scor
     """Of the whole result: how to read curves and steps, and from whom the bands are."""
     if all(trial.joint is not None for trial in calibration.trials):
         return []
+    walked = any(trial.joint is None and trial.activity == WALKING for trial in calibration.trials)
     bands = f"Bands with dotted edges are healthy people, mean ± 1 SD: {norm.words}. " if norm.words else ""
     return [
-        *([text(words, "soft")] if (words := bands + norm.remark) else []),
+        *([text(words, "soft")] if walked and (words := bands + norm.remark) else []),
         *([_profile(scores)] if scores else []),
         fold("How to read curves and steps", [text(words) for words in HOW_TO_READ]),
     ]

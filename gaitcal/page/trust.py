@@ -98,6 +98,7 @@ def fit_blocks(calibration: Calibration) -> list[Block]:
         heading("How well the model follows the markers"),
         text(FLOORS),
         table(head, rows, caption=caption),
+        *(text(f"Trial {named(name)} is not used: {error}.") for name, error in calibration.left_out.items()),
         text(ELSEWHERE, "soft"),
     ]
 

@@ -59,7 +59,7 @@ CYCLE_HEADER = (
     "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; angles of a leg",
     "where markers show the segments that they are between; nothing of a refused leg, nor of the trunk with it,",
     f"nor pelvis angles and foot progression of a stride that turns by more than {TURNING:g} deg",
-    "turn: deg to the left by which the pelvis turns over the stride",
+    "turn: deg to the left by which the pelvis turns over the stride of a walk",
     "activity: gait of strides of walks; of a trial of any other activity its name: its strides, or what the pelvis",
     "repeats from rest to rest; means never mix activities",
     "phase: stance or swing of a stride; of a repetition lowering, rising, flight as the pelvis does, push-off: rising",

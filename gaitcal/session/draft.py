@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, alike
@@ -20,13 +21,15 @@ from gaitcal.io.toml import read_toml, toml_table, toml_value
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets
 from gaitcal.session.folder import FileKind, Folder, FolderFile, ForceChoice, declares_study
-from gaitcal.session.label_proposal import LabelProposal
 from gaitcal.session.marker_sets import SetChoice
 from gaitcal.session.person_facts import Known
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, marker_set_of
 from gaitcal.study.study_file import load_study_file
 from gaitcal.study.study_trial import read_trial
+
+if TYPE_CHECKING:
+    from gaitcal.session.label_proposal import LabelProposal
 
 NEEDED = {"mass_kg": "--mass KG", "height_m": "--height M"}
 """Fields of the person without which nothing can be calibrated, and the options that give them."""

@@ -38,7 +38,6 @@ from gaitcal.session.folder import (
     read_folder,
     trial_names,
 )
-from gaitcal.session.label_proposal import LANDMARK_SET, place_strangers, propose_labels
 from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, choices_of, explained, no_set, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
@@ -123,6 +122,8 @@ def draft_study(folder: Folder, options: Options) -> Draft:
 
 def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
     """The set "landmarks", labels as places and movement propose them; InputError where they tell too little."""
+    from gaitcal.session.label_proposal import LANDMARK_SET, propose_labels  # with two libraries that few folders need
+
     proposal = propose_labels(recordings, _told_height(recordings, options))
     marker_set = load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
     found = explained(marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename))
@@ -147,6 +148,8 @@ def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: 
     """The set with markers that it does not know on the segments that they move with, where that can be told."""
     if choice.proposal is not None or not choice.explained.left_over:
         return choice
+    from gaitcal.session.label_proposal import place_strangers
+
     static = session.statics[0]
     moving = [spelt[i] for i in session.members if i != static]
     marker_set, rods = choice.marker_set, choice.marker_set.knee_device

@@ -11,12 +11,15 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from typing import TYPE_CHECKING
 
 from gaitcal.errors import other_side
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import REQUIRED, MarkerSet, built_in_sets, load_marker_set
-from gaitcal.session.label_proposal import LabelProposal
+
+if TYPE_CHECKING:
+    from gaitcal.session.label_proposal import LabelProposal
 
 FEWEST_LABELS = 6
 """Markers of pelvis and legs that a file shares with a set of which it is."""

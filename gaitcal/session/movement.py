@@ -10,7 +10,7 @@ the ground or on a treadmill. One joint alone is seen by how far the joints turn
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -226,8 +226,6 @@ class Movement:
     """In words, with numbers."""
     certain: bool = True
     """Whether the figures are far from the limits."""
-    turns: dict[str, float] = field(default_factory=dict)
-    """Joint -> rad, RMS turn about its mean posture."""
 
 
 def movement(
@@ -248,12 +246,6 @@ def movement(
         return Movement(shows=Shows.STANDS, evidence=words)
     if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
         return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")
-    turns: dict[str, float] = {}
-    if reference is not None:
-        clusters = clusters_of(
-            recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > NEGLIGIBLE_WEIGHT
-        )
-        turns = {joint: link.rms for joint, link in links_of(clusters, reference.centres).items()}
     pelvis = _middle(recording, marker_set, "pelvis")
     feet = [_middle(recording, marker_set, f"foot_{side}") for side in SIDES]
     walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
@@ -261,7 +253,13 @@ def movement(
         shows, evidence, certain = walk
         if shows is Shows.WALKS and (share := _flight(recording, marker_set)) > FLIGHT:
             shows, evidence = Shows.MOVES, f"{evidence}, and both feet fly in {100 * share:.0f} % of the frames"
-        return Movement(shows=shows, evidence=evidence, certain=certain, turns=turns)
+        return Movement(shows=shows, evidence=evidence, certain=certain)
+    turns: dict[str, float] = {}
+    if reference is not None:
+        clusters = clusters_of(
+            recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > NEGLIGIBLE_WEIGHT
+        )
+        turns = {joint: link.rms for joint, link in links_of(clusters, reference.centres).items()}
     return _one_joint(pelvis, turns, sway(recording, marker_set))
 
 
@@ -298,7 +296,8 @@ def _flight(recording: Recording, marker_set: MarkerSet) -> float:
 def _facing(recording: Recording, marker_set: MarkerSet, reference: Stance | None, pelvis: Array) -> Array | None:
     """(nf, 2) where the pelvis faces, x and z; without a static trial the way that it goes; None where neither."""
     if reference is not None:
-        clusters = clusters_of(recording, reference, marker_set.landmarks, lambda m: True)
+        alone = replace(reference, points={"pelvis": reference.points.get("pelvis", {})})
+        clusters = clusters_of(recording, alone, marker_set.landmarks, lambda m: True)
         if (cluster := clusters.get("pelvis")) is not None:
             facing = cluster.rotation[:, [0, 2], 0].copy()
             facing[~cluster.determined] = np.nan
@@ -343,7 +342,7 @@ def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> Movement:
     turning = [joint for joint in ranked[:3] if degrees[joint] >= TURNING_DEG] or ranked[:1]
     words = ", ".join(f"{joint} {degrees[joint]:.0f}" for joint in turning)
     said = f"joints turn by {words} deg RMS" if words else "no joint can be followed (markers, or no static trial)"
-    other = Movement(shows=Shows.OTHER, evidence=said, turns=turns)
+    other = Movement(shows=Shows.OTHER, evidence=said)
     if not ranked:
         return other
     first = ranked[0]

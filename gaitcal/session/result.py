@@ -292,6 +292,8 @@ class Calibration:
     """Coordinate -> m, rad: with which `model` meets the static posture."""
     truth: TruthErrors | None = None
     """How near it came, where the study names the truth."""
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """Trial -> error, of those that the checks took out of the study."""
 
     @property
     def warnings(self) -> tuple[str, ...]:

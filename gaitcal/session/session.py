@@ -20,15 +20,17 @@ from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
 from gaitcal.errors import InputError
+from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import exchanged_back
 from gaitcal.faults.force_diagnosis import ForceDiagnosis
+from gaitcal.faults.study import moves_since_static
 from gaitcal.findings import Finding
 from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
-from gaitcal.model.parameters import Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion, tracked_motion
@@ -123,6 +125,8 @@ class Session:
     """Of anatomy, study and cohort."""
     checked: tuple[Finding, ...] = ()
     """What the checks found before anything was fitted."""
+    moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
+    """Trial -> segment -> what its markers may have done since the static trial."""
     findings: tuple[Finding, ...] = ()
     """What robust losses left out or put right."""
     joint: JointCalibration | None = None
@@ -150,16 +154,28 @@ def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] =
             recording, found = exchanged_back(evidence)
             trial, findings = replace(trial, recording=recording), [*findings, *found]
         trials.append(prepare_trial(trial, model, settings))
+    prior, moves = prior_of_study(settings.joint_prior, study.joint_prior, model.noise), moves_since_static(study)
     return Session(
         model=model,
         settings=settings,
         parameters=model.parameters,
         trials=tuple(trials),
         static=completed_static(study).static,
-        prior=prior_of_study(settings.joint_prior, study.joint_prior, model.noise).loosened(study.loosened),
+        prior=replace(prior.loosened(study.loosened), doubted=_doubted(moves)),
+        moves=moves,
         checked=checked,
         findings=tuple(findings),
     )
+
+
+def _doubted(moves: Mapping[str, Mapping[str, PossibleMove]]) -> dict[str, float]:
+    """Joint parameter -> m, rad by which it may be wrong if markers moved in any trial."""
+    out = dict[str, float]()
+    for p in JOINT_PARAMETERS:
+        found = [of[p.segment] for of in moves.values() if p.segment in of]
+        if found:
+            out[p.name] = max(m.shift if p.kind is Kind.POSITION else float(m.turn[p.axis]) for m in found)
+    return out
 
 
 def fits_legs_together(settings: CalibrationSettings) -> bool:

@@ -29,23 +29,27 @@ from gaitcal.calibration.error_sources import (
 from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
+from gaitcal.codes import Code
 from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import FEET, moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.force_diagnosis import beyond_expected
+from gaitcal.findings import Finding, Severity
 from gaitcal.gait.events import GaitEvents, activity_events, trial_events
 from gaitcal.gait.moments import segment_words
+from gaitcal.gait.repetitions import crouches
 from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
 from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, ZERO_ANGLES, Source
+from gaitcal.model.linkage import JOINTS, LOWER_BODY, SEGMENTS, SIDES, ZERO_ANGLES, Source, segment_kind
 from gaitcal.model.parameters import Parameters, impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import joint_floor
-from gaitcal.motion.motion import rigid_floor, tracked_motion
+from gaitcal.motion.motion import Motion, rigid_floor, tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.result import Loads, Stage, TrialResult, Uncertainty
@@ -74,8 +78,9 @@ def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, un
         model=model, settings=settings, parameters=model.parameters, trials=(prepared,), uncertainty=uncertainty
     )
     session = replace(session, trials=(tracked(prepared, session, Stage.JP_IP),))
+    session = replace(session, forces=diagnose_forces(session))
     result = trial_result(session.trials[0], session)
-    return replace(result, doubts=(*result.doubts, *diagnose_forces(session).findings))
+    return replace(result, doubts=(*result.doubts, *session.forces.findings))
 
 
 def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
@@ -84,7 +89,8 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
     if trial.joint is None:
         joint, coefficients = session.uncertainty.joint, trial.motion.coefficients
         moves = marker_moves(trial.with_skin, coefficients, trial.parameters, joint, trial.scores)
-    axes = AxisErrors(trial.parameters, axis_deviations(session.settings, session.model))
+    deviations = axis_deviations(session.settings, session.model, session.moves.get(trial.name))
+    axes = AxisErrors(trial.parameters, deviations)
     erring = _erring_forces(trial, session, axes, moves)
     if erring is None:
         return _without_torque_errors(trial, session, axes, moves)
@@ -103,7 +109,8 @@ def _without_torque_errors(
     events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
     events = activity_events(body, events) if trial.role is Role.MOTION else events
     feet = foot_points(model, body, final) if has_feet(model) else None
-    faced = None if trial.joint else facing(pelvis_angles(body))
+    may_turn = trial.joint or trial.role is Role.MOTION  # nothing of an activity is left out because it is a turn
+    faced = None if may_turn else facing(pelvis_angles(body))
     strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
     lines = stride_lines(strides, body.time)
     long_axes, by_coordinate = foot_axes(body, final, lines)
@@ -143,7 +150,31 @@ def _without_torque_errors(
         bandwidth=trial.bandwidth,
         events=events,
         strides=strides,
-        doubts=(*trial_findings(trial, loads, subject.weight), *stride_findings(trial.name, strides)),
+        doubts=(
+            *trial_findings(trial, loads, subject.weight),
+            *stride_findings(trial.name, strides),
+            *_crouch_findings(trial.name, body, events),
+        ),
+    )
+
+
+def _crouch_findings(trial: str, body: Motion, events: GaitEvents) -> tuple[Finding, ...]:
+    """That somebody who steps also squats or sits down, which is in no stride."""
+    height = body.q[:, body.coordinates.index("pelvis_ty")]
+    found = crouches(body.time, height, [events.of(side) for side in SIDES]) if events.events else []
+    if not found:
+        return ()
+    when = ", ".join(f"{start:.2f}-{stop:.2f}" for start, stop in found)
+    return (
+        Finding(
+            severity=Severity.INFO,
+            topic="strides",
+            where=trial,
+            cause="not all of the trial is steps",
+            found=f"{when} s: the pelvis goes down and up while no foot steps; strides alone are counted",
+            cure='squats, rises and jumps count in trials of their own: the file again, with time and role = "motion"',
+            code=Code.NOT_ALL_STEPS,
+        ),
     )
 
 
@@ -170,12 +201,20 @@ def _foot_axes(
     return FootAxes(long_axes, np.sqrt(variance), None if own is None else np.sqrt(own))
 
 
-def axis_deviations(settings: CalibrationSettings, model: SubjectModel) -> Mapping[str, tuple[float, float, float]]:
-    """Segment -> deg, how far its axes may point elsewhere."""
+def axis_deviations(
+    settings: CalibrationSettings, model: SubjectModel, moves: Mapping[str, PossibleMove] | None = None
+) -> Mapping[str, tuple[float, float, float]]:
+    """Segment -> deg, how far its axes may point elsewhere; of one side, with what its markers may have done (`moves`)
+    in a trial.
+    """
     if settings.segment_axes == "exact":
         return EXACT
     by = 1.0 if model.noise is None else model.noise.joints
-    return {segment: (by * x, by * y, by * z) for segment, (x, y, z) in PALPATED_DEG.items()}
+    out = {segment: (by * x, by * y, by * z) for segment, (x, y, z) in PALPATED_DEG.items()}
+    for segment, move in (moves or {}).items():
+        x, y, z = np.hypot(out[segment_kind(segment).name], np.rad2deg(move.turn)).tolist()
+        out[segment] = x, y, z
+    return out
 
 
 def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float) -> TrialResult:
@@ -205,7 +244,7 @@ def _erring_forces(
         session.uncertainty.joint,
         session.uncertainty.inertial,
         moves,
-        PlateErrors.of(session.settings.plate_error),
+        PlateErrors.of(session.settings.plate_error).beside(session.forces.possible.get(trial.name)),
         axes,
     )
 

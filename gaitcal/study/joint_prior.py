@@ -23,7 +23,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,6 +65,8 @@ class JointPrior:
     """Where it is from, in words."""
     sha256: str = ""
     """Of the file, hexadecimal."""
+    doubted: Mapping[str, float] = field(default_factory=dict)
+    """Parameter -> m, rad by which it may be wrong beside that, for reasons that no fit reckons with."""
 
     def updated(self, other: JointPrior) -> JointPrior:
         """With what another one says of some of these parameters in its place, independent of the rest."""

@@ -239,6 +239,20 @@ def test_directions_that_the_prior_holds_say_nothing_of_repeated_errors() -> Non
     assert _independent_share(drawn[0], alike, 1e3 * precision) == 1.0, "where nothing is determined"
 
 
+def test_kinds_of_task_that_disagree_have_wider_errors() -> None:
+    rng = np.random.default_rng(16)
+    here, elsewhere = perturbed_parameters(rng, 0.0, 0.0), perturbed_parameters(rng, 0.01, 0.0)
+
+    def both(second: Parameters) -> tuple[JointEstimate, ErrorSources]:
+        made = [random_trial(rng, p, segments=SEGMENTS, frames=150, nodes=10)[0] for p in (here, second)]
+        a, b = (p.with_measured(p.data.measured + rng.normal(0, 0.003, p.data.measured.shape)) for p in made)
+        return estimate_joints({"hip_r": (a,), **gait(b)}, here, HIP)
+
+    (agreed, bars), (apart, wider) = both(here), both(elsewhere)
+    assert 1.0 <= agreed.apart < 1.5 < 3.0 < apart.apart
+    assert wider.standard_errors[HIP[0]] > 2.0 * bars.standard_errors[HIP[0]]
+
+
 def test_one_trial_told_three_times_counts_as_one() -> None:
     problem, _ = hip_trial(13)
     rng = np.random.default_rng(14)

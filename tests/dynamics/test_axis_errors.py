@@ -136,6 +136,7 @@ def test_hinges_keep_their_torque_and_hips_do_not() -> None:
 def test_only_what_is_wrong_moves_anything() -> None:
     errors = AxisErrors(body(), {"thigh": (0.0, 2.0, 0.0)})
     assert list(dict.fromkeys(segment for segment, _ in errors.columns)) == ["thigh_r", "thigh_l"]
+    assert AxisErrors(body(), {"thigh": (0, 0, 0), "thigh_l": (1.0, 0, 0)}).columns[0] == ("thigh_l", 0), "one side"
     one = np.zeros((1, len(COORDINATES)))
     moves = errors.coordinate_moves(one)[0]
     # standing, the thigh's own length is the axis of hip rotation, and of nothing else

@@ -51,7 +51,10 @@ def test_a_refused_walk_leaves_the_study_and_not_the_study_the_user(study: Path,
     study.write_text(f"{text}jp = false\n\n[[trial]]{again}\n", encoding="utf-8")
     done = gaitcal("calibrate", study, "--out", tmp_path / "result")
     assert done.returncode == 0, done
-    assert "not used: trial 'walk':" in done.stdout and "carry each other's label" in done.stdout
+    _, after = done.stdout.split("verdict:")  # where readers end
+    assert "not used: trial 'walk':" in after and "carry each other's label" in after
+    page = (tmp_path / "result" / "result.html").read_text(encoding="utf-8")
+    assert "Trial walk is not used:" in page
     told = json.loads((tmp_path / "result" / "summary.json").read_text(encoding="utf-8"))
     assert "again" in told["trials"] and "walk" not in told["trials"]
     assert any("not used: trial 'walk'" in note for note in told["notes"])

@@ -84,7 +84,7 @@ def test_a_cause_undoes_its_own_fault(row: str) -> None:
 
 
 def test_without_a_fault_nothing_is_named() -> None:
-    assert choose([exact_walk().evidence()]) == ([], [])
+    assert choose([exact_walk().evidence()])[:2] == ([], [])
 
 
 def test_coefficients_of_zero_change_nothing_and_linear_causes_are_linear() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from gaitcal.faults.study import check_study
 from gaitcal.findings import Finding, Severity
@@ -76,17 +77,21 @@ def test_a_marker_that_cameras_lose_again_and_again_has_not_slipped(sound: Study
     assert not any("slipped" in f.cause for f in left(with_trial(sound, "walk", moved("R.Heel", rattling))))
 
 
-@pytest.mark.parametrize("straight", [True, False])
-def test_a_path_that_software_made_up(sound: Study, straight: bool) -> None:
+@pytest.mark.parametrize("made", ["held", "straight", "cubic"])
+def test_a_path_that_software_made_up(sound: Study, made: str) -> None:
     def bridged(x: Array) -> Array:
-        end = x[110] if straight else x[60]
+        end = x[60] if made == "held" else x[110]
+        around = [*range(55, 60), *range(111, 116)]
         x[60:111] = x[60] + np.linspace(0.0, 1.0, 51)[:, None] * (end - x[60])
+        if made == "cubic":
+            x[60:111] = CubicSpline(around, x[around])(np.arange(60, 111))
         return x
 
-    found = left(with_trial(sound, "walk", moved("R.Shank.Front", bridged)))
-    assert len(found) == 1 and "'R.Shank.Front'" in found[0].cause
-    assert "held or drawn as a straight line" in found[0].cause
-    if not straight:
+    label = "R.Heel" if made == "cubic" else "R.Shank.Front"
+    found = left(with_trial(sound, "walk", moved(label, bridged)))
+    assert len(found) == 1 and f"'{label}'" in found[0].cause
+    assert "held or drawn as a straight or smooth line" in found[0].cause
+    if made == "held":
         assert found[0].severity is Severity.ERROR
 
 

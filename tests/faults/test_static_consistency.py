@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.calibration.joint_prior import ANATOMY
 from gaitcal.codes import Code
 from gaitcal.faults.cluster import alignment, clusters_of
-from gaitcal.faults.contradiction import contradictions, offset_limit
+from gaitcal.faults.contradiction import contradictions, offset_limit, possible_moves
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import by_lengths
 from gaitcal.faults.joint_link import flexion_of, links_of, nearest_rotation, side_turns
@@ -58,6 +58,20 @@ def turned_with(trial: MarkerEvidence, segment: str, labels: tuple[str, ...], by
 
 def test_nothing_is_said_of_a_sound_study(sound: Study) -> None:
     assert told(sound) == []
+
+
+def test_what_is_too_weak_to_be_told_may_be_so(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
+    """A thigh whose markers turned by 12 deg about its length: an error of so many degrees there, and nowhere else."""
+    walk = trials["walk"]
+    cluster = walk.clusters["thigh_r"]
+    at = cluster.static - cluster.static.mean(axis=0)
+    by = Rotation.from_euler("y", 12.0, degrees=True).apply(at) - at
+    turned = walk.with_recording(turned_with(walk, "thigh_r", cluster.labels, by)(walk.recording))
+    assert contradictions(turned.clusters, turned.links) == ()
+    before, after = (np.rad2deg([m.turn for m in possible_moves(t.clusters, t.links).values()]) for t in (walk, turned))
+    assert before.max() < 2.0
+    place = list(turned.clusters).index("thigh_r")
+    assert 3.0 < after[place, 1] < 12.0 and np.delete(after, place, axis=0).max() < 3.0
 
 
 def test_a_sound_cluster_has_the_static_shape_and_keeps_it(trials: dict[str, MarkerEvidence]) -> None:

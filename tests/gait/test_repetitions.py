@@ -9,7 +9,7 @@ import pytest
 
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import FootEvents
-from gaitcal.gait.repetitions import alternate, repetitions
+from gaitcal.gait.repetitions import alternate, crouches, repetitions
 from gaitcal.synthetic.walk import ramp
 
 RATE = 100.0
@@ -50,6 +50,15 @@ def test_from_rest_to_rest(stops: list[tuple[float, float]], wanted: list[tuple[
         assert " ".join(name for name, _ in cycle.parts) == phases.get(whole, "lowering rising")
         assert cycle.parts[-1][1] == cycle.stop
     np.testing.assert_allclose(found, np.reshape(wanted, (-1, 2)) if wanted else [], atol=BOUNDS_S)
+
+
+def test_squats_among_steps_are_where_no_foot_steps() -> None:
+    """Two steps, a squat, two steps; a pelvis that sinks with a step, or ends lower, is no squat."""
+    time, height = path((0, STAND), (3, STAND), (4, SQUAT), (5, STAND), (9, STAND))
+    right, left = (FootEvents(np.array(t), np.array(t) + 0.6) for t in ([0.5, 1.6, 6.0], [1.0, 2.1, 6.5]))
+    assert crouches(time, height, (right, left)) == [(pytest.approx(2.7), pytest.approx(6.0))]
+    assert crouches(*path((0, STAND), (3, STAND), (4, SQUAT), (9, SQUAT)), (right, left)) == []
+    assert crouches(time, STAND - 0.04 * (1.0 - np.cos(12.0 * time)), (right, left)) == []
 
 
 @pytest.mark.parametrize("hz", [1.0, 2.5])

@@ -13,6 +13,7 @@ from gaitcal.page.summary import (
     NOT_WHOLLY,
     PART,
     REFUSED,
+    SEATED,
     UNSEEN,
     stride_uses,
     usable_words,
@@ -65,6 +66,9 @@ def test_every_reason_has_its_frames(walk: TrialResult) -> None:
     near_begin = strides_of(walk.events)["r"][0].start + 0.15 - walk.body.time[0] < 0.3
     air = spoilt(walk, loaded=False, resting=False)
     assert first(spoilt(walk, loaded=True, resting=True)) == ("1", False, NOT_WHOLLY)
+    sits = spoilt(walk, loaded=True, resting=True)
+    seat = replace(sits.loads.reactions, seated=~sits.loads.reactions.valid_legs[:, 0])
+    assert first(replace(sits, loads=replace(sits.loads, reactions=seat))) == ("1", False, SEATED)
     assert first(spoilt(walk, loaded=False, resting=True)) == ("1", False, PART)
     assert first(spoilt(walk, loaded=False, resting=True, plate=False)) == ("", False, BESIDE)
     assert first(air) == ("1", False, ENDS if near_begin else UNSEEN)

@@ -215,6 +215,19 @@ def interpolated(recording: Recording, markers: MarkerSet, key: str, part: Part)
     return _tracks(recording, markers, key, lambda x: x[where.start] + share * (x[stop] - x[where.start]), part)
 
 
+def pattern_filled(recording: Recording, markers: MarkerSet, key: str, source: str, part: Part) -> Recording:
+    """A gap filled by the way of another marker, as from the frame before the gap."""
+    start = frames(recording, part).start
+    other = recording.markers[:, columns(recording, markers, source)[:1]]
+    return _tracks(recording, markers, key, lambda x: x[start] + other - other[start], part)
+
+
+def put_on_again(recording: Recording, markers: MarkerSet, mm: float) -> Recording:
+    """Every marker elsewhere on the body, as on another day."""
+    way = np.random.default_rng(NOISE_SEED).normal(size=(recording.markers.shape[1], 3))
+    return replace(recording, markers=recording.markers + MM * mm / np.sqrt(3.0) * way)
+
+
 def spline_filled(recording: Recording, markers: MarkerSet, key: str, part: Part) -> Recording:
     """A gap filled by a cubic spline through five frames on either side."""
     where, time = frames(recording, part), recording.time

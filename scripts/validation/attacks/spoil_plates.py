@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, sosfilt, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
@@ -117,6 +117,18 @@ def low_passed(p: ForcePlate, hertz: float) -> ForcePlate:
     """Forces and moments filtered on reading."""
     filters = butter(2, hertz, fs=1.0 / float(np.median(np.diff(p.time))), output="sos")
     return _channels(p, lambda c: sosfiltfilt(filters, c, axis=0))
+
+
+def filtered_forwards(p: ForcePlate, hertz: float) -> ForcePlate:
+    """The same by a filter that runs forwards only, and so makes forces late."""
+    filters = butter(2, hertz, fs=1.0 / float(np.median(np.diff(p.time))), output="sos")
+    return _channels(p, lambda c: sosfilt(filters, c, axis=0))
+
+
+def leant(p: ForcePlate, newtons: float) -> ForcePlate:
+    """So much more on the feet, in proportion to their load: what hands carry, or take away."""
+    more = newtons * p.force[:, 1] / max(float(p.force[:, 1].max()), BODY_N)
+    return replace(p, force=p.force + more[:, None] * [0.0, 1.0, 0.0])
 
 
 def points_scaled(p: ForcePlate, factor: float) -> ForcePlate:

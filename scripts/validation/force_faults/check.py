@@ -178,7 +178,7 @@ def case(person: Person, number: int, rng: np.random.Generator, *, track: bool) 
     evidence: list[ForceEvidence | None] = list(person.clean)
     for i in struck:
         evidence[i] = person.evidence(i, fault.change, track=track)
-    found, _ = choose([e for e in evidence if e is not None])
+    found, *_ = choose([e for e in evidence if e is not None])
     about = [n for n in found if {t.name for t in n.trials} & {person.trials[i].name for i in struck}]
     wrongly = [n for n in found if n not in about]
     outcome, best = _outcome(fault, about, wrongly, person, struck, names)
@@ -246,7 +246,7 @@ FOUND = 0.8
 
 def accused(everybody: list[Person]) -> int:
     """How many clean studies have a named cause, or an unexplained disagreement."""
-    return sum(any(choose(person.clean)) for person in everybody)
+    return sum(any(choose(person.clean)[:2]) for person in everybody)
 
 
 def print_clean(everybody: list[Person]) -> None:
@@ -256,7 +256,7 @@ def print_clean(everybody: list[Person]) -> None:
             size, found = fits(ForceResidual([trial]))
             best = f"{found[0].cause.kind.value} gain {found[0].gain:.1f} explained {found[0].explained:.2f}"
             print(f"  {person.name:12}{trial.name:10}{size:6.2f}  {best}")
-        named, unexplained = choose(person.clean)
+        named, unexplained, _ = choose(person.clean)
         print(f"  {person.name:12}told: {len(named)} causes, {len(unexplained)} unexplained")
 
 

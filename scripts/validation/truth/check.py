@@ -1,11 +1,12 @@
 """How near the truth, and do the error bars hold? One table over people, kinds of error and seeds.
 
-    truth [--parts gait,isolated,synthetic] [--only p01,p18] [--seeds 6] [--jobs 2] [--kinds none,linear,...]
+    truth [--parts gait,isolated,functional,synthetic] [--only p01,p18] [--seeds 6] [--jobs 2] [--kinds none,linear,...]
         [--set key=value ...]
 
 gait        people of `opensim_truth`, walk and static trial: joint centres, torques against OpenSim's own
 isolated    the same people's six isolated trials, made by OpenSim once (extra `peers`): joint centres and axes, beside
             SCoRE and SARA
+functional  the same people's walk alone, and with a trial of each hip that is isolated, or is any motion: hip centres
 synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb` writes them
 recovery    the same, every joint and inertial parameter by itself (`truth/made_up.py`); `--know` says what is known
 
@@ -30,12 +31,13 @@ from scripts.validation.truth.report import Outcome
 from scripts.validation.truth.skin import FIVE, OF_PEOPLE, Kind
 
 SHARED = ("--jobs", "--only", "--seed", "--set", "--cache", "--json")
-PARTS = ("gait", "isolated", "synthetic", "recovery")
+PARTS = ("gait", "isolated", "synthetic", "functional", "recovery")
 USUAL_PARTS = PARTS[:3]
-"""The last by itself, as its table is another."""
+"""The last by itself, as its table is another; the one before it takes ten minutes."""
 KINDS = {
     "gait": (Kind.NONE, Kind.SINUSOIDS, Kind.MIXTURE, Kind.PEOPLE),
     "isolated": (Kind.NONE, *FIVE, Kind.MIXTURE, Kind.PEOPLE),
+    "functional": (Kind.PEOPLE,),
 }
 """What is tried unless `--kinds` says otherwise."""
 WAVES_MM, GAIT_SKIN_MM, SKIN_MM = 10.0, 10.0, 15.0
@@ -57,15 +59,17 @@ def tasks(chosen: argparse.Namespace) -> list[Callable[[], Outcome]]:
             continue
         folder = data() / "opensim_truth"
         for person in matching(chosen.only, SIMULATED):
-            if part == "isolated":
+            if part != "gait":
                 made(person, folder, chosen.cache)
             for kind in chosen.kinds or KINDS[part]:
-                skin = SKIN_MM if part == "isolated" or kind in OF_PEOPLE else GAIT_SKIN_MM
+                skin = SKIN_MM if part != "gait" or kind in OF_PEOPLE else GAIT_SKIN_MM
                 size = chosen.size or (WAVES_MM if kind is Kind.SINUSOIDS else skin)
                 for seed in range(chosen.seed, chosen.seed + (1 if kind is Kind.NONE else chosen.seeds)):
                     common = (person, kind, seed, size, chosen.settings, folder)
                     if part == "gait":
                         out.append(partial(simulated.gait, *common))
+                    elif part == "functional":
+                        out += [partial(simulated.functional, *common, chosen.cache, of) for of in simulated.HipTrials]
                     else:
                         out.append(partial(simulated.isolated, *common, chosen.cache, chosen.with_gait))
     return out

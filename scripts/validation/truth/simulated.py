@@ -10,6 +10,8 @@ OpenSim's inverse dynamics of its own model on its own motion, whose masses are 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain, forward
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, rigid_motions
+from gaitcal.study.study_trial import Role
 from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.truth.people import (
     DIRECTIONS,
@@ -136,6 +139,39 @@ def isolated(
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
     fit = timed_fit(study)
     return fit.outcome("isolated", kind.value, name, seed, compare_isolated(fit.calibration, person, study))
+
+
+class HipTrials(Enum):
+    """What a walk has beside it, in part `functional`."""
+
+    NONE = "walk alone"
+    ISOLATED = "and hips as role = joint"
+    MOTION = "and hips as role = motion"
+
+
+def functional(
+    name: str,
+    kind: Kind,
+    seed: int,
+    size_mm: float,
+    changes: Mapping[str, object],
+    data: Path,
+    cache: Path,
+    of: HipTrials,
+) -> Outcome:
+    """Part `functional`: a walk without plates, alone or with the same trial of each hip in one role or the other."""
+    person = isolated_person(name, data, cache, with_gait=True)
+    study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
+    hips = [trial for trial in study.trials if of is not HipTrials.NONE and (trial.joint or "").startswith("hip")]
+    if of is HipTrials.MOTION:
+        hips = [replace(trial, role=Role.MOTION, joint=None) for trial in hips]
+    walk = next(trial for trial in study.trials if trial.name == "gait")
+    fit = timed_fit(replace(study, trials=(study.static, walk, *hips)))
+    frames, gathered = static_frames(fit.calibration.nominal, study.static.recording), Gathered()
+    for side in "rl":
+        truth = hip_parameters(frames, side, person.centres[f"hip_{side}"])
+        gathered.hip(fitted_parameters(fit.calibration, truth), side)
+    return fit.outcome("functional", of.value, name, seed, gathered.figures())
 
 
 def compare_isolated(calibration: Calibration, person: IsolatedPerson, study: Study) -> dict[str, Figure]:
