@@ -106,7 +106,9 @@ def parse_trc(path: Path) -> Recording:
 
 @naming_file
 def write_trc(path: Path, recording: Recording) -> None:
-    """Markers in metres, y up; every float in the shortest form that reads back to the same bits."""
+    """Markers in metres, y up; every float in the shortest form that reads back to the same bits. A gap is NaN, as
+    OpenSim refuses a row that ends with an empty cell.
+    """
     require_plain_labels(recording)
     rate = recording.rate if len(recording.time) > 1 else 0.0
     frames, markers = len(recording.time), len(recording.labels)
@@ -120,7 +122,7 @@ def write_trc(path: Path, recording: Recording) -> None:
     ]
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(rows) + "\n")
-        numbers = number_lines(np.column_stack([recording.time, recording.markers.reshape(frames, -1)]), "\t")
+        numbers = number_lines(np.column_stack([recording.time, recording.markers.reshape(frames, -1)]), "\t", "NaN")
         file.writelines(f"{index}\t{line}" for index, line in enumerate(numbers.splitlines(keepends=True), start=1))
 
 

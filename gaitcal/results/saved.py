@@ -4,7 +4,7 @@ uncertainty), and single moving trials for other programs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from zipfile import BadZipFile
@@ -33,6 +33,7 @@ from gaitcal.motion.spline import spline_basis
 from gaitcal.results.summary import STATIC_ANGLES, SUMMARY, entries_of, of_the_model, table_of
 from gaitcal.session.result import Uncertainty
 from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.motion import synthetic_markers
 
 MODEL, MARKER_SET, UNCERTAINTY = "model.toml", "marker_set.toml", "uncertainty.npz"
@@ -199,12 +200,15 @@ def recorded_coordinates(folder: Path) -> dict[str, Array]:
         with np.load(folder / SPLINES, allow_pickle=False) as stored:
             time, coefficients = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
         found.append(spline_basis(time, len(coefficients)).evaluate(coefficients))
-    if not found:
-        return {}
-    ranges = np.array([np.ptp(q, axis=0) for q in found])
+    return where_they_move(found) if found else {}
+
+
+def where_they_move(motions: Sequence[Array]) -> dict[str, Array]:
+    """The same of motions (nf, 27), m and rad."""
+    ranges = np.array([np.ptp(q, axis=0) for q in motions])
     moves = ranges >= 0.5 * ranges.max(axis=0)
     return {
-        name: np.concatenate([q[:, k] for q, moved in zip(found, moves[:, k], strict=True) if moved])
+        name: np.concatenate([q[:, k] for q, moved in zip(motions, moves[:, k], strict=True) if moved])
         for k, name in enumerate(COORDINATES)
     }
 
@@ -244,10 +248,16 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
 
 
 def our_trials(folder: Path) -> list[OurTrial]:
-    """Every moving trial, as it is set beside another model's."""
+    """Moving trials, as they are set beside another model's; isolated ones, in which one joint moves, only where there
+    are no others.
+    """
     out = []
     entries = table_of(read_object(folder / SUMMARY), "trials")
-    for k, name in enumerate(moving_trials(folder)):
+    names = moving_trials(folder)
+    isolated = {name for name in names if table_of(entries, name).get("role") == Role.JOINT.value}
+    for k, name in enumerate(names):
+        if name in isolated and isolated != {*names}:
+            continue
         cutoff = table_of(entries, name).get("bandwidth_hz")
         saved = load_trial(folder, k, name)
         q = saved.motion.basis.evaluate(saved.motion.coefficients)

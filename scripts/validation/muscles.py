@@ -43,8 +43,7 @@ from gaitcal.export import into_osim
 from gaitcal.export.muscle_paths import MusclePath, leg_ranges, muscle_paths
 from gaitcal.export.osim_correspondence import LegJoint, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
-from gaitcal.model.linkage import COORDINATES
-from gaitcal.study.study_trial import Role
+from gaitcal.results.saved import where_they_move
 from gaitcal.synthetic.motion import marker_noise
 from scripts.validation.error_bars import rms
 from scripts.validation.harness import judged, matching, say, side_by_side
@@ -123,8 +122,7 @@ def draw(
     if drawn:
         study, _, _ = prior_about_truth(made, study, rng)
     found = calibrate(study)
-    walk = next(t for t in found.trials if t.role is Role.GAIT)
-    recorded = dict(zip(COORDINATES, walk.calibrated.q.T, strict=True))
+    recorded = where_they_move([trial.calibrated.q for trial in found.trials])
     source = data / person / MODELS[person]
     with tempfile.TemporaryDirectory() as name:
         wrong, back = disturbed(source, Path(name) / "wrong.osim", across=True), Path(name) / "m.osim"
@@ -136,11 +134,11 @@ def draw(
             recorded=recorded,
             marker_set=study.marker_set,
         )
-        ranges = {c: values[list(VALUES)] for c, values in leg_ranges(done.legs).items() if c.endswith("_r")}
+        values_of = {c: values[list(VALUES)] for c, values in leg_ranges(done.legs).items() if c.endswith("_r")}
 
         def arms(content: bytes) -> Arms:
             back.write_bytes(content)
-            return muscle_paths(back, ranges)
+            return muscle_paths(back, values_of)
 
         truth, now = arms(source.read_bytes()), arms(done.content)
         others = [arms(done.drawn(rng)) for _ in range(models)]
@@ -256,6 +254,8 @@ def _arms_in_postures(file: Path, legs: tuple[LegJoint, ...]) -> Iterator[Array]
     """(muscles,) m, about one coordinate of the legs after the other, the others anywhere in their ranges."""
     import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
+    opensim.Logger.removeFileSink()
+    opensim.Logger.setLevelString("Off")
     rng, ranges = np.random.default_rng(0), leg_ranges(legs)
     model = opensim.Model(str(file))
     state, names = model.initSystem(), list(ranges)

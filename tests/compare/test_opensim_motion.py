@@ -28,6 +28,10 @@ def test_our_own_model_moves_and_pulls_as_ours(
     monkeypatch.chdir(tmp_path)
     result = kept_result(kept) / "result"
     trials = [t for t in our_trials(result) if t.torques is not None]
+    for k, trial in enumerate(trials):
+        seen = trial.markers.markers.copy()
+        seen[3:6, -1] = np.nan  # the last of a row
+        trials[k] = replace(trial, markers=replace(trial.markers, markers=seen))
     found = compare_motion(load_result_model(result)[0], result / "model.osim", trials)
     assert "MODEL" not in capfd.readouterr().out, "OpenSim's tools print what a model holds"
     assert not list(tmp_path.iterdir()), "its log"
