@@ -72,7 +72,7 @@ def comparison_page(
     for sheet, variables in sheets.items():
         if picture := _sheet(comparison, convention, variables):
             words = (
-                f"{sheet}: means of {names[0]} (grey) and {names[1]} (right blue, left orange, dashed) over the stride "
+                f"{sheet}: means of {names[0]} (grey) and {names[1]} (right blue, left red, dashed) over the stride "
                 "of each foot. Grey band: within it a difference could have been missed (95 %); black bars: beyond it."
             )
             parts += [

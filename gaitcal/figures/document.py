@@ -135,13 +135,13 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
         canvas.setFont(SANS, 7)
         canvas.setFillColor(FAINT)
         canvas.drawString(MARGIN, MARGIN - 2 * mm, content.footer)
-        canvas.drawRightString(width - MARGIN - 3 * mm, MARGIN - 2 * mm, f"page {canvas.getPageNumber()} of")
+        canvas.drawRightString(width - MARGIN - 5.6 * mm, MARGIN - 2 * mm, f"page {canvas.getPageNumber()}")
         canvas.doForm(_Total.FORM)
         canvas.setStrokeColor(GRID)
         canvas.line(MARGIN, height - MARGIN - 2.5 * mm, width - MARGIN, height - MARGIN - 2.5 * mm)
 
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
-    total = _Total(width - MARGIN, MARGIN - 2 * mm)
+    total = _Total(width - MARGIN - 5.6 * mm, MARGIN - 2 * mm)
     story = _of_sessions(content, *size) if isinstance(content, ComparisonContent) else _story(content, *size)
     document.build([*story, total])
     atomic_bytes(path, out.getvalue())
@@ -163,7 +163,7 @@ class _Total(Flowable):  # type: ignore[misc]
         self.canv.beginForm(self.FORM)
         self.canv.setFont(SANS, 7)
         self.canv.setFillColor(FAINT)
-        self.canv.drawRightString(*self.place, str(self.pages))
+        self.canv.drawString(*self.place, f" of {self.pages}")
         self.canv.endForm()
 
 
@@ -226,7 +226,7 @@ def _of_sessions(content: ComparisonContent, width: float, height: float) -> lis
         else:
             out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
     if len(content.others) > 1:
-        out += [PageBreak(), _heading("All other figures"), Spacer(1, 1.5 * mm), _table(content.others, width)]
+        out += [PageBreak(), _heading("Largest other figures"), Spacer(1, 1.5 * mm), _table(content.others, width)]
     return [*out, *_comment(content, "joints"), Spacer(1, 14 * mm), _signature(width)]
 
 

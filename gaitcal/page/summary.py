@@ -88,7 +88,8 @@ def usable_words(uses: Iterable[StrideUse]) -> str:
     of_sides = {side: [use for use in uses if use.side == side] for side in SIDES}
     counts = (f"{sum(u.whole for u in of)} of {len(of)} {SIDE_WORDS[side]}" for side, of in of_sides.items())
     reasons = reason_words(uses)
-    what = "repetitions" if all(use.repeats for use in uses) else "strides"
+    words = {use.repeats: "repetitions" if use.repeats else "strides" for use in sorted(uses, key=lambda u: u.repeats)}
+    what = " and ".join(words.values())
     return f"Usable for moments: {', '.join(counts)} {what}{f'; others: {reasons}' if reasons else ''}."
 
 

@@ -80,7 +80,7 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     relative = table_of(manifest, "settings").get("angles") == "relative"
     remark = " ".join(filter(None, (norm.remark, RELATIVE if relative and norm.bands else "")))
     uses = _uses(page)
-    activities = _activities(summary, page)
+    activities = tuple(_activities(summary, page))
     return ReportContent(
         person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
@@ -201,21 +201,22 @@ class _Activity:
         return "repetition" if self.repeats else "stride"
 
 
-def _activities(summary: Mapping[str, object], page: Mapping[str, Any]) -> tuple[_Activity, ...]:
+def _activities(summary: Mapping[str, object], page: Mapping[str, Any]) -> Iterator[_Activity]:
     """Walking first; nothing of isolated trials."""
-    whole = [t for t in page["trials"] if table_of(table_of(summary, "trials"), t["name"]).get("role") != "joint"]
     of: dict[str, list[Any]] = {}
-    for trial in sorted(whole, key=lambda trial: trial.get("activity", WALKING) != WALKING):
-        of.setdefault(trial.get("activity", WALKING), []).append(trial)
-    out = []
+    for trial in sorted(page["trials"], key=lambda trial: trial.get("activity", WALKING) != WALKING):
+        if table_of(table_of(summary, "trials"), trial["name"]).get("role") != "joint":
+            of.setdefault(trial.get("activity", WALKING), []).append(trial)
     for name, trials in of.items():
-        offs: dict[str, list[float]] = {}
-        for s in (s for trial in trials for s in trial["strides"] if s["off"] is not None and not s["turns"]):
-            offs.setdefault(s["side"], []).append(100.0 * (s["off"] - s["start"]) / (s["stop"] - s["start"]))
-        means = {side: float(np.mean(percents)) for side, percents in offs.items()}
-        toe_off = _toe_off(summary) if name == WALKING else means
-        out.append(_Activity(name, tuple(t["name"] for t in trials), any(t.get("repeats") for t in trials), toe_off))
-    return tuple(out)
+        known = [s for trial in trials for s in trial["strides"] if s["off"] is not None and not s["turns"]]
+        percents = {side: [_stance(s) for s in known if s["side"] == side] for side in SIDES}
+        toe_off = {side: float(np.mean(values)) for side, values in percents.items() if values}
+        yield _Activity(name, tuple(t["name"] for t in trials), any(t.get("repeats") for t in trials), toe_off)
+
+
+def _stance(stride: Mapping[str, Any]) -> float:
+    """% of a stride at which stance ends."""
+    return float(100.0 * (stride["off"] - stride["start"]) / (stride["stop"] - stride["start"]))
 
 
 def _sheets(
@@ -232,11 +233,11 @@ def _sheets(
         "stands wholly on a plate."
     )
     for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, toe_off={}),)):
-        over = "from rest to rest of the pelvis, mean over repetitions" if a.repeats else "over the stride"
-        note = f"Joint angles {over}" + ("." if a.repeats else f", mean over straight strides of {a.name}.")
-        if a.walks:
-            note = "Joint angles over the gait cycle, mean over straight strides of all walks."
-        note += "" if a.repeats else " Pelvis against the line of progression of each stride."
+        whose = "all walks" if a.walks else a.name
+        note = f"Joint angles over the stride, mean over straight strides of {whose}. Pelvis against the line of "
+        note += "progression of each stride."
+        if a.repeats:
+            note = "Joint angles from rest to rest of the pelvis, mean over repetitions."
         of = {name: uses[name] for name in a.trials}
         for title, variables, words in (("Kinematics", KINEMATICS, note), ("Kinetics", KINETICS, kinetics)):
             yield Sheet(
@@ -271,17 +272,10 @@ def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator
 
 def _uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
     """Whole-body trial -> its complete strides or repetitions, as the page counts them."""
+    kept = ("side", "number", "plate", "turns", "reason")
     return {
         trial["name"]: [
-            StrideUse(
-                side=s["side"],
-                number=s["number"],
-                plate=s["plate"],
-                whole=not s["reason"],
-                turns=s["turns"],
-                reason=s["reason"],
-                repeats=bool(trial.get("repeats")),
-            )
+            StrideUse(**{k: s[k] for k in kept}, whole=not s["reason"], repeats=bool(trial.get("repeats")))
             for s in trial["strides"]
         ]
         for trial in page["trials"]
@@ -320,7 +314,7 @@ def _no_curves(uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = Fa
 
 
 def _steps(summary: Mapping[str, object], norms: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, ...]]:
-    yield ("measure", "unit", "right", "left", "asymmetry, % ± SE", *(["norm"] if norms else []))
+    yield ("measure", "unit", "right, mean ± SD", "left, mean ± SD", "asymmetry, % ± SE", *(["norm"] if norms else []))
     found = table_of(summary, "spatiotemporal")
     for name, (title, digits) in SHOWN_MEASURES.items():
         measure = table_of(found, name)
@@ -338,12 +332,6 @@ def _average(of_side: Mapping[str, object], digits: int) -> str:
         return "–"
     spread = f" ± {sd:.{digits}f}" if isinstance(sd, int | float) else ""
     return f"{mean:.{digits}f}{spread} (n = {of_side.get('strides')})"
-
-
-def _toe_off(summary: Mapping[str, object]) -> dict[str, float]:
-    stance = table_of(table_of(summary, "spatiotemporal"), "stance_percent")
-    means = {side: table_of(stance, side).get("mean") for side in SIDES}
-    return {side: float(mean) for side, mean in means.items() if mean is not None}
 
 
 def _panels(

@@ -391,6 +391,8 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
             out.append(f"{LIKELY}{field} = {known.value}: {known.reason}")
     if "sex" not in draft.person and not draft.missing:
         out.append(f"{LIKELY}sex: no file says it; masses are the mean of women's and men's tables (--sex says which)")
+    if "age_years" not in draft.person and not draft.missing:
+        out.append("age: no file says it; without it no norms of gait and adults' tables of masses (--age says it)")
     further = None if draft.choice is None else draft.choice.further
     if further is not None and further.tracking:
         words = "; ".join(f"{', '.join(group)} with {segment}" for segment, group in further.tracking.items())

@@ -31,6 +31,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -62,6 +63,8 @@ VALUES = (4, 8)
 """Of the thirteen values of a coordinate's range."""
 POSTURES = 1000
 """Of a model whose joints are in place."""
+CROSSES = 1e-9
+"""m, a moment arm about what a muscle crosses."""
 TRIALS = {"a walk": ("gait",), "a walk and isolated trials": ("gait", "joint")}
 """Words -> roles."""
 Arms = Mapping[tuple[str, str], MusclePath]
@@ -122,7 +125,7 @@ def draw(
     if drawn:
         study, _, _ = prior_about_truth(made, study, rng)
     found = calibrate(study)
-    recorded = where_they_move([trial.calibrated.q for trial in found.trials])
+    recorded = where_they_move([t.calibrated.q for t in found.trials if t.joint is None])  # others: of one joint alone
     source = data / person / MODELS[person]
     with tempfile.TemporaryDirectory() as name:
         wrong, back = disturbed(source, Path(name) / "wrong.osim", across=True), Path(name) / "m.osim"
@@ -251,7 +254,7 @@ def _apart(was: tuple[LegJoint, ...], now: tuple[LegJoint, ...]) -> Iterator[flo
 
 
 def _arms_in_postures(file: Path, legs: tuple[LegJoint, ...]) -> Iterator[Array]:
-    """(muscles,) m, about one coordinate of the legs after the other, the others anywhere in their ranges."""
+    """(n,) m, of muscles that cross one coordinate of the legs after the other, the others anywhere in their ranges."""
     import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
     opensim.Logger.removeFileSink()
@@ -261,13 +264,17 @@ def _arms_in_postures(file: Path, legs: tuple[LegJoint, ...]) -> Iterator[Array]
     state, names = model.initSystem(), list(ranges)
     coordinates = [model.getCoordinateSet().get(name) for name in names]
     muscles = [model.getMuscles().get(i) for i in range(model.getMuscles().getSize())]
+    crossing = dict[int, list[Any]]()
     for k in range(POSTURES):
         for coordinate, values in zip(coordinates, ranges.values(), strict=True):
             coordinate.setValue(state, rng.uniform(values[0], values[-1]), False)
         model.assemble(state)
         model.realizePosition(state)
-        about = coordinates[k % len(coordinates)]
-        yield np.array([muscle.computeMomentArm(state, about) for muscle in muscles])
+        which = k % len(coordinates)
+        asked = crossing.get(which, muscles)
+        arms = np.array([m.computeMomentArm(state, coordinates[which]) for m in asked])
+        crossing[which] = [m for m, arm in zip(asked, arms, strict=True) if abs(arm) > CROSSES]
+        yield arms
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, float]]] = {

@@ -76,4 +76,6 @@ def test_every_reason_has_its_frames(walk: TrialResult) -> None:
     assert first(replace(walk, refused_legs=("r",))) == ("1", False, REFUSED)
     assert all(use.whole for use in stride_uses(air)[1:]), "the other strides stay"
     told = usable_words(stride_uses(spoilt(walk, loaded=True, resting=True)))
+    mixed = [replace(use, repeats=use.number == 2) for use in stride_uses(walk)]
+    assert usable_words(mixed) == "Usable for moments: 2 of 2 right, 1 of 1 left strides and repetitions."
     assert told == f"Usable for moments: 1 of 2 right, 1 of 1 left strides; others: {NOT_WHOLLY}."

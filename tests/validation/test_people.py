@@ -12,7 +12,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from scripts.validation import recordings
 from scripts.validation.harness import results
-from scripts.validation.people import check, hips, pairs
+from scripts.validation.people import check, hips, knees, pairs
 from scripts.validation.people.fits import Fit
 from scripts.validation.truth import skin
 from tests.synthetic_studies import write_synthetic_study
@@ -97,6 +97,17 @@ def test_the_same_fit_twice_does_not_differ() -> None:
     z = pairs.scores(one, other)
     assert np.count_nonzero(np.abs(z) > 1e-9) == 2  # the lateral places of both hips
     assert list(pairs.figures({("walk against walk", "a"): z}).values())[1] == pytest.approx(100.0)
+
+
+def test_a_marker_of_the_thigh_turns_about_the_hinge() -> None:
+    """Forward and up in the shank, mm, of a point 20 above and 5 behind a hinge that lies 18 below the origin."""
+    flexion = np.linspace(0.0, 1.0, 40)
+    turn = np.array([[np.cos(flexion), -np.sin(flexion)], [np.sin(flexion), np.cos(flexion)]])
+    path = np.array([3.0, -18.0]) + np.einsum("ijf,j->fi", turn, [-5.0, 20.0])
+    assert path[-1, 0] < path[0, 0], "a thigh that bends takes what is above the hinge backwards"
+    centre, misfit = knees.circle(flexion, path)
+    np.testing.assert_allclose(centre, [3.0, -18.0], atol=1e-9)
+    assert misfit < 1e-9 < knees.circle(flexion, path + [[0.0, 1.0], [0.0, -1.0]] * 20)[1]
 
 
 def test_skin_of_people_has_the_size_of_its_task() -> None:

@@ -27,6 +27,7 @@ Gaitcal.counting = (host, { result: { sheet }, state }) => {
   ];
   const trials = sheet.trials.map((trial, t) => trial.strides.length > 0 && ofTrial(`${t}`, trial)).filter(Boolean);
   const repeat = sheet.trials.every(({ strides, repeats }) => repeats || !strides.length);
+  const mixed = sheet.trials.some(({ repeats }) => repeats);
   const one = repeat ? "Repetition" : "Stride";
   const head = [`${one} in means`, "Plate", "Moments"].map((words) => html("th", { scope: "col", class: "text" }, words));
   const count = html("p.soft");
@@ -40,7 +41,7 @@ Gaitcal.counting = (host, { result: { sheet }, state }) => {
       const on = all.filter(([trial, side, number]) => Gaitcal.isOn(state, trial, { side, number }));
       return `${on.length} of ${all.length} ${Gaitcal.LEGS[leg]}`;
     });
-    count.textContent = `In means: ${told.join(", ")} ${repeat ? "repetitions" : "straight strides"}.`;
+    count.textContent = `In means: ${told.join(", ")} ${repeat ? "repetitions" : mixed ? "straight strides and repetitions" : "straight strides"}.`;
     host.hidden = state.preset !== "clinician" || !trials.length;
   };
   state.on(["off", "preset"], write);

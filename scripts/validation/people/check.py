@@ -8,6 +8,7 @@ halves    hips by isolated trials alone against gait alone, as told and with a w
           they share their prior); of people with both
 pairs     straight against turn, first walks and strides against last, walk against walk, each calibrated by itself: how
           many differences of joint parameters are inside bars of 68 and 95 %
+knees     where the marker on the knee turns about in the shank, and how far calibration moves the knee's axis
 skin      hips of people simulated by OpenSim (`opensim_truth`), whose skin moves as `--kinds` says (`truth/skin.py`),
           by gait, by six isolated trials, and by both; needs the extra `peers` once, to make the trials in `--cache`
 drawn     the same people with a prior of which they are a draw (`people/drawn.py`): all joint parameters of the legs
@@ -32,7 +33,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX
 from scripts.validation.error_bars import Bars, bars, rms
 from scripts.validation.harness import commas, matching, say
-from scripts.validation.people import drawn, hips, pairs
+from scripts.validation.people import drawn, hips, knees, pairs
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import PEOPLE, SIMULATED, changed, data, only, study_of_person
 from scripts.validation.truth.people import hip_parameters, isolated_person, made, static_frames
@@ -123,6 +124,13 @@ def pairs_part(chosen: argparse.Namespace) -> Figures:
     return pairs.figures(found)
 
 
+def knees_part(chosen: argparse.Namespace) -> Figures:
+    """The knee's marker against the shank's."""
+    found = [knee for name in chosen.only for knee in knees.knees_of(name, chosen.settings)]
+    say(*knees.lines(found))
+    return {f"{k.name} {k.side}: centre up": float(k.centre[1]) for k in found}
+
+
 def skin_part(chosen: argparse.Namespace) -> Figures:
     """Simulated people with people's skin."""
     out: Figures = {}
@@ -149,7 +157,14 @@ def drawn_part(chosen: argparse.Namespace) -> Figures:
     return out
 
 
-PARTS = {"hips": hips_part, "halves": halves_part, "pairs": pairs_part, "skin": skin_part, "drawn": drawn_part}
+PARTS = {
+    "hips": hips_part,
+    "halves": halves_part,
+    "pairs": pairs_part,
+    "knees": knees_part,
+    "skin": skin_part,
+    "drawn": drawn_part,
+}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
