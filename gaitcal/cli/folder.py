@@ -93,7 +93,7 @@ def draft_study_file(
     nominal_of(study_of(draft, proposed=True))  # an error of the static trial is told now
     if draft.choice is not None and (proposal := draft.choice.proposal) is not None:
         for label in sorted(proposal.asked):
-            console.line(f"asked: is {label} {proposal.rename[label]}? It lies where one in a hundred does")
+            console.line(f"asked: is {label} {proposal.rename[label]}?")
         console.line("asked: is each marker what [markers.rename] and [markers.tracking] say? Then confirmed = true")
     console.line(f"next:  look through it, then gaitcal calibrate {target} --out {folder.resolve().name}-result")
 

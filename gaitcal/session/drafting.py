@@ -21,6 +21,7 @@ from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_poses
 from gaitcal.model.body_plan import likely_height
+from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
@@ -155,8 +156,10 @@ def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: 
     marker_set, rods = choice.marker_set, choice.marker_set.knee_device
     known = {m: SEGMENT_OF[n] for n in marker_set.landmarks for group in marker_set.options(n) for m in group}
     known |= {m: marker_set.segment_of[label] for label, parts in rods.items() for m in parts} | marker_set.segment_of
+    given = marker_set.coverage([m for r in spelt.values() for m in r.labels]).landmarks
+    lacking = [n for n in marker_set.landmarks if n not in given and SEGMENT_OF[n] in LOWER_BODY]
     try:
-        found = place_strangers(spelt[static], moving, known, _told_height(spelt.values(), options))
+        found = place_strangers(spelt[static], moving, known, lacking, _told_height(spelt.values(), options))
     except InputError:
         return choice
     labels = respelt([label for r in spelt.values() for label in r.labels], choice.rename)

@@ -41,8 +41,8 @@ BOTH_FEET = 0.5
 """How far both feet must say the same of the way forward to be believed without asking where feet and pelvis point."""
 BEYOND_DOUBT = 4.6
 """Log of the odds, 100 to 1, from which left and right, or a segment, are told without a doubt."""
-ONE_IN_100 = 11.34
-"""Chi-squared of three, which one landmark in a hundred exceeds: of such a one a person is asked."""
+ONE_IN_20, ONE_IN_100 = 7.81, 11.34
+"""Chi-squared of three, which one landmark in so many exceeds: of one in a hundred a person is asked."""
 FLOOR_M = 0.02
 """Of the lowest marker over the floor."""
 TALL, STEP, STEPS = 1.03, 1.06, 12
@@ -83,7 +83,9 @@ class LabelProposal:
     unused: Mapping[str, str]
     """Label -> why it is nowhere."""
     asked: frozenset[str] = frozenset()
-    """Labels of `rename` that lie where few markers of that landmark do: not named so unless a person says it."""
+    """Labels of `rename` that lie where few markers of that landmark do, or that no trial shows moving and that may be
+    of another segment: not named so unless a person says it.
+    """
     told: str
     """By what height and heading were told, in words."""
 
@@ -115,6 +117,7 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     labels = [every[i] for i in seen]
     found = _read_off(labels, placed, scatter[np.ix_(seen, seen)])
     odd = dict(zip(labels, out_of_place(view.of(points[seen]), placed), strict=True))
+    unsure = {m for m, ahead in zip(labels, placed.ahead, strict=True) if m in still_only and ahead < BEYOND_DOUBT}
     segment = {m: placed.body.segments[p] for m, p in zip(labels, placed.places, strict=True)}
     found = _sacral(found, {label: points[i] for i, label in enumerate(every)})
     out = {label: float(view.of(points[[every.index(label)]])[0, 2]) for label in on_device}
@@ -131,19 +134,25 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
         weights=found.weights,
         evidence={**found.evidence, **words},
         unused={**found.unused, **why, **{m: "never seen with the others" for m in every if m not in known}},
-        asked=frozenset(m for m in found.rename if odd[m] > ONE_IN_100 and segment[m] in LOWER_BODY),
+        asked=frozenset(m for m in found.rename if m in unsure or (odd[m] > ONE_IN_100 and segment[m] in LOWER_BODY)),
         told=f"{told}; {PureWindowsPath(standing.source).name} stands",
     )
 
 
 def place_strangers(
-    standing: Recording, moving: Sequence[Recording], segment_of: Mapping[str, str], height: float | None = None
+    standing: Recording,
+    moving: Sequence[Recording],
+    segment_of: Mapping[str, str],
+    lacking: Sequence[str] = (),
+    height: float | None = None,
 ) -> LabelProposal:
     """Which segments the labels move with that a set does not know; `segment_of`: label that it knows -> segment.
 
+    Of each landmark in `lacking`, which nothing gives, the label is told that lies there: only a person names it so.
     InputError as of `propose_labels`.
     """
     every, scatter, points, seen, why = _seen(standing, moving, segment_of)
+    at = {m: place for m, place in zip(every, points, strict=True) if m not in segment_of and np.isfinite(place).all()}
     why |= {m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()}
     seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
     labels, body = [every[i] for i in seen], standing_bodies()[0]
@@ -153,8 +162,9 @@ def place_strangers(
     allowed = np.array([~body.landmark if segment is None else segments == segment for segment in own])
     known = [k for k, segment in enumerate(own) if segment is not None]
     forward = forward_direction(moving, points[known], [labels[k] for k in known])
-    placed, _, told = _likeliest(points, replace(beside, allowed=allowed), forward, height)
+    placed, view, told = _likeliest(points, replace(beside, allowed=allowed), forward, height)
     found = _read_off(labels, placed, scatter)
+    lies = _lying_at(lacking, at, view, points[known], replace(placed, places=placed.places[known]))
     near_two = {m for m, ahead in zip(labels, placed.ahead, strict=True) if ahead < BEYOND_DOUBT}
     why |= dict.fromkeys(near_two, "moves with two segments about as well") | dict(found.unused)
     why |= {m: "never seen with the others" for m in every if m not in labels and m not in why}
@@ -172,10 +182,27 @@ def place_strangers(
         rename={},
         tracking=tracking,
         weights={label: weight for label, weight in found.weights.items() if label in kept},
-        evidence={label: found.evidence[label] for label in kept},
-        unused={label: words for label, words in why.items() if label not in segment_of},
+        evidence={label: found.evidence[label] + lies.get(label, "") for label in kept},
+        unused={label: words + lies.get(label, "") for label, words in why.items() if label not in segment_of},
         told=told,
     )
+
+
+def _lying_at(
+    lacking: Sequence[str], at: Mapping[str, Array], view: _View, points: Array, placed: Placed
+) -> dict[str, str]:
+    """Label -> at which landmark it lies, in words: of each that lacks the nearest one, (3,) m in `at`, if 19 in 20 are
+    as near to where the markers that stand at `points` put it.
+    """
+    out = {}
+    for name in (name for name in lacking if name in placed.body.labels):
+        places = np.append(placed.places, placed.body.labels.index(name))
+        with_one = replace(placed, places=places)
+        away = {m: out_of_place(view.of(np.vstack([points, p])), with_one)[-1] for m, p in at.items()}
+        nearest = min(away, key=away.__getitem__, default="")
+        if nearest and away[nearest] < ONE_IN_20:
+            out[nearest] = f"; lies where {name} does: rename it, if it is"
+    return out
 
 
 def _seen(

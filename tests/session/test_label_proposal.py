@@ -213,9 +213,10 @@ def test_markers_that_a_set_does_not_know_follow_what_they_move_with(tmp_path: P
     made = draft(write(tmp_path / "person", files))
     assert made.choice is not None and made.choice.further is not None and made.choice.entry == "gait2354"
     assert made.choice.further.tracking == {"thigh_r": ("X1",), "shank_l": ("X2",), "foot_r": ("X3",)}
-    assert made.choice.further.unused == {"X4": "in no trial that moves"}
+    words = "in no trial that moves; lies where ankle_med_r does: rename it, if it is"
+    assert made.choice.further.unused == {"X4": words}
     told_lines = " ".join(doubtful_lines(made))
-    assert "X1 with thigh_r" in told_lines and "X4 (in no trial that moves)" in told_lines
+    assert "X1 with thigh_r" in told_lines and f"X4 ({words})" in told_lines
     study = study_of(made)
     assert study.marker_set.segment_of["X1"] == "thigh_r" and study.marker_set.weight("X1") == 1
     with pytest.raises(InputError, match="found 'X1' on foot_l; the marker set has it on thigh_r"):

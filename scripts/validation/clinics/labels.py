@@ -139,9 +139,9 @@ def propose(name: str, folder: Path) -> Proposed:
     old, found = {new: m for m, new in labels.items()}, draft.choice.proposal
     of = {m: segment_named(n) for m, n in found.rename.items()}
     of |= {m: segment for segment, group in found.tracking.items() for m in group}
-    right = {m: n for m, n in found.rename.items() if m not in landmarks and n not in landmarks.values()} | landmarks
+    right = {m: n for m, n in found.rename.items() if m not in found.asked and n not in landmarks.values()} | landmarks
     groups = {s: [m for m in group if m not in right] for s, group in found.tracking.items()}
-    for m in found.rename.keys() - right.keys():
+    for m in found.rename.keys() - right.keys() - found.asked:
         groups.setdefault(of[m], []).append(m)
     kept = {*right.values(), *(m for group in groups.values() for m in group)}
     answered = replace(
@@ -160,7 +160,7 @@ def propose(name: str, folder: Path) -> Proposed:
         markers=len(segments),
         wrong={old[m]: f"{s} -> {of.get(m, 'nowhere')}" for m, s in segments.items() if of.get(m) != s},
         answers={old[m]: f"{found.rename.get(m, 'none')} -> {n}" for m, n in other.items()},
-        asked=tuple(f"{old[m]} = {found.rename[m]}" for m in found.asked),
+        asked=tuple(f"{old.get(m, m)} = {found.rename[m]}" for m in found.asked),
     )
 
 
