@@ -177,6 +177,8 @@ def segment_kind(segment: str) -> Segment:
     return SEGMENT_TABLE[segment if segment in SEGMENT_TABLE else segment[:-2]]
 
 
+MARKED_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if segment_kind(s).markers)
+"""Those on which markers can sit."""
 LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # pelvis and legs
 LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES}
 """Side -> segments of that leg, each after its parent."""

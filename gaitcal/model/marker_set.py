@@ -31,8 +31,7 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import Table, models_path, read_validated, require_known, shown, toml_table, toml_value
-from gaitcal.model.linkage import LEG_SEGMENTS, SIDES, of_side
-from gaitcal.model.parameters import MASSIVE_SEGMENTS
+from gaitcal.model.linkage import LEG_SEGMENTS, MARKED_SEGMENTS, SIDES, of_side
 from gaitcal.model.point_noise import PointNoise
 
 _LANDMARKS_OF = (
@@ -172,7 +171,7 @@ class MarkerSet:
 
         InputError for a segment that markers cannot be on, and for a label that the set knows.
         """
-        require_known(markers, MASSIVE_SEGMENTS, "segment", source=source, field="markers.tracking", listed=True)
+        require_known(markers, MARKED_SEGMENTS, "segment", source=source, field="markers.tracking", listed=True)
         known, segments = set(self.labels), self.segment_of
         further = {segment: tuple(labels) for segment, labels in markers.items()}
         for segment, labels in further.items():
@@ -376,7 +375,7 @@ def _read(path: Path, name: str) -> MarkerSet:
     groups = {where: both_sides(where, getattr(file, where)) for where in (*_FOLLOWING, "knee_device", "aliases")}
     require_known(preferred, LANDMARKS, "landmark", source=path, field="landmarks", listed=True)
     for where in _FOLLOWING:
-        require_known(groups[where], MASSIVE_SEGMENTS, "segment", source=path, field=where, listed=True)
+        require_known(groups[where], MARKED_SEGMENTS, "segment", source=path, field=where, listed=True)
     for label, parts in groups["knee_device"].items():
         if len(parts) != DEVICE_MARKERS:
             allowed = "allowed: three, the one on the flexion axis first"

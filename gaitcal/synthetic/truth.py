@@ -36,7 +36,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
 from gaitcal.model.landmarks import StaticPosture, static_posture
-from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, SIDES, ZERO_ANGLES, Source, segment_kind
+from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, MARKED_SEGMENTS, SIDES, ZERO_ANGLES, Source
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import (
     IP_NAMES,
@@ -287,7 +287,7 @@ def _corners(chain: Chain, parameters: Parameters, q: Array, offset: dict[str, F
     local = np.concatenate([np.zeros((1, 3)), REACH * np.eye(3)])
     out = []
     for k, segment in enumerate(chain.segments):
-        if not segment_kind(segment).markers:  # the talus has no frame of its own
+        if segment not in MARKED_SEGMENTS:  # the talus has no frame of its own
             continue
         place = None if offset is None else offset[segment]
         points = local if place is None else np.array([place.point(p) for p in local])
