@@ -133,9 +133,8 @@ def require_cohort(out: Path) -> None:
         names
         and result_folder.read_object(out / result_folder.MANIFEST).get("kind") != result_folder.ResultKind.COHORT.value
     ):
-        raise InputError(
-            f"holds '{names[0]}', and is no cohort; name a new or an empty folder", source=out, code=Code.FOLDER_TAKEN
-        )
+        message = f"holds '{names[0]}', and is no cohort; name a new or an empty folder"
+        raise InputError(message, source=out, code=Code.FOLDER_TAKEN)
 
 
 def mark(out: Path) -> None:

@@ -80,9 +80,8 @@ def compare_sessions(a: Session, b: Session, common: Common | None = None) -> Se
     """
     person = identity(a, b)
     if person.denied:
-        raise NotComparableError(
-            f"these are not two results of one person: {'; '.join(person.denied)}", source=f"{a.name}, {b.name}"
-        )
+        message = f"these are not two results of one person: {'; '.join(person.denied)}"
+        raise NotComparableError(message, source=f"{a.name}, {b.name}")
     joints_differ = common is None
     common = common or common_to(a, b)
     curves = stride_sets(a), stride_sets(b)

@@ -417,9 +417,8 @@ def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Pa
         vector = read_numbers(entry, "axis", path, count=3) if (entry.findtext("axis") or "").strip() else _X
         length = float(np.linalg.norm(vector))
         if length == 0.0:
-            raise InputError(
-                "found an axis of length zero", source=path, field=element.get("name"), code=Code.OTHER_MODEL
-            )
+            message = "found an axis of length zero"
+            raise InputError(message, source=path, field=element.get("name"), code=Code.OTHER_MODEL)
         rotates = entry.get("name", "").startswith("rotation")
         axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
     return tuple(axes)

@@ -106,11 +106,8 @@ def landmarked(bones: BoneMeshes) -> Landmarked:
         )
         check_directions(femur, found.hip, tibia, fibula)
     except NoLandmark as error:
-        raise InputError(
-            f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m",
-            source=bones.source,
-            code=Code.BONES,
-        ) from error
+        message = f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m"
+        raise InputError(message, source=bones.source, code=Code.BONES) from error
     return found
 
 

@@ -123,9 +123,8 @@ def load_scene(path: Path | str) -> Scene:
     except FileNotFoundError:
         raise InputError("no such file; `gaitcal calibrate` writes it", source=path, code=Code.NO_RESULT) from None
     except _DAMAGE as error:
-        raise InputError(
-            f"is no scene of gaitcal, or is damaged ({type(error).__name__})", source=path, code=Code.DAMAGED_RESULT
-        ) from error
+        message = f"is no scene of gaitcal, or is damaged ({type(error).__name__})"
+        raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from error
 
 
 def _scene(arrays: Any) -> Scene:

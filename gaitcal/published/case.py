@@ -171,11 +171,8 @@ def read_case(
     if (folder / STUDY).exists():
         study = Study.load(folder / STUDY)
         return case_of(calibrate(study, progress), trial), study.as_read
-    raise InputError(
-        f"found neither {MODEL} nor {STUDY}; allowed: a result folder of 'gaitcal calibrate', or a study folder",
-        source=folder,
-        code=Code.NO_RESULT,
-    )
+    message = f"found neither {MODEL} nor {STUDY}; allowed: a result folder of 'gaitcal calibrate', or a study folder"
+    raise InputError(message, source=folder, code=Code.NO_RESULT)
 
 
 @contextmanager

@@ -112,11 +112,8 @@ class Store:
                     raise
                 notes.append(f"{self._settings.name} was damaged; it is written again, the draws say what it held")
         elif chunks:
-            raise InputError(
-                "found draws without the settings they were made with; remove the folder",
-                source=self.folder,
-                code=Code.MONTE_CARLO,
-            )
+            message = "found draws without the settings they were made with; remove the folder"
+            raise InputError(message, source=self.folder, code=Code.MONTE_CARLO)
         content = {**wanted, "case": case.name, "versions": {name: package_version(name) for name in _VERSIONED}}
         atomic_text(self._settings, json.dumps({**content, SELF: self_hash(content)}, indent=1) + "\n")
         return tuple(notes)
@@ -155,11 +152,8 @@ class Store:
                     values = f"{name} = {old.get(name)}, not {new.get(name)}"
                     differences.append(values if part == "settings" else f"other {name}")
         if differences:
-            raise InputError(
-                f"this store was made with {'; '.join(differences)}; ask for the same again, or remove the folder",
-                source=self.folder,
-                code=Code.MONTE_CARLO,
-            )
+            message = f"this store was made with {'; '.join(differences)}; ask for the same again, or remove the folder"
+            raise InputError(message, source=self.folder, code=Code.MONTE_CARLO)
 
     def write(self, chunk: Chunk, draws: pa.Table) -> None:
         """Keep the draws of a chunk; InputError where that cannot be."""

@@ -87,11 +87,8 @@ def read_page(folder: Path) -> Shown:
         page_data = read_page_data(folder / PAGE_DATA)
         shown = Shown(load_scene(folder / SCENE), page_data)
         if [t["name"] for t in page_data["trials"]] != [t.name for t in shown.scene.trials]:
-            raise InputError(
-                "tells of other trials than scene.npz; calibrate again",
-                source=folder / PAGE_DATA,
-                code=Code.DAMAGED_RESULT,
-            )
+            message = "tells of other trials than scene.npz; calibrate again"
+            raise InputError(message, source=folder / PAGE_DATA, code=Code.DAMAGED_RESULT)
         return shown
 
     shown, _ = read_whole(folder, (SCENE, PAGE_DATA), read)

@@ -177,9 +177,8 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
         if table is None or of_trial.empty:
             continue
         if len(cycles) != of_trial["stride"].nunique():
-            raise InputError(
-                f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again", code=Code.DAMAGED_RESULT
-            )
+            message = f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again"
+            raise InputError(message, code=Code.DAMAGED_RESULT)
         time, unknown = table["time"].to_numpy(dtype=np.float64), np.full(len(table), np.nan)
         names = [name for name in told_components(found.model.frozen) if leg_of(name) in (side, "")]
         for stride, cycle in enumerate(cycles, start=1):
@@ -226,11 +225,8 @@ def write_export_manifest(
     if earlier and earlier.get("kind") != result_folder.ResultKind.EXPORT.value:
         return
     if "result" in earlier and not isinstance(earlier.get("written"), dict):
-        raise InputError(
-            "is damaged; move it away and export again",
-            source=folder / result_folder.MANIFEST,
-            code=Code.DAMAGED_RESULT,
-        )
+        message = "is damaged; move it away and export again"
+        raise InputError(message, source=folder / result_folder.MANIFEST, code=Code.DAMAGED_RESULT)
     hashes = {name: digest for name, digest in result_folder.listed(folder).items() if (folder / name).is_file()}
     hashes |= {name: result_folder.sha256_of(stage / name) or "" for name in result_folder.files_of(stage)}
     about = {
@@ -264,12 +260,8 @@ def trial_files(folder: Path) -> dict[str, dict[str, str]]:
     """
     trials = result_folder.read_object(folder / result_folder.MANIFEST).get("trials")
     if not isinstance(trials, dict):
-        raise InputError(
-            "found no list of its trials' files; calibrate again",
-            source=folder / result_folder.MANIFEST,
-            field="trials",
-            code=Code.CHANGED_FILE,
-        )
+        message = "found no list of its trials' files; calibrate again"
+        raise InputError(message, source=folder / result_folder.MANIFEST, field="trials", code=Code.CHANGED_FILE)
     return {str(t): {str(k): str(v) for k, v in files.items()} for t, files in trials.items()}
 
 

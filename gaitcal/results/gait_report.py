@@ -121,19 +121,11 @@ def read_comments(path: Path) -> dict[str, str]:
     for name, text in found.items():
         if name not in COMMENT_SECTIONS:
             hint = nearest(name, COMMENT_SECTIONS)
-            raise InputError(
-                f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{hint}",
-                source=path,
-                field=name,
-                code=Code.COMMENTS,
-            )
+            message = f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{hint}"
+            raise InputError(message, source=path, field=name, code=Code.COMMENTS)
         if not isinstance(text, str):
-            raise InputError(
-                f"found {type(text).__name__}; allowed: text in quotation marks",
-                source=path,
-                field=name,
-                code=Code.COMMENTS,
-            )
+            message = f"found {type(text).__name__}; allowed: text in quotation marks"
+            raise InputError(message, source=path, field=name, code=Code.COMMENTS)
     return {name: str(text) for name, text in found.items()}
 
 

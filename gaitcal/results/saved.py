@@ -97,9 +97,8 @@ def settings_of(folder: Path) -> CalibrationSettings:
     """
     settings = table_of(read_object(folder / MANIFEST), "settings")
     if not settings:
-        raise InputError(
-            "no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder, code=Code.NO_RESULT
-        )
+        message = "no result of 'gaitcal calibrate': its manifest.json cannot be read"
+        raise InputError(message, source=folder, code=Code.NO_RESULT)
     known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
     return CalibrationSettings.model_validate(known)
 
@@ -125,9 +124,8 @@ def _read(folder: Path) -> SavedResult:
 def _static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, float]:
     angles = summary.get(STATIC_ANGLES)
     if not isinstance(angles, dict) or not angles:
-        raise InputError(
-            "found none; angles = 'relative' needs them: calibrate again", source=folder / SUMMARY, code=Code.NO_RESULT
-        )
+        message = "found none; angles = 'relative' needs them: calibrate again"
+        raise InputError(message, source=folder / SUMMARY, code=Code.NO_RESULT)
     return {str(name): float(np.deg2rad(value)) for name, value in angles.items()}
 
 
@@ -186,9 +184,8 @@ def moving_trials(folder: Path) -> list[str]:
         with np.load(folder / SPLINES, allow_pickle=False) as stored:
             return [str(name) for name in stored["trials"]]
     except (OSError, ValueError, KeyError, EOFError) as error:
-        raise InputError(
-            f"cannot be read: {error}; calibrate again", source=folder / SPLINES, code=Code.DAMAGED_RESULT
-        ) from None
+        message = f"cannot be read: {error}; calibrate again"
+        raise InputError(message, source=folder / SPLINES, code=Code.DAMAGED_RESULT) from None
 
 
 def recorded_coordinates(folder: Path) -> dict[str, Array]:

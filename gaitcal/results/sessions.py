@@ -254,16 +254,12 @@ def _measures(folder: Path) -> pd.DataFrame:
     try:
         table, _ = read_csv(source)
         if missing := [name for name in SPATIOTEMPORAL_COLUMNS if name not in table]:
-            raise InputError(
-                f"is no table of measures: found no column {', '.join(missing)}",
-                source=source,
-                code=Code.DAMAGED_RESULT,
-            )
+            message = f"is no table of measures: found no column {', '.join(missing)}"
+            raise InputError(message, source=source, code=Code.DAMAGED_RESULT)
         numbers = {name: pd.to_numeric(table[name]) for name in ("stride", "value", "valid", "turn")}
     except (OSError, UnicodeError, ValueError) as error:
-        raise InputError(
-            f"cannot be read as a table of measures: {error}", source=source, code=Code.DAMAGED_RESULT
-        ) from None
+        message = f"cannot be read as a table of measures: {error}"
+        raise InputError(message, source=source, code=Code.DAMAGED_RESULT) from None
     whole = table.assign(**numbers)
     return whole[whole["variable"].isin(list(MEASURES)) & np.isfinite(whole["value"])]
 

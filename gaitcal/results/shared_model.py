@@ -91,19 +91,15 @@ def require_fit_to_share(a: Session, b: Session) -> None:
         if session.verdict == "refused":
             raise NotComparableError("is refused: it has no say in a shared model", source=session.name)
         if session.leans_on_cohort:
-            raise NotComparableError(
-                "leans on priors of a cohort: calibrate it without to share a model", source=session.name
-            )
+            message = "leans on priors of a cohort: calibrate it without to share a model"
+            raise NotComparableError(message, source=session.name)
         if session.influence is None:
-            raise NotComparableError(
-                "its joint parameters were not calibrated, which a shared model needs", source=session.name
-            )
+            message = "its joint parameters were not calibrated, which a shared model needs"
+            raise NotComparableError(message, source=session.name)
     (mean, spread), (other, wide) = (prior_of(JP_NAMES, session.prior) for session in (a, b))
     if (mean != other).any() or (spread != wide).any():
-        raise NotComparableError(
-            "their studies expect other joints ([calibration] joint_prior); calibrate both with one of them",
-            source=f"{a.name}, {b.name}",
-        )
+        message = "their studies expect other joints ([calibration] joint_prior); calibrate both with one of them"
+        raise NotComparableError(message, source=f"{a.name}, {b.name}")
 
 
 def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:

@@ -181,11 +181,8 @@ def _earlier(folder: Path) -> Mapping[str, str]:
     hashes = listed(folder)
     if SUMMARY in hashes and sha256_of(folder / SUMMARY) != hashes[SUMMARY]:
         cure = "move the folder away and run its trials again"
-        raise InputError(
-            f"is damaged, or was edited: not as gaitcal wrote it; {cure}",
-            source=folder / SUMMARY,
-            code=Code.DAMAGED_RESULT,
-        )
+        message = f"is damaged, or was edited: not as gaitcal wrote it; {cure}"
+        raise InputError(message, source=folder / SUMMARY, code=Code.DAMAGED_RESULT)
     return hashes
 
 

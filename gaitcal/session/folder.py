@@ -122,11 +122,8 @@ def read_folder(path: Path, *, deep: bool = False) -> Folder:
     if deep:
         files += [file for name, _ in subfolders for file in _files_in(path / name)]
     if len(files) > MOST_FILES:
-        raise InputError(
-            f"found {len(files)} files; a folder of one person has fewer than {MOST_FILES}",
-            source=path,
-            code=Code.FOLDER,
-        )
+        message = f"found {len(files)} files; a folder of one person has fewer than {MOST_FILES}"
+        raise InputError(message, source=path, code=Code.FOLDER)
     read = tuple(_read(file, file.relative_to(path).as_posix()) for file in files)
     return Folder(path=path, files=read, subfolders=subfolders, deep=deep)
 
