@@ -55,12 +55,8 @@ def draw_figures(
 ) -> None:
     """Draw the figures of a result, or of further trials, into a folder.
 
-    Raises
-    ------
-    UsageError
-        An option names something that is not there, or belongs to the other purpose.
-    InputError
-        The folder is no result that pages are made of.
+    Raises UsageError: An option names something that is not there, or belongs to the other purpose.
+    Raises InputError: The folder is no result that pages are made of.
     """
     if purpose not in OF_PURPOSE:
         found = f"found '{purpose}'; allowed: {', '.join(OF_PURPOSE)}"
@@ -108,10 +104,7 @@ MOMENT_ARMS = "moment_arms"
 def _moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
     """Tables of muscles that `export --into --muscles` wrote into this folder.
 
-    Raises
-    ------
-    InputError
-        They are asked for, and there is none; or more than one, whose figures would have the same names.
+    Raises InputError: They are asked for, and there is none; or more than one, whose figures would have the same names.
     """
     found = sorted(path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv"))
     asked = any(word.strip().startswith(MOMENT_ARMS) for words in only for word in words.split(","))
@@ -128,10 +121,7 @@ def _moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
 def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
     """Those whose name is one of `only`, or begins or ends with the words of one; all where nothing is asked for.
 
-    Raises
-    ------
-    UsageError
-        There is none of such a name.
+    Raises UsageError: There is none of such a name.
     """
     if not charts:
         message = "found nothing to draw: the result has no complete stride"

@@ -109,12 +109,8 @@ def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str 
 def study_or_draft(path: Path, options: Options, console: Console) -> Path | Draft:
     """The study file itself, the one in a folder, or the draft of a folder without one, ready to run.
 
-    Raises
-    ------
-    UsageError
-        Options of the person beside a study file, which says it.
-    InputError
-        A folder with several study files, or from which no study follows.
+    Raises UsageError: Options of the person beside a study file, which says it.
+    Raises InputError: A folder with several study files, or from which no study follows.
     """
     if path.suffix.lower() in MARKER_READERS and path.is_file():
         raise UsageError("is a recording; name its folder, with the static trial in it, or a study file", source=path)

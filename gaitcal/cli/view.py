@@ -121,10 +121,7 @@ def serve(html: str, port: int = 0, open_browser: bool = True, *, ready: Callabl
     port : on 127.0.0.1; 0: any free one.
     ready : called with the address, token and all, once it answers.
 
-    Raises
-    ------
-    InputError
-        The port cannot be listened on.
+    Raises InputError: The port cannot be listened on.
     """
     try:
         with ViewServer(html, port) as server:

@@ -80,10 +80,7 @@ def run_cohort(
     retry : try again who failed before though nothing changed.
     told : called whenever somebody has ended: how, how many have, seconds that are left (None: nobody was computed).
 
-    Raises
-    ------
-    InputError
-        `out` cannot be written, holds something else, or another run works in it.
+    Raises InputError: `out` cannot be written, holds something else, or another run works in it.
     """
     out, common, engine = real_path(out), common or CommonSettings(), engine or processes()
     require_cohort(out)

@@ -61,10 +61,8 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     Rows come only for what both models have: masses always; lengths where the peer has the coordinates
     `hip_flexion_r`, `knee_angle_r`, `ankle_angle_r` (and `_l`); centres and axes where markers register the segment.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, is no OpenSim model, or has neither leg nor segment masses under names known here.
+    Raises InputError: The file cannot be read, is no OpenSim model, or has neither leg nor segment masses under names
+    known here.
     """
     peer = read_osim(osim)
     rows: list[ComparisonRow] = []

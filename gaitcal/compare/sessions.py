@@ -73,10 +73,7 @@ def compare_sessions(a: Session, b: Session, common: Common | None = None) -> Se
 
     `common`: what they share, where more is known of it than their files tell: shared joints are not compared.
 
-    Raises
-    ------
-    InputError
-        Their thighs or shanks are of lengths that no two results of one person have.
+    Raises InputError: Their thighs or shanks are of lengths that no two results of one person have.
     """
     person = identity(a, b)
     if person.denied:

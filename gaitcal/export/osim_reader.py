@@ -247,10 +247,7 @@ def socket_of(element: ET.Element, socket: str) -> ET.Element | None:
 def read_document(path: Path | str) -> OsimDocument:
     """Read an OpenSim model file.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read or is no OpenSim model.
+    Raises InputError: The file cannot be read or is no OpenSim model.
     """
     path = Path(path)
 
@@ -318,10 +315,7 @@ _SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {
 def read_osim(path: Path | str) -> PeerModel:
     """Bodies, joints and markers of an OpenSim model file.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, is no OpenSim model, or holds something that is not understood.
+    Raises InputError: The file cannot be read, is no OpenSim model, or holds something that is not understood.
     """
     return peer_of(read_document(path))
 

@@ -96,10 +96,8 @@ def installed_bones() -> BoneMeshes | None:
 def bones_of_folder(folder: Path) -> BoneMeshes:
     """The bones of a folder of `.vtp` or `.stl` files with OpenSim's names.
 
-    Raises
-    ------
-    InputError
-        No such folder, a file that is no surface, a bone that is needed is missing, or the unit is not the metre.
+    Raises InputError: No such folder, a file that is no surface, a bone that is needed is missing, or the unit is not
+    the metre.
     """
     if not folder.is_dir():
         message = "found no such folder; allowed: OpenSim's `Geometry`, or one like it"
@@ -136,10 +134,7 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
 def read_vtp(content: bytes) -> Mesh:
     """A surface; its polygons as triangles.
 
-    Raises
-    ------
-    ValueError
-        It is no such file, is damaged, or is packed in a way that is not read here.
+    Raises ValueError: It is no such file, is damaged, or is packed in a way that is not read here.
     """
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise ValueError("a document type, which no geometry file needs")

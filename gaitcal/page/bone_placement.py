@@ -93,10 +93,7 @@ class Landmarked:
 def landmarked(bones: BoneMeshes) -> Landmarked:
     """Bones with their landmarks.
 
-    Raises
-    ------
-    InputError
-        A bone does not show its landmarks: another shape, unit or direction than it should have.
+    Raises InputError: A bone does not show its landmarks: another shape, unit or direction than it should have.
     """
     femur, tibia, fibula, pelvis = (bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis"))
     try:

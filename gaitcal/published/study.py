@@ -92,10 +92,7 @@ class Store:
 
         Returns notes: what was damaged, and libraries of other versions than those that the store was made with.
 
-        Raises
-        ------
-        InputError
-            It was made with other settings or another model; the message names the differences.
+        Raises InputError: It was made with other settings or another model; the message names the differences.
         """
         wanted = {"format": FORMAT, "settings": dict(settings.as_json()), "model": dict(case.fingerprint())}
         self._made_with = self_hash(wanted)
@@ -182,10 +179,7 @@ class Store:
     def read(self, plan: Plan | None = None) -> pd.DataFrame:
         """All draws that are there, or those of a plan, ordered by set, level and number; columns `FIELDS`.
 
-        Raises
-        ------
-        InputError
-            A chunk is damaged.
+        Raises InputError: A chunk is damaged.
         """
         tables = []
         for path, _ in self._named():

@@ -78,10 +78,7 @@ def write_cycles_export(
 
     `model`: of the result, or of that which further trials in `folder` (`gaitcal dynamics`) were made with.
 
-    Raises
-    ------
-    InputError
-        The result is damaged, or has no strides.
+    Raises InputError: The result is damaged, or has no strides.
     """
     found, snapshot = _read_whole(folder, convention.frame, model)
     table = in_convention(found, convention)
@@ -216,10 +213,7 @@ def write_export_manifest(
     subject : the person's name.
     written : file -> what is to be said of it: format, source, notes.
 
-    Raises
-    ------
-    InputError
-        The earlier manifest is damaged.
+    Raises InputError: The earlier manifest is damaged.
     """
     earlier = result_folder.read_object(folder / result_folder.MANIFEST)
     if earlier and earlier.get("kind") != result_folder.ResultKind.EXPORT.value:
@@ -253,10 +247,7 @@ STUDY = "study.toml"
 def trial_files(folder: Path) -> dict[str, dict[str, str]]:
     """Trial -> `file` and, where there is one, `forces`, as the manifest of a result names them.
 
-    Raises
-    ------
-    InputError
-        It is no result.
+    Raises InputError: It is no result.
     """
     trials = result_folder.read_object(folder / result_folder.MANIFEST).get("trials")
     if not isinstance(trials, dict):
@@ -271,10 +262,7 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
     `inputs`: where the user says that recordings lie; it and its subfolders are looked through. Else they are looked
     for beside the result, in it, in the working folder, where its `study.toml` says, and in the folders there.
 
-    Raises
-    ------
-    InputError
-        There is none, or it has changed.
+    Raises InputError: There is none, or it has changed.
     """
     hashes = result_folder.read_object(folder / result_folder.MANIFEST).get("inputs_sha256")
     wanted = hashes.get(name) if isinstance(hashes, Mapping) else None

@@ -56,10 +56,7 @@ def write_recordings(
     `inputs`: where the recordings lie, if not beside the result. `instead`: what another program computed under our
     names makes room for ours; else ours have names of their own beside it.
 
-    Raises
-    ------
-    InputError
-        The result or a recording is damaged, missing or changed.
+    Raises InputError: The result or a recording is damaged, missing or changed.
     """
     files = trial_files(folder)
     names = moving_trials(folder)

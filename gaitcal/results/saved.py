@@ -61,10 +61,7 @@ class SavedResult:
 def load_result(folder: Path) -> SavedResult:
     """Read a result folder. Model and marker set may have been edited, which `files.remarks` tells.
 
-    Raises
-    ------
-    InputError
-        It is none, or one of its files is damaged, missing, or cannot be read.
+    Raises InputError: It is none, or one of its files is damaged, missing, or cannot be read.
     """
     editable = (MODEL, MARKER_SET)
     saved, files = read_whole(folder, (*editable, UNCERTAINTY, SUMMARY), lambda: _read(folder), editable)
@@ -74,10 +71,7 @@ def load_result(folder: Path) -> SavedResult:
 def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot, tuple[Finding, ...]]:
     """The model of a result folder alone, which may have been edited, and what speaks against it.
 
-    Raises
-    ------
-    InputError
-        As of `load_result`.
+    Raises InputError: As of `load_result`.
     """
 
     def read() -> tuple[SubjectModel, tuple[Finding, ...]]:
@@ -90,10 +84,7 @@ def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot, tuple[Findi
 def settings_of(folder: Path) -> CalibrationSettings:
     """The settings of the study that a result was made from.
 
-    Raises
-    ------
-    InputError
-        It is no result.
+    Raises InputError: It is no result.
     """
     settings = table_of(read_object(folder / MANIFEST), "settings")
     if not settings:

@@ -60,10 +60,7 @@ def write_comparison(
 
     `shared`: the joint parameters of a shared model.
 
-    Raises
-    ------
-    InputError
-        The folder cannot be written, or holds something else than an earlier comparison.
+    Raises InputError: The folder cannot be written, or holds something else than an earlier comparison.
     """
     told = tuple(one_line(f"warning: {text}") for text in comparison.warnings)
     with atomic_directory(folder, ResultKind.COMPARISON, [result / MANIFEST for result in results]) as out:
@@ -195,10 +192,7 @@ def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
 def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
     """Read one result folder, or one of further trials; and what was read.
 
-    Raises
-    ------
-    InputError
-        It is none, or damaged.
+    Raises InputError: It is none, or damaged.
     """
     put_back(folder)
     manifest = read_object(folder / MANIFEST)

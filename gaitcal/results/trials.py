@@ -126,11 +126,8 @@ def write_trials(
     -------
     Warnings on earlier trials that are kept: made with another model, or no longer as they were written.
 
-    Raises
-    ------
-    InputError
-        The folder cannot be written, or holds files that are not ours; the model has changed; the earlier summary or
-        manifest is damaged.
+    Raises InputError: The folder cannot be written, or holds files that are not ours; the model has changed; the
+    earlier summary or manifest is damaged.
     """
     names = {trial.name for trial in trials}
     model, relative_to = saved.model, saved.relative_to

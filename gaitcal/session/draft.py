@@ -333,10 +333,7 @@ def study_of(draft: Draft, *, proposed: bool = False) -> Study:
     """The drafted study with its recordings, without a study file on disk; `proposed`: also where what the labels mean
     is proposed only.
 
-    Raises
-    ------
-    InputError
-        No study follows from the folder; something is missing; or as of `Study.load`.
+    Raises InputError: No study follows from the folder; something is missing; or as of `Study.load`.
     """
     path = draft.folder.path / STUDY
     if draft.fault:

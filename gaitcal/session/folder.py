@@ -105,10 +105,7 @@ class Folder:
 def read_folder(path: Path, *, deep: bool = False) -> Folder:
     """Read every file that lies in a folder; `deep`: and in the folders directly in it that hold recordings.
 
-    Raises
-    ------
-    InputError
-        It is no folder, cannot be listed, or holds more than `MOST_FILES` files.
+    Raises InputError: It is no folder, cannot be listed, or holds more than `MOST_FILES` files.
     """
     if not path.is_dir():
         raise InputError("is no folder; a folder with one person's recordings is needed", source=path, code=Code.FOLDER)

@@ -349,10 +349,7 @@ def _relative(path: Path, folder: Path | None) -> Path:
 def load_study_file(path: Path | str) -> StudyFile:
     """Read and check the study file at `path`; relative paths in it are resolved from the file's own folder.
 
-    Raises
-    ------
-    InputError
-        One line: file, field, what was found, what is allowed.
+    Raises InputError: One line: file, field, what was found, what is allowed.
     """
     source = Path(path)
     study = read_validated(StudyFile, source)

@@ -114,10 +114,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
 
     `rename`: label in the file -> label in the marker set, before the set's own aliases are looked up.
 
-    Raises
-    ------
-    InputError
-        One line: file, field, what was found, what is allowed.
+    Raises InputError: One line: file, field, what was found, what is allowed.
     """
     whole = with_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
     recording = marker_set.renamed(_rename(whole, rename))
