@@ -247,9 +247,7 @@ def fit_by_evidence(
 ) -> inertial_calibration.InertialFit:
     """Physically possible inertias of unchanged total mass; the seed itself unless the residual tells against it.
 
-    Parameters
-    ----------
-    noise : of the chart that begins at `seed`, with the scale of `equations`.
+    `noise`: of the chart that begins at `seed`, with the scale of `equations`.
     """
     began = time.perf_counter()
     chart = inertial_calibration.LogChart(seed, which)

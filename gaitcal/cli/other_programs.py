@@ -69,10 +69,7 @@ Choice = TypeVar("Choice", Signs, MomentFrame, MomentUnit)
 def convention_of(signs: str | None, moments: str | None, units: str | None, *, external: bool) -> Convention | None:
     """The convention that the options of `export` say; None where they say none.
 
-    Raises
-    ------
-    UsageError
-        There is no convention of such a name.
+    Raises UsageError: There is no convention of such a name.
     """
     if signs is None and moments is None and units is None and not external:
         return None

@@ -228,22 +228,15 @@ def ground_reactions(
         The motion is of a part of the body only, or the recording has no plates or none of a name in `plates`.
     """
     if motion.coordinates != COORDINATES:
-        raise InputError(
-            f"ground reactions need a motion of the whole body, with all {len(COORDINATES)} coordinates",
-            field="motion",
-            code=Code.ARGUMENT,
-        )
+        message = f"ground reactions need a motion of the whole body, with all {len(COORDINATES)} coordinates"
+        raise InputError(message, field="motion", code=Code.ARGUMENT)
     known = [plate.name for plate in recording.plates]
     if not known:
         raise InputError("found no force plates", source=recording.source, field="plates", code=Code.ARGUMENT)
     for name in plates or {}:
         if name not in known:
-            raise InputError(
-                f"found '{name}'; allowed: {', '.join(known)}",
-                source=recording.source,
-                field="plates",
-                code=Code.ARGUMENT,
-            )
+            message = f"found '{name}'; allowed: {', '.join(known)}"
+            raise InputError(message, source=recording.source, field="plates", code=Code.ARGUMENT)
     hz = motion.cutoff_hz if cutoff_hz == "matched" else cutoff_hz
     return reactions_of_motion(model, model.parameters, motion, recording, plates or {}, hz)
 

@@ -153,10 +153,7 @@ def into_osim(
     -------
     The file's content, the same but for where joints sit, and what was done. Nothing is written.
 
-    Raises
-    ------
-    InputError
-        The file is no model, or has no legs that can be told, or its markers do not fit this person.
+    Raises InputError: The file is no model, or has no legs that can be told, or its markers do not fit this person.
     """
     model = model if marker_set is None else with_landmarks(model, marker_set)
     document = read_document(osim)

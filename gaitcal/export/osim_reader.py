@@ -250,10 +250,7 @@ def socket_of(element: ET.Element, socket: str) -> ET.Element | None:
 def read_document(path: Path | str) -> OsimDocument:
     """Read an OpenSim model file.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read or is no OpenSim model.
+    Raises InputError: The file cannot be read or is no OpenSim model.
     """
     path = Path(path)
 
@@ -321,10 +318,7 @@ _SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {
 def read_osim(path: Path | str) -> PeerModel:
     """Bodies, joints and markers of an OpenSim model file.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, is no OpenSim model, or holds something that is not understood.
+    Raises InputError: The file cannot be read, is no OpenSim model, or holds something that is not understood.
     """
     return peer_of(read_document(path))
 
@@ -420,9 +414,8 @@ def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Pa
         vector = read_numbers(entry, "axis", path, count=3) if (entry.findtext("axis") or "").strip() else _X
         length = float(np.linalg.norm(vector))
         if length == 0.0:
-            raise InputError(
-                "found an axis of length zero", source=path, field=element.get("name"), code=Code.OTHER_MODEL
-            )
+            message = "found an axis of length zero"
+            raise InputError(message, source=path, field=element.get("name"), code=Code.OTHER_MODEL)
         rotates = entry.get("name", "").startswith("rotation")
         axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
     return tuple(axes)

@@ -116,10 +116,7 @@ def _heading(text: str) -> Paragraph:
 def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     """Write the report; returns the number of its pages. The same content gives the same bytes.
 
-    Raises
-    ------
-    InputError
-        `path` is a folder, or cannot be written.
+    Raises InputError: `path` is a folder, or cannot be written.
     """
     register_fonts()
     width, height = A4

@@ -123,12 +123,9 @@ def require_once(strides: pd.DataFrame) -> None:
     """InputError where a table of strides has one twice, as those of two sessions without a name have."""
     if (twice := strides.duplicated(WHERE)).any():
         row = strides.loc[twice].iloc[0]
-        raise InputError(
-            f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: once for each "
-            "person and session; name the sessions",
-            field="strides",
-            code=Code.STRIDE_TABLE,
-        )
+        message = f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: once for each "
+        message += "person and session; name the sessions"
+        raise InputError(message, field="strides", code=Code.STRIDE_TABLE)
 
 
 @with_one_blas_thread

@@ -277,10 +277,8 @@ def atomic_directory(
     InputError where `target` is a file, or a folder that holds one of the `inputs`, another kind of result, or files
     that gaitcal did not write there; where it cannot be written; the disk is full; another process writes it.
 
-    Parameters
-    ----------
-    carried : SHA-256 of files that the body carries over from the earlier result, as that one listed them, so that
-        what was damaged there stays damaged here; may be filled by the body.
+    `carried`: SHA-256 of files that the body carries over from the earlier result, as that one listed them, so that
+    what was damaged there stays damaged here; may be filled by the body.
     """
     target, inputs = real_path(target), tuple(inputs)
     with ExitStack() as stack:

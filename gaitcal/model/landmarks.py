@@ -63,10 +63,7 @@ class StaticPosture:
 def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -> StaticPosture:
     """Mean positions over the frames `window` of a static trial whose labels are those of the set.
 
-    Raises
-    ------
-    InputError
-        A required landmark is missing; the message names its marker and what would do instead.
+    Raises InputError: A required landmark is missing; the message names its marker and what would do instead.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
     means = {m: _mean(recording.markers[window, column[m]]) for m in marker_set.labels if m in column}

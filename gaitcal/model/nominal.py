@@ -212,12 +212,8 @@ def _placement(
         if kept < needed and segment in ("pelvis", *LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"
-            raise InputError(
-                f"found {kept} markers with weight, {why}; allowed: at least {needed}",
-                source=posture.source,
-                field=f"segment {segment}",
-                code=Code.TOO_LITTLE_SEEN,
-            )
+            message = f"found {kept} markers with weight, {why}; allowed: at least {needed}"
+            raise InputError(message, source=posture.source, field=f"segment {segment}", code=Code.TOO_LITTLE_SEEN)
         dropped += missing
         static_only = [label for label in marker_set.static_only.get(segment, ()) if label in posture.markers]
         labels += [*present, *static_only]

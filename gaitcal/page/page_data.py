@@ -407,10 +407,7 @@ def write_page_data(data: Mapping[str, Any], path: Path) -> None:
 def read_page_data(path: Path) -> dict[str, Any]:
     """Read back what `write_page_data` wrote.
 
-    Raises
-    ------
-    InputError
-        The file is not there, or is no page data of this version.
+    Raises InputError: The file is not there, or is no page data of this version.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

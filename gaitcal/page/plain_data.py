@@ -168,9 +168,7 @@ def fold(title: str, blocks: Sequence[Block]) -> Block:
 def picture(kind: str, unit: str, rows: Sequence[Mapping[str, Any]]) -> Block:
     """Rows of a picture.
 
-    Parameters
-    ----------
-    kind : `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is known.
+    `kind`: `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is known.
     """
     return {"kind": kind, "unit": unit, "rows": [dict(row) for row in rows]}
 

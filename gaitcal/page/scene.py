@@ -64,9 +64,7 @@ class JointMark:
 def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, float]) -> tuple[JointMark, ...]:
     """All joints in both their segments.
 
-    Parameters
-    ----------
-    errors : joint parameter -> standard error (m, rad) of every fitted one.
+    `errors`: joint parameter -> standard error (m, rad) of every fitted one.
     """
     marks = []
     for joint in JOINTS:
@@ -195,9 +193,7 @@ def scene_of(calibration: Calibration, trial: str | None = None) -> Scene:
 def person_scene(model: SubjectModel, trials: tuple[MotionScene, ...], errors: Mapping[str, float]) -> Scene:
     """A person's model with trials that are already made into scenes.
 
-    Parameters
-    ----------
-    errors : joint parameter -> standard error (m, rad) of every fitted one.
+    `errors`: joint parameter -> standard error (m, rad) of every fitted one.
     """
     return Scene(
         subject=model.subject.name,

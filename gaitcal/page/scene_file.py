@@ -78,10 +78,7 @@ _TRIAL_ARRAYS = tuple(_trial_shapes(0, 0, 0))
 def save_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene, whole or not at all.
 
-    Raises
-    ------
-    InputError
-        `path` cannot be written.
+    Raises InputError: `path` cannot be written.
     """
     arrays: dict[str, NDArray[Any]] = {"marker_places": scene.marker_places}
     for i, trial in enumerate(scene.trials):
@@ -111,10 +108,7 @@ def save_scene(scene: Scene, path: Path | str) -> None:
 def load_scene(path: Path | str) -> Scene:
     """Read a scene that `save_scene` wrote.
 
-    Raises
-    ------
-    InputError
-        No such file, or not a scene.
+    Raises InputError: No such file, or not a scene.
     """
     path = Path(path)
     try:
@@ -123,9 +117,8 @@ def load_scene(path: Path | str) -> Scene:
     except FileNotFoundError:
         raise InputError("no such file; `gaitcal calibrate` writes it", source=path, code=Code.NO_RESULT) from None
     except _DAMAGE as error:
-        raise InputError(
-            f"is no scene of gaitcal, or is damaged ({type(error).__name__})", source=path, code=Code.DAMAGED_RESULT
-        ) from error
+        message = f"is no scene of gaitcal, or is damaged ({type(error).__name__})"
+        raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from error
 
 
 def _scene(arrays: Any) -> Scene:

@@ -65,10 +65,7 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     named : bands of healthy people, and their name; None: those of the result, else what gaitcal brings.
     comments : section -> text (`read_comments`).
 
-    Raises
-    ------
-    InputError
-        It is no result of `gaitcal calibrate`, or is damaged.
+    Raises InputError: It is no result of `gaitcal calibrate`, or is damaged.
     """
     page = read_page_data(folder / PAGE_DATA)
     model, _, _ = load_result_model(folder)
@@ -112,28 +109,17 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
 def read_comments(path: Path) -> dict[str, str]:
     """Section -> text of a comments file: one line of TOML for each of `COMMENT_SECTIONS`.
 
-    Raises
-    ------
-    InputError
-        It is not there, is no TOML, or has another section.
+    Raises InputError: It is not there, is no TOML, or has another section.
     """
     found = read_toml(path)
     for name, text in found.items():
         if name not in COMMENT_SECTIONS:
             hint = nearest(name, COMMENT_SECTIONS)
-            raise InputError(
-                f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{hint}",
-                source=path,
-                field=name,
-                code=Code.COMMENTS,
-            )
+            message = f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{hint}"
+            raise InputError(message, source=path, field=name, code=Code.COMMENTS)
         if not isinstance(text, str):
-            raise InputError(
-                f"found {type(text).__name__}; allowed: text in quotation marks",
-                source=path,
-                field=name,
-                code=Code.COMMENTS,
-            )
+            message = f"found {type(text).__name__}; allowed: text in quotation marks"
+            raise InputError(message, source=path, field=name, code=Code.COMMENTS)
     return {name: str(text) for name, text in found.items()}
 
 

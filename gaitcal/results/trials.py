@@ -126,11 +126,8 @@ def write_trials(
     -------
     Warnings on earlier trials that are kept: made with another model, or no longer as they were written.
 
-    Raises
-    ------
-    InputError
-        The folder cannot be written, or holds files that are not ours; the model has changed; the earlier summary or
-        manifest is damaged.
+    Raises InputError: The folder cannot be written, or holds files that are not ours; the model has changed; the
+    earlier summary or manifest is damaged.
     """
     names = {trial.name for trial in trials}
     model, relative_to = saved.model, saved.relative_to
@@ -181,11 +178,8 @@ def _earlier(folder: Path) -> Mapping[str, str]:
     hashes = listed(folder)
     if SUMMARY in hashes and sha256_of(folder / SUMMARY) != hashes[SUMMARY]:
         cure = "move the folder away and run its trials again"
-        raise InputError(
-            f"is damaged, or was edited: not as gaitcal wrote it; {cure}",
-            source=folder / SUMMARY,
-            code=Code.DAMAGED_RESULT,
-        )
+        message = f"is damaged, or was edited: not as gaitcal wrote it; {cure}"
+        raise InputError(message, source=folder / SUMMARY, code=Code.DAMAGED_RESULT)
     return hashes
 
 

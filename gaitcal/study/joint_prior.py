@@ -236,10 +236,7 @@ def name_hash(cohort: str, name: str) -> str:
 def read_cohort_priors(path: Path) -> CohortPriors:
     """Read and check a file of priors.
 
-    Raises
-    ------
-    InputError
-        It is none, of another format, or its matrices are no covariances.
+    Raises InputError: It is none, of another format, or its matrices are no covariances.
     """
 
     def fault(message: str, field: str | None = None) -> InputError:
@@ -278,10 +275,8 @@ def with_cohort_priors(study: Study, path: Path, priors: CohortPriors | None = N
 
     `priors`: the content of the file, where it has been read already.
 
-    Raises
-    ------
-    InputError
-        The file is no such file, or was learnt with another marker set, other nominal joints, or for another protocol.
+    Raises InputError: The file is no such file, or was learnt with another marker set, other nominal joints, or for
+    another protocol.
     """
     priors = priors or read_cohort_priors(path)
     sha256 = sha256_of(path) or ""
