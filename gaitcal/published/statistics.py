@@ -201,15 +201,11 @@ def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame,
 
 @with_one_blas_thread
 def linear_agreement(
-    context: draw.MonteCarloContext,
-    draws: pd.DataFrame,
-    cell: tuple[Varied, int],
-    frame: ReactionFrame,
-    most: int = 300,
+    context: draw.MonteCarloContext, draws: pd.DataFrame, cell: tuple[Varied, int], frame: ReactionFrame
 ) -> Array:
-    """(14,) R^2 of the linearised RMS errors as a prediction of those of at most `most` draws of a set at a level."""
+    """(14,) R^2 of the linearised RMS errors as a prediction of those of the first 300 draws of a set at a level."""
     varied, level = cell
-    of = draws[(draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")].head(most)
+    of = draws[(draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")].head(300)
     by_joint, by_inertial = linear_torques(context)
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     predicted = np.empty((len(of), len(draw.LEG_TORQUES)))
