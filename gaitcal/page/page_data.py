@@ -139,10 +139,8 @@ def further_page_data(
 ) -> dict[str, Any]:
     """Of further trials of a calibrated person.
 
-    Parameters
-    ----------
-    relative_to : as of `curves_of`.
-    origin : the calibration; None where nothing is known of it.
+    `relative_to`: as of `curves_of`.
+    `origin`: the calibration; None where nothing is known of it.
     """
     of_trials = []
     for trial in trials:

@@ -213,10 +213,8 @@ def trial_scene(
 ) -> MotionScene:
     """One trial of a person.
 
-    Parameters
-    ----------
-    motion : of the whole body, tracked with `model`, at the frames of the recording.
-    reactions : None without force plates.
+    `motion`: of the whole body, tracked with `model`, at the frames of the recording.
+    `reactions`: None without force plates.
     """
     recorded = len(motion.time)
     stride = max(1, -(-recorded // MOST_FRAMES))

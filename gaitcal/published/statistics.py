@@ -152,10 +152,8 @@ class CauseOfMarkerError:
 def expect(table: pd.DataFrame, rms_mm: float, side: str = "l") -> tuple[CauseOfMarkerError, ...]:
     """JP and noise levels that correspond to a marker RMS (mm) of a leg, and the torque errors to expect there.
 
-    Parameters
-    ----------
-    table : from `statistics`, with the sets `jp` or `noise` in it; a set that is not there is left out.
-    side : whose markers and torques; left as published.
+    `table`: from `statistics`, with the sets `jp` or `noise` in it; a set that is not there is left out.
+    `side`: whose markers and torques; left as published.
     """
     causes = (Varied.JP, Varied.NOISE)
     return tuple(_cause(table, varied, rms_mm, side) for varied in causes if (table["set"] == varied.value).any())
@@ -270,10 +268,8 @@ def variance_contributions(context: draw.MonteCarloContext) -> pd.DataFrame:
 def variance_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Per cent of the variance of each of a leg's seven torques: by each of its joint parameters, and by all others.
 
-    Parameters
-    ----------
-    contributions : rows of parameter, kind, torque, grf and share (per cent), as a Monte Carlo study has them.
-    side : `r` or `l`.
+    `contributions`: rows of parameter, kind, torque, grf and share (per cent), as a Monte Carlo study has them.
+    `side`: `r` or `l`.
 
     Returns
     -------
