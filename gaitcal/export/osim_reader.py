@@ -138,8 +138,9 @@ class OsimDocument:
             edits.weigh(self.body(body), weight)
         for element, tags, values in further:
             edits.numbers(element, tags, values)
-        for body, pose in (meshes or {}).items():
-            edits.draw(self.body(body), pose)
+        for body, motion in (meshes or {}).items():
+            for _, frame, element in self.frames_of(body):
+                edits.draw(element, frame.actInv(motion * frame))
         return edits.applied()
 
 
@@ -181,7 +182,9 @@ class _Edits:
                 self.numbers(body, (tag,), (weight.inertia * read_numbers(body, tag, source),))
 
     def draw(self, body: ET.Element, pose: pin.SE3) -> None:
-        """Meshes go into an offset frame of the body (OpenSim 4), or get a place of their own (OpenSim 3)."""
+        """Meshes of a body or of an offset frame in it go into a further frame (OpenSim 4); in OpenSim 3 they get a
+        place of their own.
+        """
         content, spans = self.document.content, self.document._spans
         for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
             old = read_numbers(mesh, "transform", self.document.source, count=6)
