@@ -93,7 +93,7 @@ def trial_events(
 def activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
     """Of any activity, from the events `found` of its feet: those of strides, or else what the pelvis repeats."""
     feet = [found.of(side) for side in SIDES]
-    if alternate(*(foot.strikes for foot in feet)):
+    if alternate(*feet):
         return found
     return GaitEvents(repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")], feet))
 

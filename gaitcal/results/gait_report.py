@@ -32,7 +32,7 @@ from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, page_peaks, person_facts, read_page_data
-from gaitcal.page.summary import StrideUse, reason_words, usable_words
+from gaitcal.page.summary import WIDE_LIMITS, StrideUse, reason_words, usable_words
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.cycles_export import strides_in_convention
 from gaitcal.results.saved import load_result_model
@@ -161,7 +161,8 @@ def _fit(summary: Mapping[str, object]) -> Iterator[str]:
             units = (("force_N", "force at the pelvis {:.0f} N RMS", ".0f"), ("torque_Nm", "moment {:.1f} N·m", ".1f"))
             parts = (w.format(residual[n]) + (f" (limit {limit[n]:{d}})" if limit else "") for n, w, d in units)
             high = limit and any(residual[name] > limit[name] for name, _, _ in units)
-            told.append(f"unexplained {', '.join(parts)}{': too high' if high else ''}")
+            wide = "" if trial.get("trunk_measured", True) else WIDE_LIMITS
+            told.append(f"unexplained {', '.join(parts)}{': too high' if high else ''}{wide}")
         if told:
             yield f"{name}: {'; '.join(told)}"
 

@@ -347,8 +347,10 @@ def test_unexplained_force_and_moment_are_both_judged(beyond: str, made: Path, t
         trial = next(trial for trial in data["summary.json"]["trials"].values() if trial["role"] == "gait")
         trial["pelvis_residual"] = {"jp": {"force_N": 20.0, "torque_Nm": 5.0}}
         trial["pelvis_residual_limit"] = {"force_N": 30.0, "torque_Nm": 9.0} | ({beyond: 2.0} if beyond else {})
+        trial |= {} if beyond else {"trunk_measured": False}
     (told,) = report_content(folder, None, {}).fit
     assert ("too high" in told) == bool(beyond) and "force at the pelvis 20 N" in told and "moment 5.0 N·m" in told
+    assert ("limits are wide, as no marker tells how trunk and arms move" in told) == (not beyond)
 
 
 def test_relative_angles_have_no_profile(made: Path, tmp_path: Path) -> None:
