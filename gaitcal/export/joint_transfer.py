@@ -409,12 +409,12 @@ class Transfer:
                 f"{', '.join(stay)}: no bone between two joints (hips, or hip and knee, or knee and ankle), so that "
                 "muscle points, wraps and meshes there do not follow"
             )
-        hinges = {leg.ours: leg.hinge for leg in self.legs if leg.hinge is not None}
+        off = {leg.ours: leg.hinge.off for leg in self.legs if leg.hinge is not None}
         for move in moves:
-            if move.verdict is Verdict.MOVED and move.joint in hinges and hinges[move.joint].off > ROLLING:
+            if move.verdict is Verdict.MOVED and off.get(move.joint, 0.0) > ROLLING:
                 yield (
-                    f"{move.theirs} is no hinge: over the postures of the recordings {1e3 * hinges[move.joint].off:.1f} "
-                    "mm RMS from the nearest one, which its standard errors and draws do not count"
+                    f"{move.theirs} is no hinge: over the postures of the recordings {1e3 * off[move.joint]:.1f} mm "
+                    "RMS from the nearest one, which its standard errors and draws do not count"
                 )
             changed = any(end is not None and end.changed for end in (move.parent, move.child))
             if changed and (names := self.document.hangs_on(move.theirs)):
