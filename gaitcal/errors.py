@@ -91,7 +91,6 @@ def other_side(name: str, other: str) -> bool:
     return a.replace("right", "left") == b.replace("right", "left")
 
 
-def nearest(name: str, allowed: Iterable[str], count: int = 1) -> str:
+def nearest(name: str, allowed: Iterable[str]) -> str:
     """`; did you mean 'X'?`, or the empty string where nothing is close. For the end of an error message."""
-    close = alike(name, allowed, count)
-    return "; did you mean " + " or ".join(f"'{c}'" for c in close) + "?" if close else ""
+    return "".join(f"; did you mean '{close}'?" for close in alike(name, allowed))

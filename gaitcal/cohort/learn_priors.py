@@ -140,11 +140,9 @@ def parts_of(
 ) -> dict[str, PartEvidence] | None:
     """What a calibration says of every part of the body; None where its errors are no covariance of rank.
 
-    Parameters
-    ----------
-    errors : of joint parameters by source; those that no trial moved tell nothing.
-    deviation : (98,) m, rad: fitted minus nominal, in the order of `names`.
-    prior : of the calibration; anatomy's unless given.
+    `errors`: of joint parameters by source; those that no trial moved tell nothing.
+    `deviation`: (98,) m, rad: fitted minus nominal, in the order of `names`.
+    `prior`: of the calibration; anatomy's unless given.
     """
     out, moved_by_trials = {}, set(told_parameters(errors))
     for part, wanted in PARTS.items():

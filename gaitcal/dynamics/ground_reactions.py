@@ -136,13 +136,11 @@ def ground_reactions_on_feet(
 ) -> GroundReactions:
     """Assign plates to feet, filter their wrenches and bring them to the marker frames.
 
-    Parameters
-    ----------
-    time : (nf,) s of the marker frames.
-    cutoff : Hz of the zero-lag low-pass filter on the wrenches; None: none.
-    ends : s at the beginning and end of the trial that are not valid, as accelerations are not supported there.
-    assigned : plate name -> "r", "l" or "none", from the study; the rest is found.
-    events : of the file, for feet beside all plates; used where they agree with the plates.
+    `time`: (nf,) s of the marker frames.
+    `cutoff`: Hz of the zero-lag low-pass filter on the wrenches; None: none.
+    `ends`: s at the beginning and end of the trial that are not valid, as accelerations are not supported there.
+    `assigned`: plate name -> "r", "l" or "none", from the study; the rest is found.
+    `events`: of the file, for feet beside all plates; used where they agree with the plates.
     """
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
     notes, findings = list[str](), list[Finding]()

@@ -137,19 +137,17 @@ def into_osim(
 ) -> CalibratedOsim:
     """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
 
-    Parameters
-    ----------
-    errors : of the joint parameters (`Uncertainty.joint`); None: they count as exact, and every joint as determined.
-    prior : what was known of joints before; anatomy unless given.
-    names : a TOML file that says which joints are meant (`read_names`).
-    recorded : our coordinate -> (n,) rad in the recordings, over which a knee that rolls is taken; unless given, over a
-        stride of the built-in person.
-    marker_set : whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
-        segments by these markers, too.
-    masses : the bodies weigh what our segments weigh, too (`body_weights`).
-    inertial : (84, n) R with covariance R R^T of the inertial parameters (`Uncertainty.inertial`), for draws of masses;
-        None: these have the same ones.
-    follow : muscle points, wraps and meshes go with the joints at both ends of their bone (`joint_moves.py`).
+    `errors`: of the joint parameters (`Uncertainty.joint`); None: they count as exact, and every joint as determined.
+    `prior`: what was known of joints before; anatomy unless given.
+    `names`: a TOML file that says which joints are meant (`read_names`).
+    `recorded`: our coordinate -> (n,) rad in the recordings, over which a knee that rolls is taken; unless given, over
+    a stride of the built-in person.
+    `marker_set`: whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
+    segments by these markers, too.
+    `masses`: the bodies weigh what our segments weigh, too (`body_weights`).
+    `inertial`: (84, n) R with covariance R R^T of the inertial parameters (`Uncertainty.inertial`), for draws of
+    masses; None: these have the same ones.
+    `follow`: muscle points, wraps and meshes go with the joints at both ends of their bone (`joint_moves.py`).
 
     Returns
     -------

@@ -64,10 +64,8 @@ class Strides:
 def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[Chart]:
     """One chart a variable, in the order of `cycles.csv`; nothing is drawn yet.
 
-    Parameters
-    ----------
-    convention : signs, whose moments, unit; along the axes of the coordinates.
-    width : mm.
+    `convention`: signs, whose moments, unit; along the axes of the coordinates.
+    `width`: mm.
     """
     tables = strides.table.groupby("variable", sort=False)
     return [_chart(str(name), table, strides, convention, width) for name, table in tables]
@@ -82,10 +80,8 @@ def moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[Chart]:
     """One chart a coordinate of the model of `gaitcal export --into --muscles`: moment arms before and after, over its
     range, of the muscles that change most; with draws, after ± 1.96 standard deviations.
 
-    Parameters
-    ----------
-    table : as the file ending in `.muscles.csv` has it.
-    width : mm.
+    `table`: as the file ending in `.muscles.csv` has it.
+    `width`: mm.
     """
     return [_moment_arms(str(name), rows, width) for name, rows in table.groupby("coordinate", sort=False)]
 

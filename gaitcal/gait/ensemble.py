@@ -65,12 +65,10 @@ class Spread:
 def spread(values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None) -> Spread:
     """Statistics over strides.
 
-    Parameters
-    ----------
-    values : (n, m) n strides at m points; NaN where a value is not valid.
-    trials : (n,) the trial of each stride, by any label.
-    own : (n, m) standard errors s_ij that each stride has of its own; None: not known.
-    total : (n, m) standard errors se_ij with what strides share; None: not known.
+    `values`: (n, m) n strides at m points; NaN where a value is not valid.
+    `trials`: (n,) the trial of each stride, by any label.
+    `own`: (n, m) standard errors s_ij that each stride has of its own; None: not known.
+    `total`: (n, m) standard errors se_ij with what strides share; None: not known.
     """
     values = np.asarray(values, dtype=np.float64)
     there = np.isfinite(values)

@@ -62,10 +62,8 @@ def alternate(right: FootEvents, left: FootEvents) -> bool:
 def repetitions(time: Array, height: Array, feet: Sequence[FootEvents] = ()) -> tuple[GaitCycle, ...]:
     """The repetitions of a trial with their phases, in order of time.
 
-    Parameters
-    ----------
-    time, height : (nf,) s, m: of the pelvis.
-    feet : events of both.
+    `time`, `height`: (nf,) s, m: of the pelvis.
+    `feet`: events of both.
     """
     reach = float(np.ptp(height))
     if reach < LEAST_RANGE_M:

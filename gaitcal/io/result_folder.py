@@ -183,10 +183,8 @@ def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> I
 
     InputError where another process holds it for longer, OSError where no file can be made beside or in the folder.
 
-    Parameters
-    ----------
-    purpose : another lock on the same folder, such as that of a Monte Carlo study which goes on for hours.
-    wait_s : how long to wait for another process; `WAIT_S` unless given.
+    `purpose`: another lock on the same folder, such as that of a Monte Carlo study which goes on for hours.
+    `wait_s`: how long to wait for another process; `WAIT_S` unless given.
     """
     folder = Path(os.path.realpath(folder))
     is_part = folder.name in PARTS and "gaitcal" in read_object(folder.parent / MANIFEST)

@@ -243,10 +243,8 @@ def corner(
 
     Which side of the three is the same in all frames: the device is rigid.
 
-    Parameters
-    ----------
-    inwards : (nf, 3) some length, towards the other knee; None: not known.
-    modelled : (nf, 3) m, where another program has the corner, which is believed about the side.
+    `inwards`: (nf, 3) some length, towards the other knee; None: not known.
+    `modelled`: (nf, 3) m, where another program has the corner, which is believed about the side.
     """
     normal = np.cross(second - axis, third - axis)
     length = np.linalg.norm(normal, axis=1, keepdims=True)

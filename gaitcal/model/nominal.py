@@ -228,12 +228,10 @@ def nominal_joint_parameters(
 ) -> tuple[Array, Array]:
     """Joint parameters (np,) and zero angles (nz,), m and rad.
 
-    Parameters
-    ----------
-    frames : all segments but the tali.
-    centres : `lumbar`, and for each side `hjc kjc ajc sjc ejc`, (3,) m in the laboratory.
-    arms : turn of the shoulders, axes of the elbows.
-    dorsiflexion : side -> rad, ankle angle of the static posture.
+    `frames`: all segments but the tali.
+    `centres`: `lumbar`, and for each side `hjc kjc ajc sjc ejc`, (3,) m in the laboratory.
+    `arms`: turn of the shoulders, axes of the elbows.
+    `dorsiflexion`: side -> rad, ankle angle of the static posture.
     """
     values = {
         p.name: float(frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis])

@@ -109,10 +109,8 @@ def with_monte_carlo(
 ) -> dict[str, Any]:
     """The page's data with a study in it, in the place of an earlier one.
 
-    Parameters
-    ----------
-    marker_rms : mm, of pelvis and legs in the trial of the study, to be read in torque errors; None: not known.
-    contributions : from `variance_contributions`: which parameter matters; None leaves that out.
+    `marker_rms`: mm, of pelvis and legs in the trial of the study, to be read in torque errors; None: not known.
+    `contributions`: from `variance_contributions`: which parameter matters; None leaves that out.
     """
     sections = dict(data.get("sections", {}))
     kept = [block for block in sections.get(PRESET, []) if block.get("part") != PART]

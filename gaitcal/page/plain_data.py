@@ -143,10 +143,8 @@ def table(
 ) -> Block:
     """A table; the first column heads the rows.
 
-    Parameters
-    ----------
-    fold : what stands in its place until it is opened; empty: it is open.
-    total : numbers of the rows that sum up the others.
+    `fold`: what stands in its place until it is opened; empty: it is open.
+    `total`: numbers of the rows that sum up the others.
     """
     extra = {"caption": visible(caption), "fold": visible(fold), "total": list(total)}
     given = {key: value for key, value in extra.items() if value}

@@ -54,6 +54,7 @@ KINETICS: Final = (
     *("subtalar_angle_moment", "lumbar_extension_moment", GROUND_REACTION),
 )
 MOST_REASONS = 6
+NOTHING: Final = "Nothing speaks against this result beyond its error bars."
 RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
 
 
@@ -81,7 +82,7 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     return ReportContent(
         person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
-        sentence=_sentence(summary),
+        sentence="What speaks against it, the worst first:" if entries_of(summary, "reasons") else NOTHING,
         reasons=_reasons(summary),
         fit=tuple(_fit(summary)),
         walked=any(a.walks for a in activities),
@@ -114,8 +115,7 @@ def read_comments(path: Path) -> dict[str, str]:
     found = read_toml(path)
     for name, text in found.items():
         if name not in COMMENT_SECTIONS:
-            hint = nearest(name, COMMENT_SECTIONS)
-            message = f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{hint}"
+            message = f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{nearest(name, COMMENT_SECTIONS)}"
             raise InputError(message, source=path, field=name, code=Code.COMMENTS)
         if not isinstance(text, str):
             message = f"found {type(text).__name__}; allowed: text in quotation marks"
@@ -123,25 +123,13 @@ def read_comments(path: Path) -> dict[str, str]:
     return {name: str(text) for name, text in found.items()}
 
 
-def _sentence(summary: Mapping[str, object]) -> str:
-    if not entries_of(summary, "reasons"):
-        return "Nothing speaks against this result beyond its error bars."
-    return "What speaks against it, the worst first:"
-
-
 def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
-    reasons = entries_of(summary, "reasons")
-    out = [
-        (
-            f"{', '.join(r.get('trials') or ['study'])}: {r.get('cause')} ({r.get('evidence')}) [{r.get('code')}]",
-            str(r.get("action")),
-        )
-        for r in reasons[:MOST_REASONS]
-    ]
-    if len(reasons) > MOST_REASONS:
-        out.append(
-            (f"and {counted(len(reasons) - MOST_REASONS, 'more reason')}", "summary.json and the page have them all")
-        )
+    out = []
+    for r in entries_of(summary, "reasons"):
+        where = ", ".join(r.get("trials") or ["study"])
+        out.append((f"{where}: {r.get('cause')} ({r.get('evidence')}) [{r.get('code')}]", str(r.get("action"))))
+    if (more := len(out) - MOST_REASONS) > 0:
+        out[MOST_REASONS:] = [(f"and {counted(more, 'more reason')}", "summary.json and the page have them all")]
     return tuple(out)
 
 
@@ -191,14 +179,14 @@ class _Activity:
 def _activities(summary: Mapping[str, object], page: Mapping[str, Any]) -> Iterator[_Activity]:
     """Walking first; nothing of isolated trials."""
     of: dict[str, list[Any]] = {}
-    for trial in sorted(page["trials"], key=lambda trial: trial.get("activity", WALKING) != WALKING):
+    for trial in sorted(page["trials"], key=lambda trial: trial["activity"] != WALKING):
         if table_of(table_of(summary, "trials"), trial["name"]).get("role") != "joint":
-            of.setdefault(trial.get("activity", WALKING), []).append(trial)
+            of.setdefault(trial["activity"], []).append(trial)
     for name, trials in of.items():
         known = [s for trial in trials for s in trial["strides"] if s["off"] is not None and not s["turns"]]
         percents = {side: [_stance(s) for s in known if s["side"] == side] for side in SIDES}
         toe_off = {side: float(np.mean(values)) for side, values in percents.items() if values}
-        yield _Activity(name, tuple(t["name"] for t in trials), any(t.get("repeats") for t in trials), toe_off)
+        yield _Activity(name, tuple(t["name"] for t in trials), any(t["repeats"] for t in trials), toe_off)
 
 
 def _stance(stride: Mapping[str, Any]) -> float:
@@ -262,7 +250,7 @@ def _uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
     kept = ("side", "number", "plate", "turns", "reason")
     return {
         trial["name"]: [
-            StrideUse(**{k: s[k] for k in kept}, whole=not s["reason"], repeats=bool(trial.get("repeats")))
+            StrideUse(**{k: s[k] for k in kept}, whole=not s["reason"], repeats=trial["repeats"])
             for s in trial["strides"]
         ]
         for trial in page["trials"]
@@ -331,9 +319,6 @@ def _panels(
             yield variable
             continue
         rows = straight[straight["variable"] == variable]
-        if variable == FOOT_PROGRESSION and not len(rows):
-            yield "Foot progression is not in this result: calibrate again, or look which strides go straight."
-            continue
         kind = kind_of(variable)
         factor = 1.0 / subject.mass if kind is Kind.FORCE else 1.0
         curves: dict[str, tuple[Array, ...]] = {}

@@ -139,10 +139,8 @@ def joined(
 ) -> SharedJoints:
     """Both sessions' knowledge together.
 
-    Parameters
-    ----------
-    placed_anew : each has a static trial of its own.
-    prior : of both calibrations; anatomy's unless given.
+    `placed_anew`: each has a static trial of its own.
+    `prior`: of both calibrations; anatomy's unless given.
     """
     count = len(names)
     mean, spread = prior_of(names, prior)

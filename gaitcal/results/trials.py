@@ -69,10 +69,8 @@ def earlier_page(
 ) -> tuple[Shown | None, tuple[str, ...]]:
     """The page of the trials `kept` of an earlier run, and a warning on each that cannot stay in it.
 
-    Parameters
-    ----------
-    hashes : file -> SHA-256 as it was written.
-    stale : those that were made with another model.
+    `hashes`: file -> SHA-256 as it was written.
+    `stale`: those that were made with another model.
     """
     names = tuple(kept)
     if not names:
@@ -115,12 +113,10 @@ def write_trials(
 ) -> tuple[str, ...]:
     """Write further trials into `folder`, whole or not at all; those of earlier runs stay, but for the same names.
 
-    Parameters
-    ----------
-    saved : what the trials were made with. Nothing is written where one of its files has changed since; the model's
-        hash tells later whether an earlier trial was made with it.
-    inputs : recordings and forces, which the folder must not hold.
-    verdict : on these trials; `summary.json` tells it for each, with its reasons among the warnings.
+    `saved`: what the trials were made with. Nothing is written where one of its files has changed since; the model's
+    hash tells later whether an earlier trial was made with it.
+    `inputs`: recordings and forces, which the folder must not hold.
+    `verdict`: on these trials; `summary.json` tells it for each, with its reasons among the warnings.
 
     Returns
     -------

@@ -62,12 +62,10 @@ from gaitcal.study.study_trial import Role, Trial, cleaned_trial
 def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, uncertainty: Uncertainty) -> TrialResult:
     """Track one further trial of the whole body with a calibrated model and compute its torques.
 
-    Parameters
-    ----------
-    model : calibrated, as `gaitcal.load_model` returns it.
-    trial : markers named as in the model; with force plates if torques are wanted.
-    settings : of the calibration (splines, force filter and errors of force plates).
-    uncertainty : of the calibration, for standard errors.
+    `model`: calibrated, as `gaitcal.load_model` returns it.
+    `trial`: markers named as in the model; with force plates if torques are wanted.
+    `settings`: of the calibration (splines, force filter and errors of force plates).
+    `uncertainty`: of the calibration, for standard errors.
     """
     segment_of = dict(zip(model.markers.labels, model.markers.segments, strict=True))
     prepared = prepare_trial(cleaned_trial(trial, segment_of, model.noise), model, settings)
@@ -183,12 +181,10 @@ def _foot_axes(
 ) -> FootAxes:
     """With errors: what markers leave, and by how much the foot's own axes may point elsewhere.
 
-    Parameters
-    ----------
-    long_axes : (nf, 2, 3).
-    lines : (nf, 2) rad.
-    variances : source -> (nf, 2) rad^2; none: not known.
-    turned : segment -> (nf, k, 3) rad.
+    `long_axes`: (nf, 2, 3).
+    `lines`: (nf, 2) rad.
+    `variances`: source -> (nf, 2) rad^2; none: not known.
+    `turned`: segment -> (nf, k, 3) rad.
     """
     if not variances:
         return FootAxes(long_axes)
