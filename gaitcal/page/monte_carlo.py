@@ -175,11 +175,8 @@ def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
     if first := lists.pop(KNEE_ADDUCTION, None):
         title = f"Expected error of your {TORQUE_WORDS[KNEE_ADDUCTION]} moment, RMS over the trial"
         out += [heading(title, 4), *first]
-    return [*out, fold("Expected error of the other moments", _titled(lists))]
-
-
-def _titled(lists: Mapping[str, list[Block]]) -> list[Block]:
-    return [b for name, blocks in lists.items() for b in (heading(capitalised(TORQUE_WORDS[name]), 4), *blocks)]
+    others = [b for name, of in lists.items() for b in (heading(capitalised(TORQUE_WORDS[name]), 4), *of)]
+    return [*out, fold("Expected error of the other moments", others)]
 
 
 def _source_table(study: MonteCarloStudy, side: str, errors: tuple[ExpectedError, ...]) -> Block:
