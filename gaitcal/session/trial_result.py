@@ -152,23 +152,23 @@ def _without_torque_errors(
         doubts=(
             *trial_findings(trial, loads, subject.weight),
             *stride_findings(trial.name, strides),
-            *_crouch_findings(trial.name, body, events),
+            *_crouch_findings(trial.name, body, events, activity=trial.role is Role.MOTION),
         ),
     )
 
 
-def _crouch_findings(trial: str, body: Motion, events: GaitEvents) -> tuple[Finding, ...]:
+def _crouch_findings(trial: str, body: Motion, events: GaitEvents, *, activity: bool = False) -> tuple[Finding, ...]:
     """That somebody squats or sits down in no stride or repetition."""
     height = body.q[:, body.coordinates.index("pelvis_ty")]
     spans = [(c.start, c.stop) for c in events.repeats]
     told = [FootEvents(*np.transpose(spans))] if spans else [events.of(side) for side in SIDES] if events.events else []
-    found = [span for span in crouches(body.time, height, told) if span not in spans] if told else []
+    found = [span for span in crouches(body.time, height, told) if span not in spans] if told or activity else []
     if not found:
         return ()
     cause, why = "not all of the trial is steps", "while no foot steps; strides alone are counted"
-    if spans:
+    if not events.events:
         cause = "not all of the trial is repetitions"
-        why = "by less than half as far as elsewhere, or from another height of rest; that is in no repetition"
+        why = "without a rest before, by less than half as far as elsewhere, or from another height of rest; that is in no repetition"
     when = ", ".join(f"{start:.2f}-{stop:.2f}" for start, stop in found)
     return (
         Finding(
