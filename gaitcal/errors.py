@@ -65,8 +65,8 @@ def side_named(label: str) -> str:
     return found.group(0)[0].lower() if found else ""
 
 
-def alike(name: str, allowed: Iterable[str], count: int = 1) -> list[str]:
-    """Those of `allowed` that `name` may be a misspelling of, the nearest first; never one of the other side.
+def alike(name: str, allowed: Iterable[str]) -> list[str]:
+    """The one of `allowed` that `name` may be a misspelling of; never one of the other side.
 
     Names that differ by capitals, blanks, dots, dashes and underscores alone come first: `l_asis` for `L.ASIS`.
     """
@@ -74,7 +74,7 @@ def alike(name: str, allowed: Iterable[str], count: int = 1) -> list[str]:
     there = [other for other in allowed if not side or side_named(other) in ("", side)]
     there = [other for other in there if not other_side(name, other)]
     same = [other for other in there if other != name and _plain(other) == _plain(name)]
-    return [*same, *(m for m in difflib.get_close_matches(name, there, n=count, cutoff=0.6) if m not in same)][:count]
+    return [*same, *(m for m in difflib.get_close_matches(name, there, n=1, cutoff=0.6) if m not in same)][:1]
 
 
 def _plain(name: str) -> str:
@@ -91,7 +91,6 @@ def other_side(name: str, other: str) -> bool:
     return a.replace("right", "left") == b.replace("right", "left")
 
 
-def nearest(name: str, allowed: Iterable[str], count: int = 1) -> str:
+def nearest(name: str, allowed: Iterable[str]) -> str:
     """`; did you mean 'X'?`, or the empty string where nothing is close. For the end of an error message."""
-    close = alike(name, allowed, count)
-    return "; did you mean " + " or ".join(f"'{c}'" for c in close) + "?" if close else ""
+    return "".join(f"; did you mean '{close}'?" for close in alike(name, allowed))

@@ -112,14 +112,12 @@ def errors_by_source(
 ) -> ErrorSources:
     """Errors of parameters that were fitted, and of those known before that the fit leaves alone.
 
-    Parameters
-    ----------
-    free : what was fitted.
-    scores : (np, nc) u_t of every source of the fit's own.
-    inverse : (np, np) H^-1.
-    precision : (np, np) Lambda.
-    held : (np, nk) S_pk, in the order of those of `known.free` that were not fitted.
-    known : errors before the fit, of the priors' centres and of what it kept fixed.
+    `free`: what was fitted.
+    `scores`: (np, nc) u_t of every source of the fit's own.
+    `inverse`: (np, np) H^-1.
+    `precision`: (np, np) Lambda.
+    `held`: (np, nk) S_pk, in the order of those of `known.free` that were not fitted.
+    `known`: errors before the fit, of the priors' centres and of what it kept fixed.
     """
     others = known.of([name for name in known.free if name not in free])
     centre = np.zeros((len(free), len(known.clusters)))
@@ -308,10 +306,8 @@ def marker_moves(
 ) -> MotionSensitivity:
     """Moves of one whole-body trial.
 
-    Parameters
-    ----------
-    joint : None where no joint parameters were calibrated.
-    scores : of `whole_body_scores`, where known already.
+    `joint`: None where no joint parameters were calibrated.
+    `scores`: of `whole_body_scores`, where known already.
     """
     scores = scores or whole_body_scores(problem, coefficients, parameters, joint)
     found = [source_of(c) for c in scores.clusters]

@@ -157,12 +157,10 @@ class RootEquations:
 def root_equations(regressor: Array, ground: Array, weight: float, length: float) -> RootEquations:
     """Compress the root wrench of the valid frames.
 
-    Parameters
-    ----------
-    regressor : (nf, 6, 12, 10) of `Dynamics.root_regressor`.
-    ground : (nf, 6) what the ground reactions contribute, force and moment about the pelvis origin.
-    weight : body weight, N.
-    length : m, torques are divided by weight * length.
+    `regressor`: (nf, 6, 12, 10) of `Dynamics.root_regressor`.
+    `ground`: (nf, 6) what the ground reactions contribute, force and moment about the pelvis origin.
+    `weight`: body weight, N.
+    `length`: m, torques are divided by weight * length.
     """
     nf = len(regressor)
     rows = np.concatenate([regressor.reshape(nf, 6, -1), ground[:, :, None]], axis=2)

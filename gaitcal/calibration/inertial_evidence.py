@@ -110,12 +110,10 @@ def residual_noise(
 ) -> ResidualNoise:
     """What noise makes of the pelvis residual over the valid frames of all trials.
 
-    Parameters
-    ----------
-    parameters : joint parameters of the motions; the inertial ones are where `chart` begins.
-    sources : errors of the joint parameters.
-    length : m, torques are divided by body weight times this, as in the equations that are to be fitted.
-    unmoved : (84, n) R with covariance R R^T of inertial parameters that `chart` does not move; exact unless given.
+    `parameters`: joint parameters of the motions; the inertial ones are where `chart` begins.
+    `sources`: errors of the joint parameters.
+    `length`: m, torques are divided by body weight times this, as in the equations that are to be fitted.
+    `unmoved`: (84, n) R with covariance R R^T of inertial parameters that `chart` does not move; exact unless given.
     """
     plates = plates or PlateNoise()
     slopes = dynamic_jacobian(parameters.inertial)
@@ -247,9 +245,7 @@ def fit_by_evidence(
 ) -> inertial_calibration.InertialFit:
     """Physically possible inertias of unchanged total mass; the seed itself unless the residual tells against it.
 
-    Parameters
-    ----------
-    noise : of the chart that begins at `seed`, with the scale of `equations`.
+    `noise`: of the chart that begins at `seed`, with the scale of `equations`.
     """
     began = time.perf_counter()
     chart = inertial_calibration.LogChart(seed, which)

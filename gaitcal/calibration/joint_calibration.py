@@ -89,16 +89,14 @@ class JointSearch:
     ) -> None:
         """Set up the search.
 
-        Parameters
-        ----------
-        problems : the trials; each has its own motion, all share the joint parameters.
-        parameters : where the search starts, and the values of all that is not free.
-        free : of these, the joint parameters that some trial passes are fitted.
-        starts : per trial, coefficients (nn, nq) to start from.
-        nominal : where bounds are centred; `parameters` unless given.
-        tissue : prior of the soft tissue that the problems have.
-        expected : (np,) m, rad and (np, np) mean and precision of the joint parameters `free` before any trial; nothing
-            is expected of them unless given.
+        `problems`: the trials; each has its own motion, all share the joint parameters.
+        `parameters`: where the search starts, and the values of all that is not free.
+        `free`: of these, the joint parameters that some trial passes are fitted.
+        `starts`: per trial, coefficients (nn, nq) to start from.
+        `nominal`: where bounds are centred; `parameters` unless given.
+        `tissue`: prior of the soft tissue that the problems have.
+        `expected`: (np,) m, rad and (np, np) mean and precision of the joint parameters `free` before any trial;
+        nothing is expected of them unless given.
         """
         self.settings = settings or JointSettings()
         self.free = passed(problems, free)

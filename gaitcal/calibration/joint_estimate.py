@@ -136,16 +136,14 @@ def estimate_joints(
 ) -> tuple[JointEstimate, ErrorSources]:
     """Fit the joint parameters `free` and the soft tissue to all trials together, and tell their errors by source.
 
-    Parameters
-    ----------
-    nominal : what the prior is about, and bounds.
-    tissue : prior of the columns that the problems have.
-    fits_tissue : whether these are fitted; else markers stay in their places, and the columns are a source of error.
-    prior : of the joint parameters, about `nominal`; None: nothing is expected of them.
-    equal_weights : whether all trials have one noise, the mean of their own.
-    present : where the search starts, and values of all that is not free; `nominal` unless given.
-    known : errors of the joint parameters before the fit, those that it keeps fixed too; by the prior of those that are
-        free unless given, the rest being exact.
+    `nominal`: what the prior is about, and bounds.
+    `tissue`: prior of the columns that the problems have.
+    `fits_tissue`: whether these are fitted; else markers stay in their places, and the columns are a source of error.
+    `prior`: of the joint parameters, about `nominal`; None: nothing is expected of them.
+    `equal_weights`: whether all trials have one noise, the mean of their own.
+    `present`: where the search starts, and values of all that is not free; `nominal` unless given.
+    `known`: errors of the joint parameters before the fit, those that it keeps fixed too; by the prior of those that
+    are free unless given, the rest being exact.
     """
     began = time.perf_counter()
     with_columns, present = [problem for problems in tasks.values() for problem in problems], present or nominal

@@ -88,8 +88,8 @@ class JointProblem:
 
     @property
     def kind(self) -> str:
-        """Of task."""
-        return self.joint or self.activity or GAIT
+        """Of task; an activity has none of a walk's or a joint's, whatever its trial is called."""
+        return self.joint or (f"activity {self.activity}" if self.activity else GAIT)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,9 @@ A marker of a segment lies, in the segment's axes, at
     l + sum_c z_c psi_c(t),        psi_c = (phi_c - mean phi_c) / max(sd phi_c, 2 deg),
 
 phi_c the angles of the joints beside the segment that the task moves, mean and sd over all trials of one kind of task
-(gait, or the isolated trials of one joint), tracked with nominal joints and markers in their places, and with them
-psi_c^2 less its mean where there is evidence. Each kind has unknowns z of its own; in gait knees are no hinges besides.
+(gait, an activity, or the isolated trials of one joint), tracked with nominal joints and markers in their places, and
+with them psi_c^2 less its mean where there is evidence. Each kind has unknowns z of its own; in gait knees are no
+hinges besides.
 All markers of a segment shift together, turn together about their middle, and move each by itself:
 
     z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
@@ -32,6 +33,8 @@ counted as far as they are independent (`joint_noise.py`). Pooling is the point:
 no deformation itself, so that how far it slides follows the person's s and not the segment's s_j, and z has the
 variance E[s^2] Sigma. That segments differ by a factor of two keeps one soft thigh from softening the feet: with the
 same s for all, hips of people with quadratic artefacts came to 15 mm from the truth, with segments that differ to 8.
+An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of others: their segments
+do not deform, with even odds before anything is seen, and then say nothing of s.
 """
 
 from __future__ import annotations
@@ -201,8 +204,11 @@ class SoftTissueScale:
         return self.squares if regressor.endswith(SQUARES) else self.linear
 
 
-def soft_tissue_scale(trials: Sequence[MotionProblem]) -> SoftTissueScale:
-    """The scale of a person in one kind of task from trials whose soft tissue holds every column that may be."""
+def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool = False) -> SoftTissueScale:
+    """The scale of a person in one kind of task from trials whose soft tissue holds every column that may be.
+
+    `possibly_still`: whether the task may leave joints at rest, whose tracked angles follow errors of others.
+    """
     seen: dict[tuple[str, tuple[str, ...]], list[tuple[Sequence[str], Array, Array]]] = {}
     """Segment and its markers -> in every trial, regressors, Q and b by columns of unit variance."""
     for problem in trials:
@@ -224,7 +230,8 @@ def soft_tissue_scale(trials: Sequence[MotionProblem]) -> SoftTissueScale:
         left = np.linalg.solve(inner, np.column_stack([mixed.T, right[~bends]]))
         bent.append((information[np.ix_(bends, bends)] - mixed @ left[:, :-1], right[bends] - mixed @ left[:, -1]))
     squares_seen = any(len(right) for _, right in bent)
-    return SoftTissueScale(_mean_square(plain), _mean_square(bent, possibly_none=True) if squares_seen else 0.0)
+    squares = _mean_square(bent, possibly_none=True, possibly_still=possibly_still) if squares_seen else 0.0
+    return SoftTissueScale(_mean_square(plain, possibly_still=possibly_still), squares)
 
 
 def _together(parts: Sequence[tuple[Sequence[str], Array, Array]]) -> tuple[list[str], Array, Array]:
@@ -239,9 +246,11 @@ def _together(parts: Sequence[tuple[Sequence[str], Array, Array]]) -> tuple[list
     return names, information, right
 
 
-def _mean_square(parts: Sequence[tuple[Array, Array]], *, possibly_none: bool = False) -> float:
+def _mean_square(
+    parts: Sequence[tuple[Array, Array]], *, possibly_none: bool = False, possibly_still: bool = False
+) -> float:
     """E[s^2] from Q and b of every segment, by columns of unit variance; if `possibly_none`, s is 0 with odds of one to
-    one before anything is seen.
+    one before anything is seen, if `possibly_still`, each s_j by itself.
     """
     place = np.log(SCALES)
     apart = -0.5 * ((place[:, None] - place) / SEGMENT_SPREAD) ** 2
@@ -254,7 +263,8 @@ def _mean_square(parts: Sequence[tuple[Array, Array]], *, possibly_none: bool = 
         values, along = np.maximum(values, 0.0), (vectors.T @ right) ** 2
         square = SCALES[:, None] ** 2
         alone = 0.5 * (square * along / (1.0 + square * values) - np.log1p(square * values)).sum(axis=1)
-        log += logsumexp(apart + alone, axis=1)
+        moved = logsumexp(apart + alone, axis=1)
+        log += np.logaddexp(moved, 0.0) if possibly_still else moved
     top = max(float(log.max()), 0.0)
     weight, none = np.exp(log - top), float(np.exp(before).sum() * np.exp(-top)) if possibly_none else 0.0
     return float(weight @ SCALES**2) / (float(weight.sum()) + none)
@@ -377,7 +387,7 @@ def task_tissue(kinds: Mapping[str, str], parts: Mapping[str, MotionProblem], no
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
     for alike in (gait, isolated, *([name] for name in kinds if name not in (*gait, *isolated))):
         soft = [replace(parts[n], tissue=tissue_of(parts[n], kinds[n], regressors[n])) for n in alike]
-        scale = soft_tissue_scale(soft)
+        scale = soft_tissue_scale(soft, possibly_still=alike not in (gait, isolated))
         scales |= {kinds[name]: scale for name in alike}
         if scale.squares < LEAST_SQUARES:
             for n in alike:

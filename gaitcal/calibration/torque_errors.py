@@ -52,15 +52,13 @@ class ErringForces:
     ) -> None:
         """Set up.
 
-        Parameters
-        ----------
-        problem, nodes : the whole-body trial and its motion, (nn, 27) m, rad.
-        wrenches : (nf, 2, 6) N, N·m, ground reactions on the feet.
-        joint : errors of the joint parameters; None where they were not calibrated.
-        inertial : (84, n) R with covariance R R^T of the inertial parameters; None where they were not calibrated.
-        moves : what the markers move, where it is known already.
-        plates : how far the ground reactions are to be believed; exact unless given.
-        axes : how far the directions of segments' axes are, with these parameters; exact unless given.
+        `problem`, `nodes`: the whole-body trial and its motion, (nn, 27) m, rad.
+        `wrenches`: (nf, 2, 6) N, N·m, ground reactions on the feet.
+        `joint`: errors of the joint parameters; None where they were not calibrated.
+        `inertial`: (84, n) R with covariance R R^T of the inertial parameters; None where they were not calibrated.
+        `moves`: what the markers move, where it is known already.
+        `plates`: how far the ground reactions are to be believed; exact unless given.
+        `axes`: how far the directions of segments' axes are, with these parameters; exact unless given.
         """
         self.problem, self.parameters, self.wrenches = problem, parameters, wrenches
         self.free: tuple[str, ...] = joint.free if joint else ()

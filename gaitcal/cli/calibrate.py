@@ -149,9 +149,8 @@ def analyse_further(
         raise UsageError(f"found '{role}'; allowed: gait or motion", field="--role")
     names = [path.stem for path in trials]
     if len(set(names)) != len(names):
-        raise InputError(
-            "found two trials with one name; a trial's name is its file's, without the ending", code=Code.PART_OF_TRIAL
-        )
+        message = "found two trials with one name; a trial's name is its file's, without the ending"
+        raise InputError(message, code=Code.PART_OF_TRIAL)
     folder = out or result / "dynamics"
     tables = dict.fromkeys(table for path in trials for table in events_beside(path))
     inputs = [*trials, *([forces] if forces else []), *tables]
@@ -242,12 +241,8 @@ def _read(path: Path, forces: Path | None, told: Mapping[str, object], saved: Sa
 def _check(trial: Trial, saved: SavedResult) -> tuple[Finding, ...]:
     labels = saved.model.markers.labels
     if not set(labels) & set(trial.recording.labels):
-        raise InputError(
-            f"found none of the model's {len(labels)} markers, such as {labels[0]}",
-            source=trial.recording.source,
-            field="markers",
-            code=Code.UNKNOWN_LABEL,
-        )
+        message = f"found none of the model's {len(labels)} markers, such as {labels[0]}"
+        raise InputError(message, source=trial.recording.source, field="markers", code=Code.UNKNOWN_LABEL)
     return check_further(trial, saved.model, saved.marker_set, saved.settings)
 
 

@@ -95,12 +95,8 @@ def _priors(
 ) -> tuple[Path | None, CalibrationSettings]:
     """The file of priors for everyone, by the option or the settings of a `cohort.toml`, and the other settings.
 
-    Raises
-    ------
-    UsageError
-        Both name one, or some are to be learnt.
-    InputError
-        What the settings name is no such file.
+    Raises UsageError: Both name one, or some are to be learnt.
+    Raises InputError: What the settings name is no such file.
     """
     if settings.priors is None:
         return said and said.resolve(), settings

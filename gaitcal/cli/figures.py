@@ -55,12 +55,8 @@ def draw_figures(
 ) -> None:
     """Draw the figures of a result, or of further trials, into a folder.
 
-    Raises
-    ------
-    UsageError
-        An option names something that is not there, or belongs to the other purpose.
-    InputError
-        The folder is no result that pages are made of.
+    Raises UsageError: An option names something that is not there, or belongs to the other purpose.
+    Raises InputError: The folder is no result that pages are made of.
     """
     if purpose not in OF_PURPOSE:
         found = f"found '{purpose}'; allowed: {', '.join(OF_PURPOSE)}"
@@ -75,11 +71,8 @@ def draw_figures(
     signs = convention_of(convention or Signs.CLINICAL.value, None, units or "Nm/kg", external=external)
     put_back(result)
     if not result.is_dir():
-        raise InputError(
-            "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'",
-            source=result,
-            code=Code.NO_RESULT,
-        )
+        message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
+        raise InputError(message, source=result, code=Code.NO_RESULT)
     names = [name for name in (PAGE_DATA, SUMMARY, CYCLES, PARAMETERS, TRUTH) if (result / name).exists()]
     with console.working() as step:
         step("reading the result")
@@ -111,10 +104,7 @@ MOMENT_ARMS = "moment_arms"
 def _moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
     """Tables of muscles that `export --into --muscles` wrote into this folder.
 
-    Raises
-    ------
-    InputError
-        They are asked for, and there is none; or more than one, whose figures would have the same names.
+    Raises InputError: They are asked for, and there is none; or more than one, whose figures would have the same names.
     """
     found = sorted(path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv"))
     asked = any(word.strip().startswith(MOMENT_ARMS) for words in only for word in words.split(","))
@@ -131,15 +121,11 @@ def _moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
 def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
     """Those whose name is one of `only`, or begins or ends with the words of one; all where nothing is asked for.
 
-    Raises
-    ------
-    UsageError
-        There is none of such a name.
+    Raises UsageError: There is none of such a name.
     """
     if not charts:
-        raise InputError(
-            "found nothing to draw: the result has no complete stride", field=CYCLES, code=Code.NOTHING_TO_SHOW
-        )
+        message = "found nothing to draw: the result has no complete stride"
+        raise InputError(message, field=CYCLES, code=Code.NOTHING_TO_SHOW)
     wanted = [name.strip().lower() for names in only for name in names.split(",") if name.strip()]
     names = [chart.name for chart in charts]
     for word in wanted:
@@ -180,9 +166,8 @@ def _sheet(folder: Path) -> dict[str, Any]:
     around = folder.resolve().parent / PAGE_DATA
     if (folder / CYCLES).exists() and around.exists():
         return {**read_page_data(around), "trials": []}
-    raise InputError(
-        f"has no {PAGE_DATA}; calibrate again, or name a result folder", source=folder, code=Code.NO_RESULT
-    )
+    message = f"has no {PAGE_DATA}; calibrate again, or name a result folder"
+    raise InputError(message, source=folder, code=Code.NO_RESULT)
 
 
 def _subject(page_data: Mapping[str, Any]) -> Subject:
@@ -211,11 +196,8 @@ def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
 def _told(folder: Path, normal: Path | None) -> Told:
     page_data = _sheet(folder)
     if not page_data["trials"]:
-        raise InputError(
-            f"has no {PAGE_DATA} of its own; run its trials again, or draw --for paper",
-            source=folder,
-            code=Code.NO_RESULT,
-        )
+        message = f"has no {PAGE_DATA} of its own; run its trials again, or draw --for paper"
+        raise InputError(message, source=folder, code=Code.NO_RESULT)
     parameters = pd.read_csv(folder / PARAMETERS).to_dict("records") if (folder / PARAMETERS).exists() else []
     known = pd.read_csv(folder / TRUTH, comment="#") if (folder / TRUTH).exists() else None
     truth = {} if known is None else dict(zip(known["name"], known["truth"].astype(float), strict=True))
@@ -248,11 +230,8 @@ def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
     if WALKING in found or not found:
         return strides[strides["activity"] == WALKING]
     if len(found) > 1:
-        raise InputError(
-            f"holds no walk, and several other activities: {', '.join(found)}; one alone can be drawn",
-            source=folder / CYCLES,
-            code=Code.NOTHING_TO_SHOW,
-        )
+        message = f"holds no walk, and several other activities: {', '.join(found)}; one alone can be drawn"
+        raise InputError(message, source=folder / CYCLES, code=Code.NOTHING_TO_SHOW)
     return strides
 
 

@@ -77,9 +77,8 @@ def draft_study_file(
     if target.suffix.lower() != ".toml":
         raise UsageError(f"found '{target.name}'; allowed: the name of a file ending in .toml", field="--out")
     if not force and target.exists():
-        raise InputError(
-            "is there already; --force replaces it, --out FILE names another", source=target, code=Code.FOLDER_TAKEN
-        )
+        message = "is there already; --force replaces it, --out FILE names another"
+        raise InputError(message, source=target, code=Code.FOLDER_TAKEN)
     with console.working() as step:
         step("reading the folder")
         read = read_folder(folder)
@@ -103,20 +102,15 @@ def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str 
     if draft.problem:
         raise InputError(before + draft.problem, source=source, code=Code.FOLDER)
     if draft.missing:
-        raise InputError(
-            f"{before}{missing_words(draft)}: {instead}{missing_options(draft)}", source=source, code=Code.WHO_IT_IS
-        )
+        message = f"{before}{missing_words(draft)}: {instead}{missing_options(draft)}"
+        raise InputError(message, source=source, code=Code.WHO_IT_IS)
 
 
 def study_or_draft(path: Path, options: Options, console: Console) -> Path | Draft:
     """The study file itself, the one in a folder, or the draft of a folder without one, ready to run.
 
-    Raises
-    ------
-    UsageError
-        Options of the person beside a study file, which says it.
-    InputError
-        A folder with several study files, or from which no study follows.
+    Raises UsageError: Options of the person beside a study file, which says it.
+    Raises InputError: A folder with several study files, or from which no study follows.
     """
     if path.suffix.lower() in MARKER_READERS and path.is_file():
         raise UsageError("is a recording; name its folder, with the static trial in it, or a study file", source=path)
@@ -144,9 +138,8 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | Dra
 
 def _no_options_beside(study: Path, options: Options) -> None:
     if options != NOTHING_SAID:
-        raise UsageError(
-            "--mass, --height, --sex and --age are for folders without a study; write them there", source=study
-        )
+        message = "--mass, --height, --sex and --age are for folders without a study; write them there"
+        raise UsageError(message, source=study)
 
 
 def _asked(folder: Folder, options: Options, console: Console) -> Draft:

@@ -268,11 +268,8 @@ def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -
 def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> None:
     causes = causes_of(table, rms_mm, SHOWN_SIDE)
     if not causes:
-        raise InputError(
-            "the study has neither of the sets jp and noise, which move markers",
-            field="--expect",
-            code=Code.MONTE_CARLO,
-        )
+        message = "the study has neither of the sets jp and noise, which move markers"
+        raise InputError(message, field="--expect", code=Code.MONTE_CARLO)
     for cause in causes:
         more = "more than " if cause.beyond else ""
         console.line(f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at {more}{cause.level:.0f} %:")

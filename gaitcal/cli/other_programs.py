@@ -30,12 +30,11 @@ from gaitcal.export.muscle_paths import (
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.figures.plain_page import listed, plain_page, plain_table, warning
-from gaitcal.findings import Finding, note_of
+from gaitcal.findings import note_of
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.atomic import atomic_bytes, atomic_text, disk_errors
 from gaitcal.io.formats import convert
 from gaitcal.io.result_folder import amended
-from gaitcal.io.snapshot import Snapshot
 from gaitcal.results.cycles import CYCLES
 from gaitcal.results.cycles_export import (
     made_with_another_model,
@@ -69,10 +68,7 @@ Choice = TypeVar("Choice", Signs, MomentFrame, MomentUnit)
 def convention_of(signs: str | None, moments: str | None, units: str | None, *, external: bool) -> Convention | None:
     """The convention that the options of `export` say; None where they say none.
 
-    Raises
-    ------
-    UsageError
-        There is no convention of such a name.
+    Raises UsageError: There is no convention of such a name.
     """
     if signs is None and moments is None and units is None and not external:
         return None
@@ -198,7 +194,8 @@ def export_model(
         }
         written |= {f: {"format": STRIDES, "convention": dict[str, Json](strides.keys)} for f in tables}
         write_export_manifest(stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written)
-    _tell(console, read, doubts)
+    for text in (*read.remarks, *map(note_of, doubts)):
+        console.line(f"warning: {text}")
     for name in (name for name in chosen if name in WRITERS):
         console.line(f"wrote {folder / WRITERS[name][1]}")
     for trial, (_, _, notes) in recordings.items():
@@ -209,12 +206,6 @@ def export_model(
         console.line(f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run dynamics again")
     if C3D in chosen and (still := sorted(set(trial_files(result)) - set(recordings))):
         console.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
-
-
-def _tell(console: Console, read: Snapshot, doubts: Sequence[Finding]) -> None:
-    """What a user of the model should know: files that were edited, a calibration that is doubtful or refused."""
-    for text in (*read.remarks, *map(note_of, doubts)):
-        console.line(f"warning: {text}")
 
 
 def _draws_folder(out: Path) -> Path:

@@ -61,9 +61,8 @@ class ViewServer(ThreadingHTTPServer):
         try:
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
-            raise InputError(
-                f"found {port}, which cannot be listened on ({error})", field="port", code=Code.OPTION
-            ) from error
+            message = f"found {port}, which cannot be listened on ({error})"
+            raise InputError(message, field="port", code=Code.OPTION) from error
 
     @property
     def url(self) -> str:
@@ -122,10 +121,7 @@ def serve(html: str, port: int = 0, open_browser: bool = True, *, ready: Callabl
     port : on 127.0.0.1; 0: any free one.
     ready : called with the address, token and all, once it answers.
 
-    Raises
-    ------
-    InputError
-        The port cannot be listened on.
+    Raises InputError: The port cannot be listened on.
     """
     try:
         with ViewServer(html, port) as server:
@@ -187,9 +183,8 @@ def print_report(
     if other is not None and pdf is None:
         raise UsageError("found two results; needed: --pdf FILE", field="--pdf")
     if other is not None and normal is not None:
-        raise UsageError(
-            "found two results, each held against its own norm; allowed: with one result", field="--normal"
-        )
+        message = "found two results, each held against its own norm; allowed: with one result"
+        raise UsageError(message, field="--normal")
     beside = result / COMMENTS
     file = comments or (beside if other is None and beside.is_file() else None)
     said = {} if file is None else read_comments(file)

@@ -77,10 +77,7 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
 
     Returns what was learnt and who did not count, a line each.
 
-    Raises
-    ------
-    InputError
-        Fewer people than can be learnt of.
+    Raises InputError: Fewer people than can be learnt of.
     """
     found, left_out = list[Found](), list[str]()
     for person in cohort.people:
@@ -110,13 +107,9 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
 def evidence_of(folder: Path, name: str) -> Found:
     """What a result folder of `gaitcal calibrate` says.
 
-    Raises
-    ------
-    NotUsedError
-        Its verdict is not "trustworthy", it leans on a cohort itself, or its joint parameters were not calibrated by
-        the evidence.
-    InputError
-        It is damaged.
+    Raises NotUsedError: Its verdict is not "trustworthy", it leans on a cohort itself, or its joint parameters were not
+    calibrated by the evidence.
+    Raises InputError: It is damaged.
     """
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
     if (verdict := summary.get("verdict")) != TRUSTED:
@@ -147,11 +140,9 @@ def parts_of(
 ) -> dict[str, PartEvidence] | None:
     """What a calibration says of every part of the body; None where its errors are no covariance of rank.
 
-    Parameters
-    ----------
-    errors : of joint parameters by source; those that no trial moved tell nothing.
-    deviation : (98,) m, rad: fitted minus nominal, in the order of `names`.
-    prior : of the calibration; anatomy's unless given.
+    `errors`: of joint parameters by source; those that no trial moved tell nothing.
+    `deviation`: (98,) m, rad: fitted minus nominal, in the order of `names`.
+    `prior`: of the calibration; anatomy's unless given.
     """
     out, moved_by_trials = {}, set(told_parameters(errors))
     for part, wanted in PARTS.items():
@@ -213,10 +204,7 @@ def learn_cohort(
     left_out : who did not count, and why, a line each.
     progress : called at the beginning of each step.
 
-    Raises
-    ------
-    InputError
-        They are too few.
+    Raises InputError: They are too few.
     """
     if len(people) < FEWEST:
         others = f" (left out: {_counted(left_out)})" if left_out else ""

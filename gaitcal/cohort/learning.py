@@ -122,11 +122,9 @@ class Learnt:
 def learn(evidence: Evidence, effects: Array, reflected: Array, structure: Structure) -> Learnt:
     """Mean and spread of people.
 
-    Parameters
-    ----------
-    effects : (k,) variances W of the effects before anybody is known.
-    reflected : (n, n) the mirror (`joint_prior.mirror`).
-    structure : what the spread may be.
+    `effects`: (k,) variances W of the effects before anybody is known.
+    `reflected`: (n, n) the mirror (`joint_prior.mirror`).
+    `structure`: what the spread may be.
     """
     information, right, design = evidence.information, evidence.right, evidence.design
     across, people = np.swapaxes(design, 1, 2), len(right)

@@ -91,10 +91,7 @@ class PersonError(InputError):
 def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) -> None:
     """Calibrate a person and write the result folder `out`; a refused verdict is a result, too.
 
-    Raises
-    ------
-    InputError
-        No study follows from the folder, or the checks find an error: a `PersonError` says what to do.
+    Raises InputError: No study follows from the folder, or the checks find an error: a `PersonError` says what to do.
     """
     if not is_folder(person.folder):
         raise PersonError(
@@ -315,9 +312,7 @@ def _peaks(peaks: Path, mass: float) -> Iterator[tuple[str, float]]:
 def mean_curves(ensemble: Path, mass: float) -> str:
     """Base64 of the curves of `ensemble.csv`, little-endian integers of `SHAPE`; empty where there is none.
 
-    Parameters
-    ----------
-    mass : kg.
+    `mass`: kg.
     """
     packed, table = np.full(SHAPE, GAP, dtype="<i2"), _table(ensemble)
     known = [] if table is None else table[table["variable"].isin(VARIABLES)].groupby(["variable", "side"], sort=False)
@@ -340,10 +335,7 @@ def no_curves() -> str:
 def row_of(folder: Path) -> dict[str, Cell]:
     """Column -> value of a result folder, all but those of the cohort itself (group, folder, ...).
 
-    Raises
-    ------
-    InputError
-        It is no result of a calibration.
+    Raises InputError: It is no result of a calibration.
     """
     manifest: dict[str, Any] = read_object(folder / MANIFEST)
     summary: dict[str, Any] = read_object(folder / SUMMARY)

@@ -87,9 +87,7 @@ MEASURES: Final = (
 def measured(measure: Measure, read: Callable[[str], Array]) -> list[dict[str, Any]]:
     """The columns of a measure as the page takes them: of the person, or of each leg; none that nobody has.
 
-    Parameters
-    ----------
-    read : name of a column of the table of people -> its numbers (people,), NaN where there is none.
+    `read`: name of a column of the table of people -> its numbers (people,), NaN where there is none.
     """
     about = {"title": measure.title, "unit": measure.unit, "digits": measure.digits}
     per_leg = "{}" in measure.column

@@ -164,10 +164,7 @@ def is_folder(path: Path) -> bool:
 def read_cohort(path: Path, out: Path) -> tuple[Cohort, CalibrationSettings]:
     """The people of a folder, or of a `cohort.toml`, and settings for all of them.
 
-    Raises
-    ------
-    InputError
-        It is neither, or what it says cannot be; nobody is in it.
+    Raises InputError: It is neither, or what it says cannot be; nobody is in it.
     """
     file = path / COHORT if path.is_dir() and (path / COHORT).is_file() else path
     if file.is_dir():
@@ -193,14 +190,9 @@ def read_cohort(path: Path, out: Path) -> tuple[Cohort, CalibrationSettings]:
 def people_in(folder: Path, out: Path) -> Cohort:
     """The people in a folder, by name.
 
-    Parameters
-    ----------
-    out : where the results go: no person, wherever it lies.
+    `out`: where the results go: no person, wherever it lies.
 
-    Raises
-    ------
-    InputError
-        There are none, or the folder cannot be listed.
+    Raises InputError: There are none, or the folder cannot be listed.
     """
     found: list[CohortPerson] = []
     ignored = []
@@ -326,11 +318,8 @@ def read_sheet(path: Path) -> tuple[list[PersonTable], list[str]]:
 
     Commas, semicolons (with decimal commas) or tabs between columns.
 
-    Raises
-    ------
-    InputError
-        No column `person`, a column twice or with a name like one of these, two rows that contradict each other, or a
-        value that cannot be, with its row.
+    Raises InputError: No column `person`, a column twice or with a name like one of these, two rows that contradict
+    each other, or a value that cannot be, with its row.
     """
     text = _text(path)
     head = text.split("\n", 1)[0]

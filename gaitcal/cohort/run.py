@@ -80,10 +80,7 @@ def run_cohort(
     retry : try again who failed before though nothing changed.
     told : called whenever somebody has ended: how, how many have, seconds that are left (None: nobody was computed).
 
-    Raises
-    ------
-    InputError
-        `out` cannot be written, holds something else, or another run works in it.
+    Raises InputError: `out` cannot be written, holds something else, or another run works in it.
     """
     out, common, engine = real_path(out), common or CommonSettings(), engine or processes()
     require_cohort(out)
@@ -133,9 +130,8 @@ def require_cohort(out: Path) -> None:
         names
         and result_folder.read_object(out / result_folder.MANIFEST).get("kind") != result_folder.ResultKind.COHORT.value
     ):
-        raise InputError(
-            f"holds '{names[0]}', and is no cohort; name a new or an empty folder", source=out, code=Code.FOLDER_TAKEN
-        )
+        message = f"holds '{names[0]}', and is no cohort; name a new or an empty folder"
+        raise InputError(message, source=out, code=Code.FOLDER_TAKEN)
 
 
 def mark(out: Path) -> None:

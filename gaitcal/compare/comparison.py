@@ -61,10 +61,8 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     Rows come only for what both models have: masses always; lengths where the peer has the coordinates
     `hip_flexion_r`, `knee_angle_r`, `ankle_angle_r` (and `_l`); centres and axes where markers register the segment.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, is no OpenSim model, or has neither leg nor segment masses under names known here.
+    Raises InputError: The file cannot be read, is no OpenSim model, or has neither leg nor segment masses under names
+    known here.
     """
     peer = read_osim(osim)
     rows: list[ComparisonRow] = []
@@ -78,12 +76,9 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
                 rows += _registration_rows(r)
     rows += _mass_rows(model, peer)
     if not rows:
-        raise InputError(
-            "has neither hip_flexion_r, knee_angle_r, ankle_angle_r (or _l) nor a body with a known name such as "
-            f"pelvis, femur_r, tibia_r; found the bodies {', '.join(peer.masses)}",
-            source=osim,
-            code=Code.OTHER_MODEL,
-        )
+        message = "has neither hip_flexion_r, knee_angle_r, ankle_angle_r (or _l) nor a body with a known name such as "
+        message += f"pelvis, femur_r, tibia_r; found the bodies {', '.join(peer.masses)}"
+        raise InputError(message, source=osim, code=Code.OTHER_MODEL)
     return rows
 
 

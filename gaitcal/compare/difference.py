@@ -63,7 +63,7 @@ from gaitcal.dynamics.axis_errors import PALPATED_DEG
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted, parameter_words
 from gaitcal.model.coordinates import coordinate_words, senses_of
-from gaitcal.model.linkage import LEG_JOINTS, segment_kind
+from gaitcal.model.linkage import LEG_JOINTS, SIDES, segment_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.parameters import Kind as ParameterKind
 from gaitcal.study.joint_prior import JointPrior
@@ -228,8 +228,11 @@ def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]
         f"were none real, about {BY_CHANCE * len(legs):.0f} would"
     )
     told: dict[tuple[str, str], Difference] = {}
+    swings = {(d.side, d.name) for d in beyond if d.name.startswith("swing")}
     for d in beyond:
-        told.setdefault((d.side, d.name), d)
+        other_leg = SIDES[d.side == SIDES[0]], d.name.replace("single_support", "swing")  # which swings meanwhile
+        if not d.name.startswith("single_support") or other_leg not in swings:
+            told.setdefault((d.side, d.name), d)
     lines += [f"{sentence(d)}{_others(d, beyond)}" for d in list(told.values())[:TOLD]]
     if len(told) > TOLD:
         lines.append(f"and {len(told) - TOLD} more variables: differences.csv")

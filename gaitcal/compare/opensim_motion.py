@@ -105,10 +105,7 @@ class MotionComparison:
 def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurTrial]) -> MotionComparison:
     """Run OpenSim's inverse kinematics and, where there are forces, inverse dynamics of every trial.
 
-    Raises
-    ------
-    InputError
-        OpenSim is not installed, or cannot use the model; or the model shares too few markers.
+    Raises InputError: OpenSim is not installed, or cannot use the model; or the model shares too few markers.
     """
     try:
         import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]

@@ -73,16 +73,12 @@ def compare_sessions(a: Session, b: Session, common: Common | None = None) -> Se
 
     `common`: what they share, where more is known of it than their files tell: shared joints are not compared.
 
-    Raises
-    ------
-    InputError
-        Their thighs or shanks are of lengths that no two results of one person have.
+    Raises InputError: Their thighs or shanks are of lengths that no two results of one person have.
     """
     person = identity(a, b)
     if person.denied:
-        raise NotComparableError(
-            f"these are not two results of one person: {'; '.join(person.denied)}", source=f"{a.name}, {b.name}"
-        )
+        message = f"these are not two results of one person: {'; '.join(person.denied)}"
+        raise NotComparableError(message, source=f"{a.name}, {b.name}")
     joints_differ = common is None
     common = common or common_to(a, b)
     curves = stride_sets(a), stride_sets(b)

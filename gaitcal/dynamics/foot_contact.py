@@ -125,11 +125,9 @@ def near(marked: BoolArray, time: Array) -> BoolArray:
 def on_the_floor(resting: BoolArray, loaded: BoolArray, time: Array, events: Sequence[FootEvent] = ()) -> BoolArray:
     """(nf, 2) frames in which a foot may be on the ground where no plate carries it.
 
-    Parameters
-    ----------
-    resting, loaded : (nf, 2) the foot is down by its motion; a plate carries it.
-    time : (nf,) s.
-    events : of the file; used where they agree with the plates.
+    `resting`, `loaded`: (nf, 2) the foot is down by its motion; a plate carries it.
+    `time`: (nf,) s.
+    `events`: of the file; used where they agree with the plates.
     """
     told = events if agree(events, loaded, time) else ()
     out = np.zeros_like(resting)
@@ -301,10 +299,8 @@ def steps_on(
 ) -> tuple[list[Step], list[Finding]]:
     """The steps on one plate, and loadings that fit no foot.
 
-    Parameters
-    ----------
-    wrench : (nf, 6) of the plate at the frames, not filtered.
-    side : "r" or "l" where the study says whose plate it is; None: found.
+    `wrench`: (nf, 6) of the plate at the frames, not filtered.
+    `side`: "r" or "l" where the study says whose plate it is; None: found.
     """
     steps, findings = list[Step](), list[Finding]()
     height = surface_height(plate)

@@ -136,13 +136,11 @@ def ground_reactions_on_feet(
 ) -> GroundReactions:
     """Assign plates to feet, filter their wrenches and bring them to the marker frames.
 
-    Parameters
-    ----------
-    time : (nf,) s of the marker frames.
-    cutoff : Hz of the zero-lag low-pass filter on the wrenches; None: none.
-    ends : s at the beginning and end of the trial that are not valid, as accelerations are not supported there.
-    assigned : plate name -> "r", "l" or "none", from the study; the rest is found.
-    events : of the file, for feet beside all plates; used where they agree with the plates.
+    `time`: (nf,) s of the marker frames.
+    `cutoff`: Hz of the zero-lag low-pass filter on the wrenches; None: none.
+    `ends`: s at the beginning and end of the trial that are not valid, as accelerations are not supported there.
+    `assigned`: plate name -> "r", "l" or "none", from the study; the rest is found.
+    `events`: of the file, for feet beside all plates; used where they agree with the plates.
     """
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
     notes, findings = list[str](), list[Finding]()
@@ -228,22 +226,15 @@ def ground_reactions(
         The motion is of a part of the body only, or the recording has no plates or none of a name in `plates`.
     """
     if motion.coordinates != COORDINATES:
-        raise InputError(
-            f"ground reactions need a motion of the whole body, with all {len(COORDINATES)} coordinates",
-            field="motion",
-            code=Code.ARGUMENT,
-        )
+        message = f"ground reactions need a motion of the whole body, with all {len(COORDINATES)} coordinates"
+        raise InputError(message, field="motion", code=Code.ARGUMENT)
     known = [plate.name for plate in recording.plates]
     if not known:
         raise InputError("found no force plates", source=recording.source, field="plates", code=Code.ARGUMENT)
     for name in plates or {}:
         if name not in known:
-            raise InputError(
-                f"found '{name}'; allowed: {', '.join(known)}",
-                source=recording.source,
-                field="plates",
-                code=Code.ARGUMENT,
-            )
+            message = f"found '{name}'; allowed: {', '.join(known)}"
+            raise InputError(message, source=recording.source, field="plates", code=Code.ARGUMENT)
     hz = motion.cutoff_hz if cutoff_hz == "matched" else cutoff_hz
     return reactions_of_motion(model, model.parameters, motion, recording, plates or {}, hz)
 

@@ -355,9 +355,8 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
         The motion is of a part of the body only, or there is not one row of forces for every frame.
     """
     if motion.coordinates != linkage.COORDINATES:
-        raise ValueError(
-            f"inverse dynamics needs a motion of the whole body, with all {len(linkage.COORDINATES)} coordinates"
-        )
+        message = f"inverse dynamics needs a motion of the whole body, with all {len(linkage.COORDINATES)} coordinates"
+        raise ValueError(message)
     if not isinstance(forces, np.ndarray):
         raise InputError(
             f"found {type(forces).__name__}; allowed: an array (frames, 2, 6) of the forces on right and left foot, as "

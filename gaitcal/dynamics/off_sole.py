@@ -247,10 +247,8 @@ def beside_plates(
 ) -> tuple[BoolArray, list[Finding]]:
     """(nf, 2) frames in which a foot rests partly beside its plates, and what to say of them.
 
-    Parameters
-    ----------
-    plates : all that may carry a foot; those with an outline are one surface.
-    loaded : (nf, 2) a plate carries the foot.
+    `plates`: all that may carry a foot; those with an outline are one surface.
+    `loaded`: (nf, 2) a plate carries the foot.
     """
     partly, findings = np.zeros_like(loaded), []
     surface = [plate for plate in plates if outline_known(plate, LOADED_N)]
@@ -330,10 +328,8 @@ def shared_plates(
 ) -> tuple[BoolArray, list[Finding]]:
     """(nf,) frames in which one plate carries both feet, and what to say of them.
 
-    Parameters
-    ----------
-    plates : all that may carry a foot.
-    on_floor : (nf, 2) a foot is on the ground and no plate was given to it.
+    `plates`: all that may carry a foot.
+    `on_floor`: (nf, 2) a foot is on the ground and no plate was given to it.
     """
     shared, findings, of_plate = np.zeros(len(time), dtype=bool), list[Finding](), dict[str, BoolArray]()
     surface = [plate for plate in plates if outline_known(plate, LOADED_N)]

@@ -135,28 +135,23 @@ def into_osim(
 ) -> CalibratedOsim:
     """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
 
-    Parameters
-    ----------
-    errors : of the joint parameters (`Uncertainty.joint`); None: they count as exact, and every joint as determined.
-    prior : what was known of joints before; anatomy unless given.
-    names : a TOML file that says which joints are meant (`read_names`).
-    recorded : our coordinate -> (n,) rad in the recordings, over which a knee that rolls is taken; unless given, over a
-        stride of the built-in person.
-    marker_set : whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
-        segments by these markers, too.
-    masses : the bodies weigh what our segments weigh, too (`body_weights`).
-    inertial : (84, n) R with covariance R R^T of the inertial parameters (`Uncertainty.inertial`), for draws of masses;
-        None: these have the same ones.
-    follow : muscle points, wraps and meshes go with the joints at both ends of their bone (`joint_moves.py`).
+    `errors`: of the joint parameters (`Uncertainty.joint`); None: they count as exact, and every joint as determined.
+    `prior`: what was known of joints before; anatomy unless given.
+    `names`: a TOML file that says which joints are meant (`read_names`).
+    `recorded`: our coordinate -> (n,) rad in the recordings, over which a knee that rolls is taken; unless given, over
+    a stride of the built-in person.
+    `marker_set`: whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
+    segments by these markers, too.
+    `masses`: the bodies weigh what our segments weigh, too (`body_weights`).
+    `inertial`: (84, n) R with covariance R R^T of the inertial parameters (`Uncertainty.inertial`), for draws of
+    masses; None: these have the same ones.
+    `follow`: muscle points, wraps and meshes go with the joints at both ends of their bone (`joint_moves.py`).
 
     Returns
     -------
     The file's content, the same but for where joints sit, and what was done. Nothing is written.
 
-    Raises
-    ------
-    InputError
-        The file is no model, or has no legs that can be told, or its markers do not fit this person.
+    Raises InputError: The file is no model, or has no legs that can be told, or its markers do not fit this person.
     """
     model = model if marker_set is None else with_landmarks(model, marker_set)
     document = read_document(osim)
@@ -402,15 +397,22 @@ class Transfer:
         return size, float("nan") if joint.startswith("hip") else float(np.sqrt(np.trace(across @ turn @ across)))
 
     def _notes(self, moves: Sequence[JointMove]) -> Iterator[str]:
+        moved = {e.body for m in moves for e in (m.parent, m.child) if e is not None and e.moved > UNMOVED_M}
+        feet = {leg.theirs.child for leg in self.legs if leg.ours.startswith(("talocrural", "subtalar"))}
+        feet |= {leg.theirs.parent for leg in self.legs if leg.ours.startswith("subtalar")}
+        if self.follow and (stay := sorted(moved - feet - self._bones(moves).keys())):
+            yield (
+                f"{', '.join(stay)}: no bone between two joints (hips, or hip and knee, or knee and ankle), so that "
+                "muscle points, wraps and meshes there do not follow"
+            )
         for move in moves:
             changed = any(end is not None and end.changed for end in (move.parent, move.child))
             if changed and (names := self.document.hangs_on(move.theirs)):
                 yield f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with it"
             ends = [e for e in (move.parent, move.child) if e is not None and e.moved > FAR_M]
             if ends:
-                far, alone = (
-                    ", ".join(f"{1e3 * getattr(e, name):.0f}" for e in ends) for name in ("moved", "landmarks")
-                )
+                far = ", ".join(f"{1e3 * e.moved:.0f}" for e in ends)
+                alone = ", ".join("?" if np.isnan(e.landmarks) else f"{1e3 * e.landmarks:.0f}" for e in ends)
                 yield (
                     f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {', '.join(e.body for e in ends)} "
                     f"({far} mm; by the landmarks of the static trial alone {alone})"

@@ -91,10 +91,7 @@ def leg_ranges(legs: Sequence[LegJoint]) -> dict[str, Array]:
 def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str], MusclePath]:
     """(muscle, coordinate) -> its path, of every muscle that crosses the coordinate.
 
-    Raises
-    ------
-    InputError
-        OpenSim cannot load or assemble the model.
+    Raises InputError: OpenSim cannot load or assemble the model.
     """
     import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
 

@@ -106,10 +106,7 @@ def leg_joints(
 
     `recorded`: our coordinate -> (n,) rad in the postures that its hinge shall stand for.
 
-    Raises
-    ------
-    InputError
-        No hip and knee is found of a leg, or a name of the user's is not in the model.
+    Raises InputError: No hip and knee is found of a leg, or a name of the user's is not in the model.
     """
     joints, coordinates = ({}, {}) if names is None else read_names(names)
     by_name = {j.name: j for j in peer.joints.values()}

@@ -138,8 +138,9 @@ class OsimDocument:
             edits.weigh(self.body(body), weight)
         for element, tags, values in further:
             edits.numbers(element, tags, values)
-        for body, pose in (meshes or {}).items():
-            edits.draw(self.body(body), pose)
+        for body, motion in (meshes or {}).items():
+            for _, frame, element in self.frames_of(body):
+                edits.draw(element, frame.actInv(motion * frame))
         return edits.applied()
 
 
@@ -181,7 +182,9 @@ class _Edits:
                 self.numbers(body, (tag,), (weight.inertia * read_numbers(body, tag, source),))
 
     def draw(self, body: ET.Element, pose: pin.SE3) -> None:
-        """Meshes go into an offset frame of the body (OpenSim 4), or get a place of their own (OpenSim 3)."""
+        """Meshes of a body or of an offset frame in it go into a further frame (OpenSim 4); in OpenSim 3 they get a
+        place of their own.
+        """
         content, spans = self.document.content, self.document._spans
         for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
             old = read_numbers(mesh, "transform", self.document.source, count=6)
@@ -247,10 +250,7 @@ def socket_of(element: ET.Element, socket: str) -> ET.Element | None:
 def read_document(path: Path | str) -> OsimDocument:
     """Read an OpenSim model file.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read or is no OpenSim model.
+    Raises InputError: The file cannot be read or is no OpenSim model.
     """
     path = Path(path)
 
@@ -318,10 +318,7 @@ _SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {
 def read_osim(path: Path | str) -> PeerModel:
     """Bodies, joints and markers of an OpenSim model file.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, is no OpenSim model, or holds something that is not understood.
+    Raises InputError: The file cannot be read, is no OpenSim model, or holds something that is not understood.
     """
     return peer_of(read_document(path))
 
@@ -417,9 +414,8 @@ def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Pa
         vector = read_numbers(entry, "axis", path, count=3) if (entry.findtext("axis") or "").strip() else _X
         length = float(np.linalg.norm(vector))
         if length == 0.0:
-            raise InputError(
-                "found an axis of length zero", source=path, field=element.get("name"), code=Code.OTHER_MODEL
-            )
+            message = "found an axis of length zero"
+            raise InputError(message, source=path, field=element.get("name"), code=Code.OTHER_MODEL)
         rotates = entry.get("name", "").startswith("rotation")
         axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
     return tuple(axes)

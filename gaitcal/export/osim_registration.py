@@ -196,10 +196,8 @@ def _turned_into(
 def registrations(model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]) -> dict[str, Registration]:
     """By our segment; pelvis, thighs, shanks and feet, as far as the model has them.
 
-    Raises
-    ------
-    InputError
-        A body has another person's size: `MISFIT`, and `MISFIT_OF_AXES` where no three shared markers lay it on.
+    Raises InputError: A body has another person's size: `MISFIT`, and `MISFIT_OF_AXES` where no three shared markers
+    lay it on.
     """
     bodies: dict[str, str] = {}
     for leg in legs:

@@ -75,11 +75,8 @@ class BodyJoint:
 def write_mjcf(model: SubjectModel, path: Path | str) -> None:
     """Write `model`: m, kg, rad; y up; qpos, qvel and qacc are the same vectors as ours; markers are sites.
 
-    Raises
-    ------
-    InputError
-        An inertia that no rigid body can have (a principal moment larger than the sum of the others, or not positive):
-        MuJoCo refuses to load it, and to change it would be another mechanical system.
+    Raises InputError: An inertia that no rigid body can have (a principal moment larger than the sum of the others, or
+    not positive): MuJoCo refuses to load it, and to change it would be another mechanical system.
     """
     for segment, physical in zip(MASSIVE_SEGMENTS, is_physical(model.parameters.inertial), strict=True):
         if not physical:
@@ -211,10 +208,7 @@ MOMENT_COMMENTS = (
 def write_mot(path: Path | str, time: Array, coordinates: tuple[str, ...], q: Array) -> None:
     """Write `q` (nf, len(coordinates)), m and rad, as an OpenSim motion: m and degrees, pelvis rotations first.
 
-    Raises
-    ------
-    InputError
-        A name is none of the 27 coordinates, or shapes do not agree.
+    Raises InputError: A name is none of the 27 coordinates, or shapes do not agree.
     """
     names, values = _in_file_order(path, coordinates, q)
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
@@ -247,10 +241,7 @@ def write_external_loads(
     `time` (nf,) s; `wrenches` (nf, 2, 6) on the right and the left foot, force (N) and moment (N·m) about the
     laboratory origin. `stem` is made safe first, so a trial's name may be given as it is. Returns table and loads.
 
-    Raises
-    ------
-    InputError
-        Shapes do not agree or a number is not finite.
+    Raises InputError: Shapes do not agree or a number is not finite.
     """
     name = safe_name(stem)
     path, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"

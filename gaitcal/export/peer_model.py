@@ -96,12 +96,8 @@ class PeerModel:
     def joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
         """Pose of the child in the parent; coordinates not in `values` are zero, or at their default if locked."""
         if joint.axes is None:
-            raise InputError(
-                f"a {joint.kind} is not understood",
-                source=self.source,
-                field=f"joint {joint.name}",
-                code=Code.OTHER_MODEL,
-            )
+            message = f"a {joint.kind} is not understood"
+            raise InputError(message, source=self.source, field=f"joint {joint.name}", code=Code.OTHER_MODEL)
         used = {c.name: c.default if c.locked else 0.0 for c in joint.coordinates} | dict(values)
         motion = pin.SE3.Identity()
         for axis in sorted(joint.axes, key=lambda a: a.rotates):
@@ -158,14 +154,12 @@ def read_numbers(element: ET.Element | None, tag: str, source: Path, *, count: i
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
-        raise InputError(
-            f"found '{text.strip()[:60]}', expected numbers", source=source, field=tag, code=Code.OTHER_MODEL
-        ) from None
+        message = f"found '{text.strip()[:60]}', expected numbers"
+        raise InputError(message, source=source, field=tag, code=Code.OTHER_MODEL) from None
     if (count is not None and len(values) != count) or not np.isfinite(values).all():
         expected = "finite numbers" if count is None else f"{count} finite numbers"
-        raise InputError(
-            f"found '{text.strip()[:60]}', expected {expected}", source=source, field=tag, code=Code.OTHER_MODEL
-        )
+        message = f"found '{text.strip()[:60]}', expected {expected}"
+        raise InputError(message, source=source, field=tag, code=Code.OTHER_MODEL)
     return values
 
 
@@ -199,9 +193,8 @@ def _function(element: ET.Element, source: Path) -> Function | None:
         return lambda x: float(np.polyval(coefficients, x))
     x, y = read_numbers(element, "x", source), read_numbers(element, "y", source)
     if len(x) != len(y) or len(x) < 2 or (np.diff(x) <= 0).any():
-        raise InputError(
-            "x must increase and have as many numbers as y", source=source, field=element.tag, code=Code.OTHER_MODEL
-        )
+        message = "x must increase and have as many numbers as y"
+        raise InputError(message, source=source, field=element.tag, code=Code.OTHER_MODEL)
     if element.tag == "PiecewiseLinearFunction" or len(x) < 4:
         return lambda value: float(np.interp(value, x, y))
     return _spline(x, y)

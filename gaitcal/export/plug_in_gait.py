@@ -22,7 +22,7 @@ The subtalar axis has points of its own, as Plug-in Gait has no such axis.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,70 +105,61 @@ def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tup
     return tuple(points)
 
 
-def _angles(motion: SavedMotion, unit: float) -> list[AddedPoint]:
-    points = []
-    for joint, rows in _ANGLES.items():
+def _shown(motion: SavedMotion, table: Mapping[str, list[Coordinate]]) -> Iterator[tuple[str, str, list[str]]]:
+    """First word of a point, side, and its coordinates, where the model holds none of them."""
+    for joint, rows in table.items():
         for side in SIDES:
             ours = [with_side(row.name, side) for row in rows]
-            if set(ours) & set(motion.frozen):
-                continue
-            values = np.zeros((len(motion.q), 3))
-            for axis, (name, row) in enumerate(zip(ours, rows, strict=True)):
-                sign = row.clinical.sign(side) if row.clinical else 1.0
-                values[:, axis] = sign * unit * motion.q[:, COORDINATES.index(name)]
-            points.append(_point(side, f"{joint}Angles", PointKind.ANGLE, values))
-    return points
+            if not set(ours) & set(motion.frozen):
+                yield joint, side, ours
 
 
-def _moments(motion: SavedMotion, torques: Mapping[str, Array], unit: float) -> list[AddedPoint]:
-    points = []
-    for joint, rows in _MOMENTS.items():
-        for side in SIDES:
-            ours = [with_side(row.name, side) for row in rows]
-            if set(ours) & set(motion.frozen):
-                continue
-            values = np.zeros((len(motion.q), 3))
-            for axis, name in enumerate(ours):
-                values[:, axis] = -unit * torques[name] / motion.mass
-            values[~motion.valid[side]] = np.nan
-            points.append(_point(side, f"{joint}Moment", PointKind.MOMENT, values))
-    return points
+def _angles(motion: SavedMotion, unit: float) -> Iterator[AddedPoint]:
+    for joint, side, ours in _shown(motion, _ANGLES):
+        values = np.zeros((len(motion.q), 3))
+        for axis, (name, row) in enumerate(zip(ours, _ANGLES[joint], strict=True)):
+            sign = row.clinical.sign(side) if row.clinical else 1.0
+            values[:, axis] = sign * unit * motion.q[:, COORDINATES.index(name)]
+        yield _point(side, f"{joint}Angles", PointKind.ANGLE, values)
 
 
-def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> list[AddedPoint]:
+def _moments(motion: SavedMotion, torques: Mapping[str, Array], unit: float) -> Iterator[AddedPoint]:
+    for joint, side, ours in _shown(motion, _MOMENTS):
+        values = np.zeros((len(motion.q), 3))
+        for axis, name in enumerate(ours):
+            values[:, axis] = -unit * torques[name] / motion.mass
+        values[~motion.valid[side]] = np.nan
+        yield _point(side, f"{joint}Moment", PointKind.MOMENT, values)
+
+
+def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[AddedPoint]:
     tau = np.stack([torques.get(name, np.zeros(len(motion.q))) for name in COORDINATES], axis=1)
     found = powers(tau, motion.velocity)
-    points = []
     for joint in _POWERS:
         for side in SIDES:
             values = np.zeros((len(motion.q), 3))
             values[:, 2] = found[:, POWERS.index(f"{joint.lower()}_{side}")] / motion.mass
             values[~motion.valid[side]] = np.nan
-            points.append(_point(side, f"{joint}Power", PointKind.POWER, values))
-    return points
+            yield _point(side, f"{joint}Power", PointKind.POWER, values)
 
 
-def _foot_progress(motion: SavedMotion, unit: float, axes: Array) -> list[AddedPoint]:
+def _foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterator[AddedPoint]:
     """`axes`: as of `segment_poses`."""
-    points = []
     feet = FootAxes(np.stack([axes[SEGMENTS.index(foot), 0].T for foot in FEET], axis=1))
     for side in (side for side in SIDES if f"ankle_angle_{side}" not in motion.frozen):
         values = np.zeros((len(motion.q), 3))
         values[:, 2] = unit * feet.progression(side, 0.0)
-        points.append(_point(side, "FootProgressAngles", PointKind.ANGLE, values))
-    return points
+        yield _point(side, "FootProgressAngles", PointKind.ANGLE, values)
 
 
-def _places(motion: SavedMotion, axes: Array, origins: Array) -> list[AddedPoint]:
+def _places(motion: SavedMotion, axes: Array, origins: Array) -> Iterator[AddedPoint]:
     frames = {joint.name: joint for joint in joint_frames(motion.parameters)}
-    points = []
     for joint, name in (("hip", "HJC"), ("knee", "KJC"), ("talocrural", "AJC")):
         for side in SIDES:
             of = frames[f"{joint}_{side}"]
             segment = SEGMENTS.index(of.parent)
             place = np.einsum("j,jif->fi", of.in_parent.translation, axes[segment]) + origins[segment].T
-            points.append(_point(side, name, PointKind.PLACE, place))
-    return points
+            yield _point(side, name, PointKind.PLACE, place)
 
 
 def _point(side: str, name: str, kind: PointKind, values: Array) -> AddedPoint:

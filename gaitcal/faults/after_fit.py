@@ -233,13 +233,11 @@ def impossible(
 ) -> tuple[Finding, ...]:
     """What in a trial no body can do, one finding a leg, and one of the pelvis residual.
 
-    Parameters
-    ----------
-    motion : of the whole body or a part; every coordinate of a leg in it is judged.
-    weight : of the body, N.
-    moments : final generalised forces, where there are force plates.
-    valid : (nf,) frames in which they mean something.
-    legs : (nf, 2) frames in which those of the right and the left leg do; None: `valid`.
+    `motion`: of the whole body or a part; every coordinate of a leg in it is judged.
+    `weight`: of the body, N.
+    `moments`: final generalised forces, where there are force plates.
+    `valid`: (nf,) frames in which they mean something.
+    `legs`: (nf, 2) frames in which those of the right and the left leg do; None: `valid`.
     """
     found = []
     for k, (side, word) in enumerate(SIDE_WORDS.items()):

@@ -151,13 +151,13 @@ def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
             for change in changes:
                 undo, place = on(change), kind is Kind.PLACE
                 yield Cause(kind=kind, plates=which, undo=undo, parameters=parameters, by_side_evidence=place)
-        yield Cause(kind=Kind.YAW, plates=which, undo=on(_yawed), parameters=1, starts=TURNS)
+        yield Cause(kind=Kind.YAW, plates=which, undo=on(lambda p, x: p.turned(_yaw(x))), parameters=1, starts=TURNS)
         offset = _without_offset(which)
         yield Cause(kind=Kind.OFFSET, plates=which, undo=offset, parameters=1, by_side_evidence=True)
-        tilted = on(_tilted if which else _tilted_in_the_room)
+        tilted = on(_tilted if which else lambda p, x: p.turned_in_the_room(rotation(-x)))
         yield Cause(kind=Kind.TILT, plates=which, undo=tilted, parameters=2, starts=((0.0, 0.0),))
     on = partial(_on_plates, ())
-    yield Cause(kind=Kind.YAW, undo=on(_yawed_in_the_room), parameters=1, starts=TURNS)
+    yield Cause(kind=Kind.YAW, undo=on(lambda p, x: p.turned_in_the_room(_yaw(x))), parameters=1, starts=TURNS)
     yield Cause(kind=Kind.AXES, undo=on(_columns_exchanged))
     yield Cause(kind=Kind.MARKERS_TILTED, undo=_markers_upright, parameters=2, starts=((0.0, 0.0),))
     for one, other in combinations(names, 2):
@@ -230,20 +230,12 @@ def _other_trunk(trial: ForceEvidence, x: Array) -> Corrected:
     return Corrected(trial.wrenches, trial.required_wrench + trial.trunk @ x)
 
 
-def _yawed(plate: PlateForces, x: Array) -> Array:
-    return plate.turned(rotation(np.array([0.0, -x[0], 0.0])))
-
-
-def _yawed_in_the_room(plate: PlateForces, x: Array) -> Array:
-    return plate.turned_in_the_room(rotation(np.array([0.0, -x[0], 0.0])))
+def _yaw(x: Array) -> Array:
+    return rotation(np.array([0.0, -x[0], 0.0]))
 
 
 def _tilted(plate: PlateForces, x: Array) -> Array:
     return plate.turned(rotation(-x))
-
-
-def _tilted_in_the_room(plate: PlateForces, x: Array) -> Array:
-    return plate.turned_in_the_room(rotation(-x))
 
 
 def _columns_exchanged(plate: PlateForces, x: Array) -> Array:

@@ -211,12 +211,10 @@ def force_evidence(
 ) -> ForceEvidence | None:
     """The evidence of a whole-body motion over force plates; None where too few frames can be told.
 
-    Parameters
-    ----------
-    trial : as the study has it, in the axes of its file.
-    recording : the same as tracked, turned so that x is forward.
-    parameters : the motion's; their inertial parameters are those of tables, which no force has touched.
-    reactions : of the same motion; their frames count unless forces so wrong that no foot fits them left too few.
+    `trial`: as the study has it, in the axes of its file.
+    `recording`: the same as tracked, turned so that x is forward.
+    `parameters`: the motion's; their inertial parameters are those of tables, which no force has touched.
+    `reactions`: of the same motion; their frames count unless forces so wrong that no foot fits them left too few.
     """
     weight, time = model.subject.weight, motion.time
     plates = tuple(plate for plate in recording.plates if trial.plates.get(plate.name) != "none")

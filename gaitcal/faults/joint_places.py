@@ -69,12 +69,10 @@ def joint_place_findings(
 ) -> Iterator[Finding]:
     """Joints of the legs that lie where fewer than `RARE` of all people have them, each once; notes from `UNUSUAL` on.
 
-    Parameters
-    ----------
-    model : the nominal one, with the landmarks of the static trial.
-    errors : of the fitted joint parameters.
-    prior : what is expected of this person, of all joint parameters.
-    isolated : joints (`knee_r`, ...) that have an isolated trial of their own.
+    `model`: the nominal one, with the landmarks of the static trial.
+    `errors`: of the fitted joint parameters.
+    `prior`: what is expected of this person, of all joint parameters.
+    `isolated`: joints (`knee_r`, ...) that have an isolated trial of their own.
     """
     places = _Places(model, fitted, errors, prior)
     hip_told = False

@@ -180,10 +180,8 @@ _SENTENCES = {
 def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = False) -> Verdict:
     """The verdict on a result with these findings.
 
-    Parameters
-    ----------
-    walks : names of the trials that are judged each by itself; findings of any other concern all of them.
-    forced : whether errors of the checks were passed over.
+    `walks`: names of the trials that are judged each by itself; findings of any other concern all of them.
+    `forced`: whether errors of the checks were passed over.
     """
     shared = [f for f in findings if f.where not in walks]
     of_all = _of_legs(shared)

@@ -46,13 +46,11 @@ def comparison_page(
 ) -> str:
     """The whole page.
 
-    Parameters
-    ----------
-    convention : of angles, moments and powers; moments by body mass.
-    sheets : title -> variables of `cycles.csv`, in the order in which they are drawn.
-    people : of each session, label and value of what is known of person and day.
-    scores : angle or score, A, B and their difference, in words.
-    norms : whom the scores of each session are held against.
+    `convention`: of angles, moments and powers; moments by body mass.
+    `sheets`: title -> variables of `cycles.csv`, in the order in which they are drawn.
+    `people`: of each session, label and value of what is known of person and day.
+    `scores`: angle or score, A, B and their difference, in words.
+    `norms`: whom the scores of each session are held against.
     """
     names = comparison.names
     title = f"{comparison.subjects[1].name}: {names[1]} against {names[0]}"

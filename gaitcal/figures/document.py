@@ -116,12 +116,8 @@ def _heading(text: str) -> Paragraph:
 def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     """Write the report; returns the number of its pages. The same content gives the same bytes.
 
-    Raises
-    ------
-    InputError
-        `path` is a folder, or cannot be written.
+    Raises InputError: `path` is a folder, or cannot be written.
     """
-    register_fonts()
     width, height = A4
     size = width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm
     out = BytesIO()
@@ -168,6 +164,7 @@ class _Total(Flowable):  # type: ignore[misc]
 
 
 def _story(content: ReportContent, width: float, height: float) -> list[Flowable]:
+    register_fonts()
     out: list[Flowable] = [_person(content, width), Spacer(1, 4 * mm), _verdict(content, width)]
     out += [printed(sentence, before=3) for sentence in content.fit]
     out += _comment(content, "summary")
@@ -211,6 +208,7 @@ def _sheet(
 
 
 def _of_sessions(content: ComparisonContent, width: float, height: float) -> list[Flowable]:
+    register_fonts()
     out: list[Flowable] = [_table(content.people, width), _heading("What differs")]
     out += [*(printed(line, before=2) for line in content.words), *_comment(content, "summary")]
     for title, rows in (

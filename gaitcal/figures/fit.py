@@ -193,11 +193,9 @@ LEAST = 0.5  # Smallest range of a vertical axis, N/kg
 def forces_chart(time: Array, force: Array, valid_legs: BoolArray, stem: str) -> chart.Chart:
     """Three components over time, right and left foot.
 
-    Parameters
-    ----------
-    time : (nf,) s.
-    force : (nf, 2, 3) N/kg, right and left foot: forward, up, to the right.
-    valid_legs : (nf, 2) torques of the right and the left leg may be used.
+    `time`: (nf,) s.
+    `force`: (nf, 2, 3) N/kg, right and left foot: forward, up, to the right.
+    `valid_legs`: (nf, 2) torques of the right and the left leg may be used.
     """
 
     def panel(title: str, word: str, axis: int) -> chart.Panel:
@@ -254,12 +252,10 @@ def residuals_chart(
 ) -> chart.Chart:
     """Magnitude of residual force and moment; the first step grey, the last one in colour.
 
-    Parameters
-    ----------
-    time : (nf,) s.
-    valid : (nf,) torques of the whole body may be used, in one frame at least.
-    stages : from the nominal model to the last one: its name, N and N·m (nf,), magnitudes.
-    limit : N and N·m, what is commonly asked for; None: not known.
+    `time`: (nf,) s.
+    `valid`: (nf,) torques of the whole body may be used, in one frame at least.
+    `stages`: from the nominal model to the last one: its name, N and N·m (nf,), magnitudes.
+    `limit`: N and N·m, what is commonly asked for; None: not known.
     """
     colours = [chart.NOMINAL, *([chart.STEP] * (len(stages) - 2)), chart.WHOLE][-len(stages) :]
     widths = [0.9, *([0.9] * (len(stages) - 2)), 1.6][-len(stages) :]

@@ -43,10 +43,8 @@ SHOWN_SHARE = 1.0  # Per cent of a torque's variance from which a contribution i
 def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rms", side: str = "l") -> Figure:
     """Torque errors and marker distances of one leg over the levels: a column per set, a row per quantity.
 
-    Parameters
-    ----------
-    table : from `statistics`.
-    measure : `rms` (figure 3) or `mean` (figure 4).
+    `table`: from `statistics`.
+    `measure`: `rms` (figure 3) or `mean` (figure 4).
     """
     sets = [varied for varied in Varied if (table["set"] == varied.value).any()]
     quantities = [*((f"{torque}_{side}", frame) for torque in TORQUES), (f"markers_{side}", None)]

@@ -64,10 +64,8 @@ class Strides:
 def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[Chart]:
     """One chart a variable, in the order of `cycles.csv`; nothing is drawn yet.
 
-    Parameters
-    ----------
-    convention : signs, whose moments, unit; along the axes of the coordinates.
-    width : mm.
+    `convention`: signs, whose moments, unit; along the axes of the coordinates.
+    `width`: mm.
     """
     tables = strides.table.groupby("variable", sort=False)
     return [_chart(str(name), table, strides, convention, width) for name, table in tables]
@@ -82,10 +80,8 @@ def moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[Chart]:
     """One chart a coordinate of the model of `gaitcal export --into --muscles`: moment arms before and after, over its
     range, of the muscles that change most; with draws, after ± 1.96 standard deviations.
 
-    Parameters
-    ----------
-    table : as the file ending in `.muscles.csv` has it.
-    width : mm.
+    `table`: as the file ending in `.muscles.csv` has it.
+    `width`: mm.
     """
     return [_moment_arms(str(name), rows, width) for name, rows in table.groupby("coordinate", sort=False)]
 
@@ -193,7 +189,7 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
         name=paper_name(variable),
         title=title,
         panels=(Panel(f"{title} over the gait cycle, right and left", draw, size),),
-        keys=(*_side_keys(lines), *_band_keys(bands), *_off_keys(strides.offs)),
+        keys=tuple(_keys(lines, bands, strides.offs)),
         columns=1,
         sizes=LETTERS,
         legend_row=LEGEND_ROW,
@@ -238,18 +234,12 @@ def _mean(axes: Axes, line: _Line) -> list[Array]:
     return [line.mean, *ends]
 
 
-def _side_keys(lines: list[_Line]) -> Iterator[Key]:
+def _keys(lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]) -> Iterator[Key]:
     for line in lines:
         yield Key(label=line.label, colour=SIDE_COLOURS[line.side], dashes=SIDE_DASHES[line.side], width=LINE)
-
-
-def _band_keys(bands: list[_Line]) -> Iterator[Key]:
     for line in bands:
         whose = f", {SIDE_WORDS[line.side]}" if len(bands) > 1 else ""
         yield Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band")
-
-
-def _off_keys(offs: Mapping[str, float]) -> Iterator[Key]:
     if offs:
         yield Key(label="thin upright lines: toe-off", colour=FAINT, width=TOE_OFF)
 

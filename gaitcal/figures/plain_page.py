@@ -37,12 +37,10 @@ def plain_table(
 ) -> str:
     """A table that scrolls sideways where it is too wide.
 
-    Parameters
-    ----------
-    label : what it holds.
-    name : class of the table; `who`: all of its columns are words.
-    beyond : of the first rows, whether they stand out.
-    words : columns of words, to the left of those of numbers.
+    `label`: what it holds.
+    `name`: class of the table; `who`: all of its columns are words.
+    `beyond`: of the first rows, whether they stand out.
+    `words`: columns of words, to the left of those of numbers.
     """
 
     def cells(row: Row, tag: str, further: str = "") -> str:

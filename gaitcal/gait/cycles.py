@@ -279,10 +279,8 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
     Numbers stand where numbers belong; a person or session that is not named is empty text, strides of no activity are
     of walks, an error or a turn that the table lacks is NaN. Columns: `CYCLE_COLUMNS`, then what else there is.
 
-    Raises
-    ------
-    InputError
-        A column is missing, or holds something else than numbers. `source`: what the message says it is of.
+    Raises InputError: A column is missing, or holds something else than numbers. `source`: what the message says it is
+    of.
     """
     missing = [name for name in _NEEDED if name not in table]
     if missing:
@@ -320,10 +318,7 @@ def _number(table: pd.DataFrame, name: str, source: object) -> pd.Series:
 def conventions_of(strides: pd.DataFrame) -> dict[str, tuple[str, str]]:
     """Variable -> its unit and what is positive (nothing where the table does not say it: as in `cycles.csv`).
 
-    Raises
-    ------
-    InputError
-        A variable is there in two conventions.
+    Raises InputError: A variable is there in two conventions.
     """
     if not any(name in strides for name in TOLD):
         return {str(name): (unit_of(str(name)), "") for name in strides["variable"].unique()}

@@ -65,12 +65,10 @@ class Spread:
 def spread(values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None) -> Spread:
     """Statistics over strides.
 
-    Parameters
-    ----------
-    values : (n, m) n strides at m points; NaN where a value is not valid.
-    trials : (n,) the trial of each stride, by any label.
-    own : (n, m) standard errors s_ij that each stride has of its own; None: not known.
-    total : (n, m) standard errors se_ij with what strides share; None: not known.
+    `values`: (n, m) n strides at m points; NaN where a value is not valid.
+    `trials`: (n,) the trial of each stride, by any label.
+    `own`: (n, m) standard errors s_ij that each stride has of its own; None: not known.
+    `total`: (n, m) standard errors se_ij with what strides share; None: not known.
     """
     values = np.asarray(values, dtype=np.float64)
     there = np.isfinite(values)
@@ -123,12 +121,9 @@ def require_once(strides: pd.DataFrame) -> None:
     """InputError where a table of strides has one twice, as those of two sessions without a name have."""
     if (twice := strides.duplicated(WHERE)).any():
         row = strides.loc[twice].iloc[0]
-        raise InputError(
-            f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: once for each "
-            "person and session; name the sessions",
-            field="strides",
-            code=Code.STRIDE_TABLE,
-        )
+        message = f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: once for each "
+        message += "person and session; name the sessions"
+        raise InputError(message, field="strides", code=Code.STRIDE_TABLE)
 
 
 @with_one_blas_thread

@@ -73,11 +73,9 @@ def trial_events(
 ) -> GaitEvents:
     """Foot strikes and offs of a whole-body motion, each with its source.
 
-    Parameters
-    ----------
-    model : its heel and toe landmarks are needed for events of the motion; without them there are none.
-    reactions : None without force plates.
-    recording : of the same trial; its file's events, and its plates, which tell the moment between frames.
+    `model`: its heel and toe landmarks are needed for events of the motion; without them there are none.
+    `reactions`: None without force plates.
+    `recording`: of the same trial; its file's events, and its plates, which tell the moment between frames.
     """
     by_motion: list[FootEvent] = []
     if has_feet(model):
@@ -93,7 +91,7 @@ def trial_events(
 def activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
     """Of any activity, from the events `found` of its feet: those of strides, or else what the pelvis repeats."""
     feet = [found.of(side) for side in SIDES]
-    if alternate(*(foot.strikes for foot in feet)):
+    if alternate(*feet):
         return found
     return GaitEvents(repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")], feet))
 
@@ -193,10 +191,8 @@ def _passing(plates: Sequence[ForcePlate], begin: float, end: float, *, rising: 
 def swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
     """Strikes and offs (s, increasing) of one foot, between frames by a straight line.
 
-    Parameters
-    ----------
-    time : (nf,) s.
-    slower : (nf,) m/s, speed of heel or toe against the ground, whichever is the slower.
+    `time`: (nf,) s.
+    `slower`: (nf,) m/s, speed of heel or toe against the ground, whichever is the slower.
     """
     if len(time) < 3 or not np.isfinite(slower).all():
         return np.array([]), np.array([])

@@ -142,10 +142,7 @@ def _to_ours(unit: str, subject: Subject) -> float:
 def bands_file(name: Path | str) -> Path:
     """The file of normal bands of that path, or of that name among those that gaitcal brings (`schwartz2008`).
 
-    Raises
-    ------
-    InputError
-        There is neither.
+    Raises InputError: There is neither.
     """
     path, shipped = Path(name), SHIPPED.get(str(name).lower())
     if path.exists():

@@ -190,10 +190,8 @@ PeakValue: TypeAlias = tuple[float, float, float, float]
 def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: float | None) -> dict[str, PeakValue]:
     """Peak -> what it is in one stride; only those that the stride has.
 
-    Parameters
-    ----------
-    curves : variable of `cycles.csv` -> value, standard error, its own part (101,), NaN where not valid or not known.
-    toe_off : % at which stance ends; None: not known, and no phase but the strike and the whole stride.
+    `curves`: variable of `cycles.csv` -> value, standard error, its own part (101,), NaN where not valid or not known.
+    `toe_off`: % at which stance ends; None: not known, and no phase but the strike and the whole stride.
     """
     percent = np.arange(float(POINTS))
     out: dict[str, PeakValue] = {}

@@ -48,21 +48,22 @@ TOGETHER_S = 0.1
 sprinters' steps last 0.2 s."""
 
 
-def alternate(right: Array, left: Array) -> bool:
-    """Whether feet strike in turn (s, of each foot), as of who walks, climbs or runs; not together, as in a jump."""
-    if not len(right) or not len(left):
+def alternate(right: FootEvents, left: FootEvents) -> bool:
+    """Whether feet strike and leave in turn, as of who walks, climbs or runs; not together, as in a jump, of which a
+    strike may be late in markers that slide.
+    """
+    if not len(right.strikes) or not len(left.strikes):
         return False
-    apart = np.abs(right[:, None] - left)
-    return float(np.median([*apart.min(axis=0), *apart.min(axis=1)])) > TOGETHER_S
+    both = ((right.strikes, left.strikes), (right.toe_offs, left.toe_offs))
+    apart = [np.abs(a[:, None] - b) for a, b in both if len(a) and len(b)]
+    return float(np.median(np.concatenate([[*d.min(axis=0), *d.min(axis=1)] for d in apart]))) > TOGETHER_S
 
 
 def repetitions(time: Array, height: Array, feet: Sequence[FootEvents] = ()) -> tuple[GaitCycle, ...]:
     """The repetitions of a trial with their phases, in order of time.
 
-    Parameters
-    ----------
-    time, height : (nf,) s, m: of the pelvis.
-    feet : events of both.
+    `time`, `height`: (nf,) s, m: of the pelvis.
+    `feet`: events of both.
     """
     reach = float(np.ptp(height))
     if reach < LEAST_RANGE_M:

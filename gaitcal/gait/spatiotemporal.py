@@ -109,13 +109,11 @@ def strides_measured(
 ) -> tuple[Stride, ...]:
     """Of every stride of both feet: right, then left, in order of time.
 
-    Parameters
-    ----------
-    events : of the trial.
-    time : (nf,) s.
-    feet : heels on the laboratory's axes, and how the ground moves; None where the model has none: times alone.
-    unseen : `foot_r`, `foot_l` -> (nf,) frames in which no marker shows the foot.
-    faced : (nf,) rad, where the pelvis points (`gait/strides.py`); None: whether a stride turns is not known.
+    `events`: of the trial.
+    `time`: (nf,) s.
+    `feet`: heels on the laboratory's axes, and how the ground moves; None where the model has none: times alone.
+    `unseen`: `foot_r`, `foot_l` -> (nf,) frames in which no marker shows the foot.
+    `faced`: (nf,) rad, where the pelvis points (`gait/strides.py`); None: whether a stride turns is not known.
     """
     of_feet = {side: events.of(side) for side in SIDES}
     places: dict[str, Array] = {}  # side -> (nf, 2) m, forward and to the right; NaN where no marker shows the foot

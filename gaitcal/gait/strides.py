@@ -161,10 +161,8 @@ def out_of_plane(axes: Array, line: Array | float) -> tuple[Array, Array]:
 
     arcsin(u . left), left = (-sin(line), 0, -cos(line)); a turn w of u adds w . e, e = (u x left) / |u x left|.
 
-    Parameters
-    ----------
-    axes : (..., 3) on the laboratory's axes.
-    line : (...) or one, rad to the left of the room's x axis.
+    `axes`: (..., 3) on the laboratory's axes.
+    `line`: (...) or one, rad to the left of the room's x axis.
 
     Returns
     -------
@@ -235,11 +233,9 @@ def turns(turn: float | None) -> bool:
 def along_line(angles: Array, line: float, inside: BoolArray) -> Array:
     """(nf, 3) rad, `PELVIS_ANGLES` against a line of progression; NaN where an angle is not known.
 
-    Parameters
-    ----------
-    angles : (nf, 3) rad, against the room.
-    line : rad, direction of progression, to the left of the room's x axis.
-    inside : (nf,) frames of the stride; the line is turned about where the pelvis faces backwards in them.
+    `angles`: (nf, 3) rad, against the room.
+    `line`: rad, direction of progression, to the left of the room's x axis.
+    `inside`: (nf,) frames of the stride; the line is turned about where the pelvis faces backwards in them.
     """
     known = np.isfinite(angles).all(axis=1)
     out = np.full(angles.shape, np.nan)

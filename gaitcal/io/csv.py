@@ -384,10 +384,8 @@ def _cells(row: list[str]) -> list[str]:
 def with_corrected_events(recording: Recording, path: Path) -> Recording:
     """The whole recording of the file at `path`, with its events in the table beside it, and a note; as it is without.
 
-    Raises
-    ------
-    InputError
-        The table is damaged, or has an event of this recording before its first frame or after its last one.
+    Raises InputError: The table is damaged, or has an event of this recording before its first frame or after its last
+    one.
     """
     for table in events_beside(path):
         if (events := read_events(table).get(path.name)) is not None:

@@ -216,11 +216,8 @@ def low_pass(values: Array, rate: float, cutoff_hz: float) -> Array:
     """
     nyquist = 0.5 * rate
     if not 0.0 < cutoff_hz < nyquist:
-        raise InputError(
-            f"found {cutoff_hz:g} Hz; between 0 and half the sampling rate, {nyquist:g} Hz, is allowed",
-            field="filter cut-off",
-            code=Code.FORCE_FILTER,
-        )
+        message = f"found {cutoff_hz:g} Hz; between 0 and half the sampling rate, {nyquist:g} Hz, is allowed"
+        raise InputError(message, field="filter cut-off", code=Code.FORCE_FILTER)
     warped = math.tan(math.pi * cutoff_hz / rate) / (math.sqrt(2.0) - 1.0) ** 0.25
     out = np.array(values, dtype=np.float64)
     known = np.asarray(np.isfinite(out).all(axis=1))

@@ -34,9 +34,9 @@ COMPUTED = re.compile(
 )
 """Names that vendors give to computed points; used besides the file's own lists."""
 
-SEGMENT_POINT = re.compile(r"(?P<stem>[A-Z][A-Z0-9]{2}|\w+_M?)(?P<point>[OALP])")
-"""Segment axes: origin, anterior, lateral, proximal, as PELO PELA PELL PELP (Vicon) or Pelvis_MO _MA _ML _MP. Only
-where all four are there."""
+SEGMENT_POINT = re.compile(r"(?P<stem>[A-Z][A-Z0-9]{2}|\w+_M?)(?P<point>[OALP])", re.IGNORECASE)
+"""Segment axes: origin, anterior, lateral, proximal, as PELO PELA PELL PELP (Vicon) or Pelvis_MO _MA _ML _MP, in
+capitals or not. Only where all four are there."""
 
 
 def clean(label: str) -> str:
@@ -89,7 +89,7 @@ def axes_points(labels: Sequence[str]) -> set[str]:
     points: dict[str, set[str]] = {}
     for match in matches.values():
         if match:
-            points.setdefault(match["stem"], set()).add(match["point"])
+            points.setdefault(match["stem"], set()).add(match["point"].upper())
     whole = {stem for stem, found in points.items() if len(found) == 4}
     return {label for label, match in matches.items() if match and match["stem"] in whole}
 

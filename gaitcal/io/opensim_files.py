@@ -204,10 +204,7 @@ class StorageTable:
 def read_table(path: str | PathLike[str]) -> StorageTable:
     """Any MOT or STO table.
 
-    Raises
-    ------
-    InputError
-        Every fault of the file, in one line: file, field, what was found, what is allowed.
+    Raises InputError: Every fault of the file, in one line: file, field, what was found, what is allowed.
     """
     return _read_table(Path(path))
 
@@ -288,10 +285,7 @@ class ExternalForce:
 def read_external_loads(path: Path) -> Forces:
     """The plates of an ExternalLoads file, and the foot of each.
 
-    Raises
-    ------
-    InputError
-        The file or its table cannot be read, or it holds a force that is none of the ground on a foot.
+    Raises InputError: The file or its table cannot be read, or it holds a force that is none of the ground on a foot.
     """
     forces, off = _forces(path)
     notes = tuple(f"The force '{name}' is switched off in the file and left out." for name in off)

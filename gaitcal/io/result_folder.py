@@ -183,10 +183,8 @@ def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> I
 
     InputError where another process holds it for longer, OSError where no file can be made beside or in the folder.
 
-    Parameters
-    ----------
-    purpose : another lock on the same folder, such as that of a Monte Carlo study which goes on for hours.
-    wait_s : how long to wait for another process; `WAIT_S` unless given.
+    `purpose`: another lock on the same folder, such as that of a Monte Carlo study which goes on for hours.
+    `wait_s`: how long to wait for another process; `WAIT_S` unless given.
     """
     folder = Path(os.path.realpath(folder))
     is_part = folder.name in PARTS and "gaitcal" in read_object(folder.parent / MANIFEST)
@@ -277,10 +275,8 @@ def atomic_directory(
     InputError where `target` is a file, or a folder that holds one of the `inputs`, another kind of result, or files
     that gaitcal did not write there; where it cannot be written; the disk is full; another process writes it.
 
-    Parameters
-    ----------
-    carried : SHA-256 of files that the body carries over from the earlier result, as that one listed them, so that
-        what was damaged there stays damaged here; may be filled by the body.
+    `carried`: SHA-256 of files that the body carries over from the earlier result, as that one listed them, so that
+    what was damaged there stays damaged here; may be filled by the body.
     """
     target, inputs = real_path(target), tuple(inputs)
     with ExitStack() as stack:

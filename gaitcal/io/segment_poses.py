@@ -93,10 +93,7 @@ def holds_poses(labels: Collection[str]) -> bool:
 def points_of_poses(labels: Sequence[str], poses: Array) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
     """Labels, (nf, np, 3) m points, and notes, of segments `labels` with poses (nf, ns, 4, 4), m; NaN where unknown.
 
-    Raises
-    ------
-    FileFault
-        Segments of the legs are not there, or twice, or their lengths or axes are not those of a body.
+    Raises FileFault: Segments of the legs are not there, or twice, or their lengths or axes are not those of a body.
     """
     stems = [label.strip().lower().removesuffix("_4x4") for label in labels]
     column = {stem: i for i, stem in enumerate(stems) if stem in PARENT}

@@ -75,10 +75,9 @@ def still_window(recording: Recording, labels: Iterable[str]) -> StillWindow:
     if time[-1] - time[0] < LAG_S:
         speed = _speed_of_few(time, markers)
         if speed > WALKS_M_S:
-            raise fault(
-                f"no still window: {frames} frames in all, half of the markers move at {speed:.3g} m/s or more; "
-                f"at most {WALKS_M_S:g} m/s is allowed where there are so few"
-            )
+            message = f"no still window: {frames} frames in all, half of the markers move at {speed:.3g} m/s or more; "
+            message += f"at most {WALKS_M_S:g} m/s is allowed where there are so few"
+            raise fault(message)
         return StillWindow(slice(0, frames), speed, float(time[0]), float(time[-1]), _scatter(markers))
     length = min(frames, max(2, round(DURATION_S * recording.rate) + 1))
     lag = min(length - 1, max(1, round(LAG_S * recording.rate)))

@@ -194,9 +194,8 @@ def require_known(
     for name in names:
         if name not in known:
             hint = nearest(name, known) or (f"; allowed: {', '.join(known)}" if listed else "")
-            raise InputError(
-                f"found {shown(name)}, which is no {kind}{hint}", source=source, field=field, code=Code.UNKNOWN_FIELD
-            )
+            message = f"found {shown(name)}, which is no {kind}{hint}"
+            raise InputError(message, source=source, field=field, code=Code.UNKNOWN_FIELD)
 
 
 def _input_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:

@@ -67,14 +67,9 @@ def standing_ankles(
 ) -> StandingAnkles:
     """The dorsiflexion of the static posture, and what the notes say of it.
 
-    Parameters
-    ----------
-    plantarflexion : side -> rad, static plantarflexion angles of the file; empty where it has none.
+    `plantarflexion`: side -> rad, static plantarflexion angles of the file; empty where it has none.
 
-    Raises
-    ------
-    InputError
-        The file's angles are asked for, and it has none.
+    Raises InputError: The file's angles are asked for, and it has none.
     """
     if rule is AnkleZero.FILE and (lacking := [side for side in SIDES if side not in plantarflexion]):
         raise InputError(

@@ -81,13 +81,11 @@ class ChainConstants:
 class Chain:
     """A part of the linkage below a root segment, with the joint parameters of interest marked.
 
-    Parameters
-    ----------
-    root : segment that is free in the laboratory (six coordinates).
-    segments : the segments of the part, root included.
-    free : names of the joint parameters whose derivatives are wanted, and of secondary motions (of
-        `SECONDARY`, with one of `BENDS`); those the part does not pass are left out.
-    reactions : whether the knees carry their locked reaction joints (two more coordinates).
+    `root`: segment that is free in the laboratory (six coordinates).
+    `segments`: the segments of the part, root included.
+    `free`: names of the joint parameters whose derivatives are wanted, and of secondary motions (of `SECONDARY`, with
+    one of `BENDS`); those the part does not pass are left out.
+    `reactions`: whether the knees carry their locked reaction joints (two more coordinates).
     """
 
     def __init__(

@@ -63,10 +63,7 @@ class StaticPosture:
 def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -> StaticPosture:
     """Mean positions over the frames `window` of a static trial whose labels are those of the set.
 
-    Raises
-    ------
-    InputError
-        A required landmark is missing; the message names its marker and what would do instead.
+    Raises InputError: A required landmark is missing; the message names its marker and what would do instead.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
     means = {m: _mean(recording.markers[window, column[m]]) for m in marker_set.labels if m in column}
@@ -246,10 +243,8 @@ def corner(
 
     Which side of the three is the same in all frames: the device is rigid.
 
-    Parameters
-    ----------
-    inwards : (nf, 3) some length, towards the other knee; None: not known.
-    modelled : (nf, 3) m, where another program has the corner, which is believed about the side.
+    `inwards`: (nf, 3) some length, towards the other knee; None: not known.
+    `modelled`: (nf, 3) m, where another program has the corner, which is believed about the side.
     """
     normal = np.cross(second - axis, third - axis)
     length = np.linalg.norm(normal, axis=1, keepdims=True)

@@ -326,11 +326,8 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
     if text in known:
         return _read(models_path() / "markersets" / f"{text}.toml", text)
     if not isinstance(name_or_path, Path) and not text.lower().endswith(".toml") and "/" not in text:
-        raise InputError(
-            f"found {shown(text)}; allowed: {', '.join(known)}, or the path of a TOML file{nearest(text, known)}",
-            field="marker set",
-            code=Code.MARKER_SET,
-        )
+        message = f"found {shown(text)}; allowed: {', '.join(known)}, or the path of a TOML file{nearest(text, known)}"
+        raise InputError(message, field="marker set", code=Code.MARKER_SET)
     return _read(Path(text), Path(text).stem)
 
 

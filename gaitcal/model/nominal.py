@@ -212,12 +212,8 @@ def _placement(
         if kept < needed and segment in ("pelvis", *LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"
-            raise InputError(
-                f"found {kept} markers with weight, {why}; allowed: at least {needed}",
-                source=posture.source,
-                field=f"segment {segment}",
-                code=Code.TOO_LITTLE_SEEN,
-            )
+            message = f"found {kept} markers with weight, {why}; allowed: at least {needed}"
+            raise InputError(message, source=posture.source, field=f"segment {segment}", code=Code.TOO_LITTLE_SEEN)
         dropped += missing
         static_only = [label for label in marker_set.static_only.get(segment, ()) if label in posture.markers]
         labels += [*present, *static_only]
@@ -232,12 +228,10 @@ def nominal_joint_parameters(
 ) -> tuple[Array, Array]:
     """Joint parameters (np,) and zero angles (nz,), m and rad.
 
-    Parameters
-    ----------
-    frames : all segments but the tali.
-    centres : `lumbar`, and for each side `hjc kjc ajc sjc ejc`, (3,) m in the laboratory.
-    arms : turn of the shoulders, axes of the elbows.
-    dorsiflexion : side -> rad, ankle angle of the static posture.
+    `frames`: all segments but the tali.
+    `centres`: `lumbar`, and for each side `hjc kjc ajc sjc ejc`, (3,) m in the laboratory.
+    `arms`: turn of the shoulders, axes of the elbows.
+    `dorsiflexion`: side -> rad, ankle angle of the static posture.
     """
     values = {
         p.name: float(frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis])

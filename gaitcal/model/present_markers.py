@@ -31,10 +31,7 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
 
     `static`: its labels as the set spells them. A recording that lacks nothing comes back as it is.
 
-    Raises
-    ------
-    InputError
-        A marker of the device passes for the lateral knee marker.
+    Raises InputError: A marker of the device passes for the lateral knee marker.
     """
     _check_no_rod_is_a_knee(static, marker_set)
     added: dict[str, Array] = {}

@@ -102,11 +102,9 @@ def rebuild_lost(
 ) -> Rebuilding:
     """The static trial with the markers of the set that it does not show while the person stands still.
 
-    Parameters
-    ----------
-    static, name : the recording, its labels those of the set, and what to call it.
-    others : name and recording of further trials, of any role. The static trial itself is asked too: it may show a
-        marker at another time.
+    `static`, `name`: the recording, its labels those of the set, and what to call it.
+    `others`: name and recording of further trials, of any role. The static trial itself is asked too: it may show a
+    marker at another time.
     """
     try:
         window = still_window(static, marker_set.labels).frames

@@ -196,10 +196,7 @@ def _hips(
 ) -> tuple[Mapping[str, Array], list[str]]:
     """Side -> hip centre (3,) m in the laboratory, and where it is from.
 
-    Raises
-    ------
-    InputError
-        Those of the file are asked for, and there are none; or one lies where no hip can be.
+    Raises InputError: Those of the file are asked for, and there are none; or one lies where no hip can be.
     """
     depth = float(np.linalg.norm(pelvis.origin - posture.landmarks["sacrum"]))
     regression = HipCentre.HARRINGTON if rule is HipCentre.GIVEN else rule

@@ -93,10 +93,8 @@ class Trunk:
 def trunk_of(posture: StaticPosture, marker_set: MarkerSet, pelvis: Frame, lumbar: Array, subject: Subject) -> Trunk:
     """The trunk as its landmarks show it, or upright on the pelvis.
 
-    Parameters
-    ----------
-    pelvis, lumbar : frame of the pelvis and (3,) m lumbar joint in the static posture.
-    subject : whose height and sex give the proportions where no acromion is known.
+    `pelvis`, `lumbar`: frame of the pelvis and (3,) m lumbar joint in the static posture.
+    `subject`: whose height and sex give the proportions where no acromion is known.
     """
     seen = any(m in posture.markers and marker_set.weight(m) > 0 for m in marker_set.tracking.get("head_trunk", ()))
     shoulders, z, notes = _shoulders(posture, pelvis, lumbar, subject)

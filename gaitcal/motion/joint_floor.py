@@ -66,9 +66,7 @@ class JointFloor:
 def joint_floor(problem: MotionProblem, parameters: Parameters, q: Array) -> JointFloor | None:
     """Errors when each joint follows the markers of its segments alone; None where no joint has markers on both.
 
-    Parameters
-    ----------
-    parameters, q : where to start from: a model, and the coordinates (nf, nq) of this trial with it.
+    `parameters`, `q`: where to start from: a model, and the coordinates (nf, nq) of this trial with it.
     """
     chain, rigid = problem.chain, rigid_floor(problem)
     shown = {chain.segments[s] for s in problem.data.segment[problem.data.weight.any(axis=1)]}

@@ -274,10 +274,7 @@ def _files() -> dict[str, Path]:
 def read_stl(content: bytes) -> Mesh:
     """A binary STL, equal corners joined.
 
-    Raises
-    ------
-    ValueError
-        It is none, or is cut off.
+    Raises ValueError: It is none, or is cut off.
     """
     count = int.from_bytes(content[80:84], "little")
     if len(content) < 84 + count * _STL.itemsize or count == 0:

@@ -96,15 +96,12 @@ def installed_bones() -> BoneMeshes | None:
 def bones_of_folder(folder: Path) -> BoneMeshes:
     """The bones of a folder of `.vtp` or `.stl` files with OpenSim's names.
 
-    Raises
-    ------
-    InputError
-        No such folder, a file that is no surface, a bone that is needed is missing, or the unit is not the metre.
+    Raises InputError: No such folder, a file that is no surface, a bone that is needed is missing, or the unit is not
+    the metre.
     """
     if not folder.is_dir():
-        raise InputError(
-            "found no such folder; allowed: OpenSim's `Geometry`, or one like it", source=folder, code=Code.NO_FILE
-        )
+        message = "found no such folder; allowed: OpenSim's `Geometry`, or one like it"
+        raise InputError(message, source=folder, code=Code.NO_FILE)
     files = {path.name: path for path in sorted(folder.iterdir()) if path.is_file()}
     return BoneMeshes(_read(files, folder), f"the folder {folder.name}", "")
 
@@ -122,17 +119,13 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
             raise InputError(f"cannot be read as a surface: {error}", source=path, code=Code.BONES) from error
     if missing := [bone for bone in NEEDED if bone not in meshes]:
         names = "; ".join(f"{bone}: {' or '.join(_FILES[bone][0])}" for bone in missing)
-        raise InputError(
-            f"found no {', '.join(missing)}; needed (.vtp or .stl): {names}", source=source, code=Code.BONES
-        )
+        message = f"found no {', '.join(missing)}; needed (.vtp or .stl): {names}"
+        raise InputError(message, source=source, code=Code.BONES)
     length = float(np.ptp(meshes["femur"].vertices[:, 1]))
     low, high = _FEMUR_LENGTH
     if not low <= length <= high:
-        raise InputError(
-            f"found a femur that is {length:.3g} high along y; allowed: {low:g} to {high:g} m (metres, y up)",
-            source=source,
-            code=Code.BONES,
-        )
+        message = f"found a femur that is {length:.3g} high along y; allowed: {low:g} to {high:g} m (metres, y up)"
+        raise InputError(message, source=source, code=Code.BONES)
     if "spine" in meshes:
         meshes = {bone: mesh for bone, mesh in meshes.items() if bone not in _WHOLE_SPINE}
     return meshes
@@ -141,10 +134,7 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
 def read_vtp(content: bytes) -> Mesh:
     """A surface; its polygons as triangles.
 
-    Raises
-    ------
-    ValueError
-        It is no such file, is damaged, or is packed in a way that is not read here.
+    Raises ValueError: It is no such file, is damaged, or is packed in a way that is not read here.
     """
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise ValueError("a document type, which no geometry file needs")

@@ -93,10 +93,7 @@ class Landmarked:
 def landmarked(bones: BoneMeshes) -> Landmarked:
     """Bones with their landmarks.
 
-    Raises
-    ------
-    InputError
-        A bone does not show its landmarks: another shape, unit or direction than it should have.
+    Raises InputError: A bone does not show its landmarks: another shape, unit or direction than it should have.
     """
     femur, tibia, fibula, pelvis = (bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis"))
     try:
@@ -106,11 +103,8 @@ def landmarked(bones: BoneMeshes) -> Landmarked:
         )
         check_directions(femur, found.hip, tibia, fibula)
     except NoLandmark as error:
-        raise InputError(
-            f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m",
-            source=bones.source,
-            code=Code.BONES,
-        ) from error
+        message = f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m"
+        raise InputError(message, source=bones.source, code=Code.BONES) from error
     return found
 
 

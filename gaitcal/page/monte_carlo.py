@@ -109,10 +109,8 @@ def with_monte_carlo(
 ) -> dict[str, Any]:
     """The page's data with a study in it, in the place of an earlier one.
 
-    Parameters
-    ----------
-    marker_rms : mm, of pelvis and legs in the trial of the study, to be read in torque errors; None: not known.
-    contributions : from `variance_contributions`: which parameter matters; None leaves that out.
+    `marker_rms`: mm, of pelvis and legs in the trial of the study, to be read in torque errors; None: not known.
+    `contributions`: from `variance_contributions`: which parameter matters; None leaves that out.
     """
     sections = dict(data.get("sections", {}))
     kept = [block for block in sections.get(PRESET, []) if block.get("part") != PART]
@@ -177,11 +175,8 @@ def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
     if first := lists.pop(KNEE_ADDUCTION, None):
         title = f"Expected error of your {TORQUE_WORDS[KNEE_ADDUCTION]} moment, RMS over the trial"
         out += [heading(title, 4), *first]
-    return [*out, fold("Expected error of the other moments", _titled(lists))]
-
-
-def _titled(lists: Mapping[str, list[Block]]) -> list[Block]:
-    return [b for name, blocks in lists.items() for b in (heading(capitalised(TORQUE_WORDS[name]), 4), *blocks)]
+    others = [b for name, of in lists.items() for b in (heading(capitalised(TORQUE_WORDS[name]), 4), *of)]
+    return [*out, fold("Expected error of the other moments", others)]
 
 
 def _source_table(study: MonteCarloStudy, side: str, errors: tuple[ExpectedError, ...]) -> Block:

@@ -26,7 +26,7 @@ from gaitcal.errors import InputError
 from gaitcal.explanations.explanation import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
-from gaitcal.gait.cycles import WALKING, Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import explained
 from gaitcal.gait.normal_bands import FREE_WORDS, Norm
 from gaitcal.gait.peaks import Figure, PeakMean, peak_means
@@ -139,10 +139,8 @@ def further_page_data(
 ) -> dict[str, Any]:
     """Of further trials of a calibrated person.
 
-    Parameters
-    ----------
-    relative_to : as of `curves_of`.
-    origin : the calibration; None where nothing is known of it.
+    `relative_to`: as of `curves_of`.
+    `origin`: the calibration; None where nothing is known of it.
     """
     of_trials = []
     for trial in trials:
@@ -350,7 +348,7 @@ def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
     """Over the straight strides, or repetitions, of trials of a page."""
     return peak_means(
         (
-            trial.get("activity", WALKING),
+            trial["activity"],
             trial["name"],
             s["side"],
             {name: np.array(of, dtype=np.float64) for name, of in s["peaks"].items()},
@@ -407,10 +405,7 @@ def write_page_data(data: Mapping[str, Any], path: Path) -> None:
 def read_page_data(path: Path) -> dict[str, Any]:
     """Read back what `write_page_data` wrote.
 
-    Raises
-    ------
-    InputError
-        The file is not there, or is no page data of this version.
+    Raises InputError: The file is not there, or is no page data of this version.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

@@ -143,10 +143,8 @@ def table(
 ) -> Block:
     """A table; the first column heads the rows.
 
-    Parameters
-    ----------
-    fold : what stands in its place until it is opened; empty: it is open.
-    total : numbers of the rows that sum up the others.
+    `fold`: what stands in its place until it is opened; empty: it is open.
+    `total`: numbers of the rows that sum up the others.
     """
     extra = {"caption": visible(caption), "fold": visible(fold), "total": list(total)}
     given = {key: value for key, value in extra.items() if value}
@@ -168,9 +166,7 @@ def fold(title: str, blocks: Sequence[Block]) -> Block:
 def picture(kind: str, unit: str, rows: Sequence[Mapping[str, Any]]) -> Block:
     """Rows of a picture.
 
-    Parameters
-    ----------
-    kind : `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is known.
+    `kind`: `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is known.
     """
     return {"kind": kind, "unit": unit, "rows": [dict(row) for row in rows]}
 

@@ -64,9 +64,7 @@ class JointMark:
 def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, float]) -> tuple[JointMark, ...]:
     """All joints in both their segments.
 
-    Parameters
-    ----------
-    errors : joint parameter -> standard error (m, rad) of every fitted one.
+    `errors`: joint parameter -> standard error (m, rad) of every fitted one.
     """
     marks = []
     for joint in JOINTS:
@@ -180,14 +178,13 @@ class Scene:
     segments: tuple[str, ...] = SEGMENTS
 
 
-def scene_of(calibration: Calibration, trial: str | None = None) -> Scene:
-    """The scene of a calibration: all its moving trials, or the one named `trial`."""
-    chosen = calibration.trials if trial is None else (calibration.trial(trial),)
+def scene_of(calibration: Calibration) -> Scene:
+    """The scene of a calibration: all its moving trials."""
     trials = tuple(
         trial_scene(
             calibration.model, t.name, t.role.value, t.body, t.recording, None if t.loads is None else t.loads.reactions
         )
-        for t in chosen
+        for t in calibration.trials
     )
     return person_scene(calibration.model, trials, calibration.standard_errors)
 
@@ -195,9 +192,7 @@ def scene_of(calibration: Calibration, trial: str | None = None) -> Scene:
 def person_scene(model: SubjectModel, trials: tuple[MotionScene, ...], errors: Mapping[str, float]) -> Scene:
     """A person's model with trials that are already made into scenes.
 
-    Parameters
-    ----------
-    errors : joint parameter -> standard error (m, rad) of every fitted one.
+    `errors`: joint parameter -> standard error (m, rad) of every fitted one.
     """
     return Scene(
         subject=model.subject.name,
@@ -218,10 +213,8 @@ def trial_scene(
 ) -> MotionScene:
     """One trial of a person.
 
-    Parameters
-    ----------
-    motion : of the whole body, tracked with `model`, at the frames of the recording.
-    reactions : None without force plates.
+    `motion`: of the whole body, tracked with `model`, at the frames of the recording.
+    `reactions`: None without force plates.
     """
     recorded = len(motion.time)
     stride = max(1, -(-recorded // MOST_FRAMES))

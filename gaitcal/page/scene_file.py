@@ -78,10 +78,7 @@ _TRIAL_ARRAYS = tuple(_trial_shapes(0, 0, 0))
 def save_scene(scene: Scene, path: Path | str) -> None:
     """Write a scene, whole or not at all.
 
-    Raises
-    ------
-    InputError
-        `path` cannot be written.
+    Raises InputError: `path` cannot be written.
     """
     arrays: dict[str, NDArray[Any]] = {"marker_places": scene.marker_places}
     for i, trial in enumerate(scene.trials):
@@ -111,10 +108,7 @@ def save_scene(scene: Scene, path: Path | str) -> None:
 def load_scene(path: Path | str) -> Scene:
     """Read a scene that `save_scene` wrote.
 
-    Raises
-    ------
-    InputError
-        No such file, or not a scene.
+    Raises InputError: No such file, or not a scene.
     """
     path = Path(path)
     try:
@@ -123,9 +117,8 @@ def load_scene(path: Path | str) -> Scene:
     except FileNotFoundError:
         raise InputError("no such file; `gaitcal calibrate` writes it", source=path, code=Code.NO_RESULT) from None
     except _DAMAGE as error:
-        raise InputError(
-            f"is no scene of gaitcal, or is damaged ({type(error).__name__})", source=path, code=Code.DAMAGED_RESULT
-        ) from error
+        message = f"is no scene of gaitcal, or is damaged ({type(error).__name__})"
+        raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from error
 
 
 def _scene(arrays: Any) -> Scene:
@@ -189,15 +182,12 @@ def _check(scene: Scene) -> None:
         raise ValueError("sizes")
 
 
-def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None, most_bytes: int = MOST_BYTES) -> str:
+def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None) -> str:
     """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds no `<`.
 
-    Parameters
-    ----------
-    bones : shown inside the body; None where none are installed.
-    most_bytes : that its playback data may have.
+    `bones`: shown inside the body; None where none are installed.
     """
-    thin = _thinning(scene, most_bytes)
+    thin = _thinning(scene)
     used = sorted({fitted.mesh for fitted in scene.body})
     content = {
         "subject": scene.subject,
@@ -219,9 +209,9 @@ def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None
     return script_json(content)
 
 
-def left_out(scene: Scene, most_bytes: int = MOST_BYTES) -> tuple[str, ...]:
+def left_out(scene: Scene) -> tuple[str, ...]:
     """A sentence for every trial of which the page holds some frames only; empty where it holds all."""
-    thin = _thinning(scene, most_bytes)
+    thin = _thinning(scene)
     strides = ((trial, trial.stride * thin) for trial in scene.trials)
     return tuple(
         f"{trial.name}: the page holds {-(-trial.recorded // stride)} of {trial.recorded} frames, one in {stride}; "
@@ -231,11 +221,11 @@ def left_out(scene: Scene, most_bytes: int = MOST_BYTES) -> tuple[str, ...]:
     )
 
 
-def _thinning(scene: Scene, most_bytes: int) -> int:
+def _thinning(scene: Scene) -> int:
     """1, or which frames of every trial stay for all to have room: every second, third, ..."""
     bytes_a_frame = 14 * len(scene.segments) + 6 * len(scene.labels) + 64
     total = sum(len(trial.time) for trial in scene.trials) * bytes_a_frame
-    return max(1, -(-total // most_bytes))
+    return max(1, -(-total // MOST_BYTES))
 
 
 def _trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:

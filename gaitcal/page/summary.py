@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.plain_data import Block, cell, fold, heading, named, number, table, text, visible, words_column
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.trial_result import RmsErrors, leg_fit
+from gaitcal.session.warnings import is_trunk_unmeasured
 
 REFUSED = "the verdict refuses this leg"
 NO_PLATES = "no force plates"
@@ -231,6 +233,9 @@ def _believed(calibration: Calibration) -> Line:
     return {"tone": tone, "text": visible(words)}
 
 
+WIDE_LIMITS: Final = "; limits are wide, as no marker tells how trunk and arms move"
+
+
 def _agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> Line:
     """How near the model is to the markers of these trials, and to the forces of these walks."""
     tones, words = [], []
@@ -248,6 +253,7 @@ def _agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> L
             force += f" (limit {number(held.force.limit)})"
             moment += f" (limit {number(held.moment.limit)})"
             tone, judged = ("good", "") if held.within else ("look", ": too high")
+            judged += WIDE_LIMITS if is_trunk_unmeasured(walk.trial.body) else ""
         tones.append(tone)
         words.append(f"Unexplained force at the pelvis: {force}, moment {moment}{judged}.")
     if not words:

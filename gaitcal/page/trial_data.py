@@ -59,10 +59,8 @@ def curves_of(
 ) -> tuple[Curve, ...]:
     """All curves of a trial.
 
-    Parameters
-    ----------
-    relative_to : coordinate -> rad in the static posture, from which joint angles are counted; None: from zero.
-    truth : None where it is not known.
+    `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted; None: from zero.
+    `truth`: None where it is not known.
     """
     curves = [*_angles(model, trial, relative_to, truth), *_feet(trial), _marker_error(trial)]
     if trial.loads is not None:
@@ -251,10 +249,8 @@ def trial_page_data(
 ) -> dict[str, Any]:
     """What the page tells of a trial; numbers packed as in `plain_data.py`.
 
-    Parameters
-    ----------
-    verdict : None of a trial that is not judged by itself.
-    relative_to, truth : as of `curves_of`.
+    `verdict`: None of a trial that is not judged by itself.
+    `relative_to`, `truth`: as of `curves_of`.
     """
     time, start = trial.body.time, float(trial.body.time[0])
     every = max(1, -(-len(time) // MOST_FRAMES))

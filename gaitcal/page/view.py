@@ -97,16 +97,10 @@ class BodyText:
 def write_view(source: Calibration | Scene, path: Path | str, bones: BoneMeshes | None = None) -> None:
     """Write a scene, or the scene of a calibration, as one self-contained page.
 
-    Parameters
-    ----------
-    bones : None: those of the installed `myo-sim`, and no bones where it is not installed.
+    `bones`: None: those of the installed `myo-sim`, and no bones where it is not installed.
 
-    Raises
-    ------
-    InputError
-        `path` cannot be written.
-    GaitcalError
-        MeshCat is not installed.
+    Raises InputError: `path` cannot be written.
+    Raises GaitcalError: MeshCat is not installed.
     """
     atomic_text(path, view_html(source if isinstance(source, Scene) else scene_of(source), bones))
 
@@ -211,9 +205,7 @@ def sentences(shown: Shown) -> tuple[str, ...]:
 def with_trials(scene: Scene, further: Scene, names: Mapping[str, str] | None = None) -> Scene | None:
     """The scene with the trials of another one after its own; None where they have other segments.
 
-    Parameters
-    ----------
-    names : other names for trials of `further`: old -> new.
+    `names`: other names for trials of `further`: old -> new.
     """
     if further.segments != scene.segments:
         return None

@@ -106,10 +106,7 @@ def nominal_case() -> MonteCarloCase:
 def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCase:
     """A calibrated person in one gait trial: the first with valid ground reactions, or the one named.
 
-    Raises
-    ------
-    InputError
-        No such trial, or none with a frame in which every foot on the ground is on a force plate.
+    Raises InputError: No such trial, or none with a frame in which every foot on the ground is on a force plate.
     """
     reactions = {t.name: t.loads.reactions for t in calibration.trials if t.loads and t.loads.reactions.valid.any()}
     name = _chosen_trial(tuple(reactions), trial, calibration.study.source)
@@ -149,10 +146,7 @@ def case_from(folder: Path | str, trial: str | None = None, progress: Progress =
 
     A folder with a `study.toml` and no result (as `gaitcal synthesize` writes it) is calibrated first.
 
-    Raises
-    ------
-    InputError
-        The folder is neither, or no gait trial has ground reactions under every foot.
+    Raises InputError: The folder is neither, or no gait trial has ground reactions under every foot.
     """
     return read_case(folder, trial, progress)[0]
 
@@ -171,11 +165,8 @@ def read_case(
     if (folder / STUDY).exists():
         study = Study.load(folder / STUDY)
         return case_of(calibrate(study, progress), trial), study.as_read
-    raise InputError(
-        f"found neither {MODEL} nor {STUDY}; allowed: a result folder of 'gaitcal calibrate', or a study folder",
-        source=folder,
-        code=Code.NO_RESULT,
-    )
+    message = f"found neither {MODEL} nor {STUDY}; allowed: a result folder of 'gaitcal calibrate', or a study folder"
+    raise InputError(message, source=folder, code=Code.NO_RESULT)
 
 
 @contextmanager

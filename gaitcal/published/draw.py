@@ -256,11 +256,9 @@ def refit(
     Gauss-Newton factor, keeps it however long the steps are, and where they no longer shrink tenfold goes on with
     Newton's. The end is told by the size of the step, so that every draw is solved as far as every other.
 
-    Parameters
-    ----------
-    problem : the markers to fit; no joint parameter is free.
-    constants : of the disturbed linkage.
-    known : the factor of the Gauss-Newton matrix at `start`, if there is one: it does not depend on the markers.
+    `problem`: the markers to fit; no joint parameter is free.
+    `constants`: of the disturbed linkage.
+    `known`: the factor of the Gauss-Newton matrix at `start`, if there is one: it does not depend on the markers.
     """
     rule = DescentSettings(
         gain=0.0,

@@ -116,9 +116,7 @@ def reproduce(
 ) -> Reproduction:
     """Run the published study.
 
-    Parameters
-    ----------
-    draws_folder : where Monte Carlo draws are kept, so that an interrupted study goes on; None keeps nothing.
+    `draws_folder`: where Monte Carlo draws are kept, so that an interrupted study goes on; None keeps nothing.
     """
     settings, began = settings or ReproductionSettings(), time.perf_counter()
     laps: dict[str, float] = {}

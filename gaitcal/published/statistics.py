@@ -152,10 +152,8 @@ class CauseOfMarkerError:
 def expect(table: pd.DataFrame, rms_mm: float, side: str = "l") -> tuple[CauseOfMarkerError, ...]:
     """JP and noise levels that correspond to a marker RMS (mm) of a leg, and the torque errors to expect there.
 
-    Parameters
-    ----------
-    table : from `statistics`, with the sets `jp` or `noise` in it; a set that is not there is left out.
-    side : whose markers and torques; left as published.
+    `table`: from `statistics`, with the sets `jp` or `noise` in it; a set that is not there is left out.
+    `side`: whose markers and torques; left as published.
     """
     causes = (Varied.JP, Varied.NOISE)
     return tuple(_cause(table, varied, rms_mm, side) for varied in causes if (table["set"] == varied.value).any())
@@ -201,15 +199,11 @@ def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame,
 
 @with_one_blas_thread
 def linear_agreement(
-    context: draw.MonteCarloContext,
-    draws: pd.DataFrame,
-    cell: tuple[Varied, int],
-    frame: ReactionFrame,
-    most: int = 300,
+    context: draw.MonteCarloContext, draws: pd.DataFrame, cell: tuple[Varied, int], frame: ReactionFrame
 ) -> Array:
-    """(14,) R^2 of the linearised RMS errors as a prediction of those of at most `most` draws of a set at a level."""
+    """(14,) R^2 of the linearised RMS errors as a prediction of those of the first 300 draws of a set at a level."""
     varied, level = cell
-    of = draws[(draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")].head(most)
+    of = draws[(draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")].head(300)
     by_joint, by_inertial = linear_torques(context)
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     predicted = np.empty((len(of), len(draw.LEG_TORQUES)))
@@ -274,10 +268,8 @@ def variance_contributions(context: draw.MonteCarloContext) -> pd.DataFrame:
 def variance_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Per cent of the variance of each of a leg's seven torques: by each of its joint parameters, and by all others.
 
-    Parameters
-    ----------
-    contributions : rows of parameter, kind, torque, grf and share (per cent), as a Monte Carlo study has them.
-    side : `r` or `l`.
+    `contributions`: rows of parameter, kind, torque, grf and share (per cent), as a Monte Carlo study has them.
+    `side`: `r` or `l`.
 
     Returns
     -------

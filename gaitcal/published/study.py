@@ -92,10 +92,7 @@ class Store:
 
         Returns notes: what was damaged, and libraries of other versions than those that the store was made with.
 
-        Raises
-        ------
-        InputError
-            It was made with other settings or another model; the message names the differences.
+        Raises InputError: It was made with other settings or another model; the message names the differences.
         """
         wanted = {"format": FORMAT, "settings": dict(settings.as_json()), "model": dict(case.fingerprint())}
         self._made_with = self_hash(wanted)
@@ -112,11 +109,8 @@ class Store:
                     raise
                 notes.append(f"{self._settings.name} was damaged; it is written again, the draws say what it held")
         elif chunks:
-            raise InputError(
-                "found draws without the settings they were made with; remove the folder",
-                source=self.folder,
-                code=Code.MONTE_CARLO,
-            )
+            message = "found draws without the settings they were made with; remove the folder"
+            raise InputError(message, source=self.folder, code=Code.MONTE_CARLO)
         content = {**wanted, "case": case.name, "versions": {name: package_version(name) for name in _VERSIONED}}
         atomic_text(self._settings, json.dumps({**content, SELF: self_hash(content)}, indent=1) + "\n")
         return tuple(notes)
@@ -155,11 +149,8 @@ class Store:
                     values = f"{name} = {old.get(name)}, not {new.get(name)}"
                     differences.append(values if part == "settings" else f"other {name}")
         if differences:
-            raise InputError(
-                f"this store was made with {'; '.join(differences)}; ask for the same again, or remove the folder",
-                source=self.folder,
-                code=Code.MONTE_CARLO,
-            )
+            message = f"this store was made with {'; '.join(differences)}; ask for the same again, or remove the folder"
+            raise InputError(message, source=self.folder, code=Code.MONTE_CARLO)
 
     def write(self, chunk: Chunk, draws: pa.Table) -> None:
         """Keep the draws of a chunk; InputError where that cannot be."""
@@ -188,10 +179,7 @@ class Store:
     def read(self, plan: Plan | None = None) -> pd.DataFrame:
         """All draws that are there, or those of a plan, ordered by set, level and number; columns `FIELDS`.
 
-        Raises
-        ------
-        InputError
-            A chunk is damaged.
+        Raises InputError: A chunk is damaged.
         """
         tables = []
         for path, _ in self._named():

@@ -198,10 +198,7 @@ class Cluster(_Executing):
     def crew(self) -> Iterator[_Crew]:
         """All workers that the scheduler has at the time.
 
-        Raises
-        ------
-        InputError
-            No scheduler at the address, or one without workers.
+        Raises InputError: No scheduler at the address, or one without workers.
         """
         try:
             library = import_module("distributed")

@@ -77,21 +77,15 @@ def rewrite_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> No
 def read_page(folder: Path) -> Shown:
     """What a folder's page is made of.
 
-    Raises
-    ------
-    InputError
-        It holds no page, or one that is damaged.
+    Raises InputError: It holds no page, or one that is damaged.
     """
 
     def read() -> Shown:
         page_data = read_page_data(folder / PAGE_DATA)
         shown = Shown(load_scene(folder / SCENE), page_data)
         if [t["name"] for t in page_data["trials"]] != [t.name for t in shown.scene.trials]:
-            raise InputError(
-                "tells of other trials than scene.npz; calibrate again",
-                source=folder / PAGE_DATA,
-                code=Code.DAMAGED_RESULT,
-            )
+            message = "tells of other trials than scene.npz; calibrate again"
+            raise InputError(message, source=folder / PAGE_DATA, code=Code.DAMAGED_RESULT)
         return shown
 
     shown, _ = read_whole(folder, (SCENE, PAGE_DATA), read)
@@ -101,10 +95,7 @@ def read_page(folder: Path) -> Shown:
 def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
     """A result with the further trials that `gaitcal dynamics` added, and lines on those that are stale or left out.
 
-    Raises
-    ------
-    InputError
-        As of `read_page`; what is wrong with the further trials is such a line.
+    Raises InputError: As of `read_page`; what is wrong with the further trials is such a line.
     """
     shown = read_page(folder)
     if not (folder / DYNAMICS).is_dir():

@@ -134,9 +134,8 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
     try:
         table, _ = read_csv(source)
     except (OSError, UnicodeError, ValueError) as error:
-        raise InputError(
-            f"cannot be read as a table of strides: {error}", source=source, code=Code.DAMAGED_RESULT
-        ) from None
+        message = f"cannot be read as a table of strides: {error}"
+        raise InputError(message, source=source, code=Code.DAMAGED_RESULT) from None
     return typed(table, source)
 
 

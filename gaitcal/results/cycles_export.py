@@ -78,10 +78,7 @@ def write_cycles_export(
 
     `model`: of the result, or of that which further trials in `folder` (`gaitcal dynamics`) were made with.
 
-    Raises
-    ------
-    InputError
-        The result is damaged, or has no strides.
+    Raises InputError: The result is damaged, or has no strides.
     """
     found, snapshot = _read_whole(folder, convention.frame, model)
     table = in_convention(found, convention)
@@ -177,9 +174,8 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
         if table is None or of_trial.empty:
             continue
         if len(cycles) != of_trial["stride"].nunique():
-            raise InputError(
-                f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again", code=Code.DAMAGED_RESULT
-            )
+            message = f"{CYCLES} and {SUMMARY} differ in the strides of '{trial}'; calibrate again"
+            raise InputError(message, code=Code.DAMAGED_RESULT)
         time, unknown = table["time"].to_numpy(dtype=np.float64), np.full(len(table), np.nan)
         names = [name for name in told_components(found.model.frozen) if leg_of(name) in (side, "")]
         for stride, cycle in enumerate(cycles, start=1):
@@ -217,20 +213,14 @@ def write_export_manifest(
     subject : the person's name.
     written : file -> what is to be said of it: format, source, notes.
 
-    Raises
-    ------
-    InputError
-        The earlier manifest is damaged.
+    Raises InputError: The earlier manifest is damaged.
     """
     earlier = result_folder.read_object(folder / result_folder.MANIFEST)
     if earlier and earlier.get("kind") != result_folder.ResultKind.EXPORT.value:
         return
     if "result" in earlier and not isinstance(earlier.get("written"), dict):
-        raise InputError(
-            "is damaged; move it away and export again",
-            source=folder / result_folder.MANIFEST,
-            code=Code.DAMAGED_RESULT,
-        )
+        message = "is damaged; move it away and export again"
+        raise InputError(message, source=folder / result_folder.MANIFEST, code=Code.DAMAGED_RESULT)
     hashes = {name: digest for name, digest in result_folder.listed(folder).items() if (folder / name).is_file()}
     hashes |= {name: result_folder.sha256_of(stage / name) or "" for name in result_folder.files_of(stage)}
     about = {
@@ -257,19 +247,12 @@ STUDY = "study.toml"
 def trial_files(folder: Path) -> dict[str, dict[str, str]]:
     """Trial -> `file` and, where there is one, `forces`, as the manifest of a result names them.
 
-    Raises
-    ------
-    InputError
-        It is no result.
+    Raises InputError: It is no result.
     """
     trials = result_folder.read_object(folder / result_folder.MANIFEST).get("trials")
     if not isinstance(trials, dict):
-        raise InputError(
-            "found no list of its trials' files; calibrate again",
-            source=folder / result_folder.MANIFEST,
-            field="trials",
-            code=Code.CHANGED_FILE,
-        )
+        message = "found no list of its trials' files; calibrate again"
+        raise InputError(message, source=folder / result_folder.MANIFEST, field="trials", code=Code.CHANGED_FILE)
     return {str(t): {str(k): str(v) for k, v in files.items()} for t, files in trials.items()}
 
 
@@ -279,10 +262,7 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
     `inputs`: where the user says that recordings lie; it and its subfolders are looked through. Else they are looked
     for beside the result, in it, in the working folder, where its `study.toml` says, and in the folders there.
 
-    Raises
-    ------
-    InputError
-        There is none, or it has changed.
+    Raises InputError: There is none, or it has changed.
     """
     hashes = result_folder.read_object(folder / result_folder.MANIFEST).get("inputs_sha256")
     wanted = hashes.get(name) if isinstance(hashes, Mapping) else None

@@ -32,7 +32,7 @@ from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, page_peaks, person_facts, read_page_data
-from gaitcal.page.summary import StrideUse, reason_words, usable_words
+from gaitcal.page.summary import WIDE_LIMITS, StrideUse, reason_words, usable_words
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.cycles_export import strides_in_convention
 from gaitcal.results.saved import load_result_model
@@ -54,6 +54,7 @@ KINETICS: Final = (
     *("subtalar_angle_moment", "lumbar_extension_moment", GROUND_REACTION),
 )
 MOST_REASONS = 6
+NOTHING: Final = "Nothing speaks against this result beyond its error bars."
 RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
 
 
@@ -65,10 +66,7 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     named : bands of healthy people, and their name; None: those of the result, else what gaitcal brings.
     comments : section -> text (`read_comments`).
 
-    Raises
-    ------
-    InputError
-        It is no result of `gaitcal calibrate`, or is damaged.
+    Raises InputError: It is no result of `gaitcal calibrate`, or is damaged.
     """
     page = read_page_data(folder / PAGE_DATA)
     model, _, _ = load_result_model(folder)
@@ -84,7 +82,7 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     return ReportContent(
         person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
-        sentence=_sentence(summary),
+        sentence="What speaks against it, the worst first:" if entries_of(summary, "reasons") else NOTHING,
         reasons=_reasons(summary),
         fit=tuple(_fit(summary)),
         walked=any(a.walks for a in activities),
@@ -112,50 +110,26 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
 def read_comments(path: Path) -> dict[str, str]:
     """Section -> text of a comments file: one line of TOML for each of `COMMENT_SECTIONS`.
 
-    Raises
-    ------
-    InputError
-        It is not there, is no TOML, or has another section.
+    Raises InputError: It is not there, is no TOML, or has another section.
     """
     found = read_toml(path)
     for name, text in found.items():
         if name not in COMMENT_SECTIONS:
-            hint = nearest(name, COMMENT_SECTIONS)
-            raise InputError(
-                f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{hint}",
-                source=path,
-                field=name,
-                code=Code.COMMENTS,
-            )
+            message = f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{nearest(name, COMMENT_SECTIONS)}"
+            raise InputError(message, source=path, field=name, code=Code.COMMENTS)
         if not isinstance(text, str):
-            raise InputError(
-                f"found {type(text).__name__}; allowed: text in quotation marks",
-                source=path,
-                field=name,
-                code=Code.COMMENTS,
-            )
+            message = f"found {type(text).__name__}; allowed: text in quotation marks"
+            raise InputError(message, source=path, field=name, code=Code.COMMENTS)
     return {name: str(text) for name, text in found.items()}
 
 
-def _sentence(summary: Mapping[str, object]) -> str:
-    if not entries_of(summary, "reasons"):
-        return "Nothing speaks against this result beyond its error bars."
-    return "What speaks against it, the worst first:"
-
-
 def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
-    reasons = entries_of(summary, "reasons")
-    out = [
-        (
-            f"{', '.join(r.get('trials') or ['study'])}: {r.get('cause')} ({r.get('evidence')}) [{r.get('code')}]",
-            str(r.get("action")),
-        )
-        for r in reasons[:MOST_REASONS]
-    ]
-    if len(reasons) > MOST_REASONS:
-        out.append(
-            (f"and {counted(len(reasons) - MOST_REASONS, 'more reason')}", "summary.json and the page have them all")
-        )
+    out = []
+    for r in entries_of(summary, "reasons"):
+        where = ", ".join(r.get("trials") or ["study"])
+        out.append((f"{where}: {r.get('cause')} ({r.get('evidence')}) [{r.get('code')}]", str(r.get("action"))))
+    if (more := len(out) - MOST_REASONS) > 0:
+        out[MOST_REASONS:] = [(f"and {counted(more, 'more reason')}", "summary.json and the page have them all")]
     return tuple(out)
 
 
@@ -175,7 +149,8 @@ def _fit(summary: Mapping[str, object]) -> Iterator[str]:
             units = (("force_N", "force at the pelvis {:.0f} N RMS", ".0f"), ("torque_Nm", "moment {:.1f} N·m", ".1f"))
             parts = (w.format(residual[n]) + (f" (limit {limit[n]:{d}})" if limit else "") for n, w, d in units)
             high = limit and any(residual[name] > limit[name] for name, _, _ in units)
-            told.append(f"unexplained {', '.join(parts)}{': too high' if high else ''}")
+            wide = "" if trial.get("trunk_measured", True) else WIDE_LIMITS
+            told.append(f"unexplained {', '.join(parts)}{': too high' if high else ''}{wide}")
         if told:
             yield f"{name}: {'; '.join(told)}"
 
@@ -204,14 +179,14 @@ class _Activity:
 def _activities(summary: Mapping[str, object], page: Mapping[str, Any]) -> Iterator[_Activity]:
     """Walking first; nothing of isolated trials."""
     of: dict[str, list[Any]] = {}
-    for trial in sorted(page["trials"], key=lambda trial: trial.get("activity", WALKING) != WALKING):
+    for trial in sorted(page["trials"], key=lambda trial: trial["activity"] != WALKING):
         if table_of(table_of(summary, "trials"), trial["name"]).get("role") != "joint":
-            of.setdefault(trial.get("activity", WALKING), []).append(trial)
+            of.setdefault(trial["activity"], []).append(trial)
     for name, trials in of.items():
         known = [s for trial in trials for s in trial["strides"] if s["off"] is not None and not s["turns"]]
         percents = {side: [_stance(s) for s in known if s["side"] == side] for side in SIDES}
         toe_off = {side: float(np.mean(values)) for side, values in percents.items() if values}
-        yield _Activity(name, tuple(t["name"] for t in trials), any(t.get("repeats") for t in trials), toe_off)
+        yield _Activity(name, tuple(t["name"] for t in trials), any(t["repeats"] for t in trials), toe_off)
 
 
 def _stance(stride: Mapping[str, Any]) -> float:
@@ -275,7 +250,7 @@ def _uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
     kept = ("side", "number", "plate", "turns", "reason")
     return {
         trial["name"]: [
-            StrideUse(**{k: s[k] for k in kept}, whole=not s["reason"], repeats=bool(trial.get("repeats")))
+            StrideUse(**{k: s[k] for k in kept}, whole=not s["reason"], repeats=trial["repeats"])
             for s in trial["strides"]
         ]
         for trial in page["trials"]
@@ -344,9 +319,6 @@ def _panels(
             yield variable
             continue
         rows = straight[straight["variable"] == variable]
-        if variable == FOOT_PROGRESSION and not len(rows):
-            yield "Foot progression is not in this result: calibrate again, or look which strides go straight."
-            continue
         kind = kind_of(variable)
         factor = 1.0 / subject.mass if kind is Kind.FORCE else 1.0
         curves: dict[str, tuple[Array, ...]] = {}

@@ -56,10 +56,7 @@ def write_recordings(
     `inputs`: where the recordings lie, if not beside the result. `instead`: what another program computed under our
     names makes room for ours; else ours have names of their own beside it.
 
-    Raises
-    ------
-    InputError
-        The result or a recording is damaged, missing or changed.
+    Raises InputError: The result or a recording is damaged, missing or changed.
     """
     files = trial_files(folder)
     names = moving_trials(folder)
@@ -169,9 +166,8 @@ def _rows(file: Array, trial: Array, source: Path) -> IntArray:
     """(nf,) frames of the file at the times of the trial."""
     rows = np.clip(np.searchsorted(file, trial - SAME_TIME), 0, len(file) - 1)
     if np.abs(file[rows] - trial).max() > SAME_TIME:
-        raise InputError(
-            "its frames are at other times than those of the result", source=source, code=Code.CHANGED_FILE
-        )
+        message = "its frames are at other times than those of the result"
+        raise InputError(message, source=source, code=Code.CHANGED_FILE)
     return np.asarray(rows, dtype=np.intp)
 
 
@@ -256,9 +252,8 @@ def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) 
         same = np.allclose(old.markers, new.markers, rtol=rounding, atol=0.0, equal_nan=True)
     same = same and all(np.array_equal(a.wrench(), b.wrench()) for a, b in zip(old.plates, new.plates, strict=True))
     if not (same and set(old.events) <= set(new.events)):
-        raise InputError(
-            "reads back with other markers, plates or events; please report it", source=target, code=Code.INTERNAL
-        )
+        message = "reads back with other markers, plates or events; please report it"
+        raise InputError(message, source=target, code=Code.INTERNAL)
 
 
 def _said(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:

@@ -61,10 +61,7 @@ class SavedResult:
 def load_result(folder: Path) -> SavedResult:
     """Read a result folder. Model and marker set may have been edited, which `files.remarks` tells.
 
-    Raises
-    ------
-    InputError
-        It is none, or one of its files is damaged, missing, or cannot be read.
+    Raises InputError: It is none, or one of its files is damaged, missing, or cannot be read.
     """
     editable = (MODEL, MARKER_SET)
     saved, files = read_whole(folder, (*editable, UNCERTAINTY, SUMMARY), lambda: _read(folder), editable)
@@ -74,10 +71,7 @@ def load_result(folder: Path) -> SavedResult:
 def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot, tuple[Finding, ...]]:
     """The model of a result folder alone, which may have been edited, and what speaks against it.
 
-    Raises
-    ------
-    InputError
-        As of `load_result`.
+    Raises InputError: As of `load_result`.
     """
 
     def read() -> tuple[SubjectModel, tuple[Finding, ...]]:
@@ -90,16 +84,12 @@ def load_result_model(folder: Path) -> tuple[SubjectModel, Snapshot, tuple[Findi
 def settings_of(folder: Path) -> CalibrationSettings:
     """The settings of the study that a result was made from.
 
-    Raises
-    ------
-    InputError
-        It is no result.
+    Raises InputError: It is no result.
     """
     settings = table_of(read_object(folder / MANIFEST), "settings")
     if not settings:
-        raise InputError(
-            "no result of 'gaitcal calibrate': its manifest.json cannot be read", source=folder, code=Code.NO_RESULT
-        )
+        message = "no result of 'gaitcal calibrate': its manifest.json cannot be read"
+        raise InputError(message, source=folder, code=Code.NO_RESULT)
     known = {k: v for k, v in settings.items() if k in CalibrationSettings.model_fields}
     return CalibrationSettings.model_validate(known)
 
@@ -125,9 +115,8 @@ def _read(folder: Path) -> SavedResult:
 def _static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, float]:
     angles = summary.get(STATIC_ANGLES)
     if not isinstance(angles, dict) or not angles:
-        raise InputError(
-            "found none; angles = 'relative' needs them: calibrate again", source=folder / SUMMARY, code=Code.NO_RESULT
-        )
+        message = "found none; angles = 'relative' needs them: calibrate again"
+        raise InputError(message, source=folder / SUMMARY, code=Code.NO_RESULT)
     return {str(name): float(np.deg2rad(value)) for name, value in angles.items()}
 
 
@@ -186,9 +175,8 @@ def moving_trials(folder: Path) -> list[str]:
         with np.load(folder / SPLINES, allow_pickle=False) as stored:
             return [str(name) for name in stored["trials"]]
     except (OSError, ValueError, KeyError, EOFError) as error:
-        raise InputError(
-            f"cannot be read: {error}; calibrate again", source=folder / SPLINES, code=Code.DAMAGED_RESULT
-        ) from None
+        message = f"cannot be read: {error}; calibrate again"
+        raise InputError(message, source=folder / SPLINES, code=Code.DAMAGED_RESULT) from None
 
 
 def recorded_coordinates(folder: Path) -> dict[str, Array]:

@@ -60,10 +60,7 @@ def write_comparison(
 
     `shared`: the joint parameters of a shared model.
 
-    Raises
-    ------
-    InputError
-        The folder cannot be written, or holds something else than an earlier comparison.
+    Raises InputError: The folder cannot be written, or holds something else than an earlier comparison.
     """
     told = tuple(one_line(f"warning: {text}") for text in comparison.warnings)
     with atomic_directory(folder, ResultKind.COMPARISON, [result / MANIFEST for result in results]) as out:
@@ -195,10 +192,7 @@ def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
 def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
     """Read one result folder, or one of further trials; and what was read.
 
-    Raises
-    ------
-    InputError
-        It is none, or damaged.
+    Raises InputError: It is none, or damaged.
     """
     put_back(folder)
     manifest = read_object(folder / MANIFEST)
@@ -254,16 +248,12 @@ def _measures(folder: Path) -> pd.DataFrame:
     try:
         table, _ = read_csv(source)
         if missing := [name for name in SPATIOTEMPORAL_COLUMNS if name not in table]:
-            raise InputError(
-                f"is no table of measures: found no column {', '.join(missing)}",
-                source=source,
-                code=Code.DAMAGED_RESULT,
-            )
+            message = f"is no table of measures: found no column {', '.join(missing)}"
+            raise InputError(message, source=source, code=Code.DAMAGED_RESULT)
         numbers = {name: pd.to_numeric(table[name]) for name in ("stride", "value", "valid", "turn")}
     except (OSError, UnicodeError, ValueError) as error:
-        raise InputError(
-            f"cannot be read as a table of measures: {error}", source=source, code=Code.DAMAGED_RESULT
-        ) from None
+        message = f"cannot be read as a table of measures: {error}"
+        raise InputError(message, source=source, code=Code.DAMAGED_RESULT) from None
     whole = table.assign(**numbers)
     return whole[whole["variable"].isin(list(MEASURES)) & np.isfinite(whole["value"])]
 

@@ -92,28 +92,22 @@ def require_fit_to_share(a: Session, b: Session) -> None:
         if session.verdict == "refused":
             raise NotComparableError("is refused: it has no say in a shared model", source=session.name)
         if session.leans_on_cohort:
-            raise NotComparableError(
-                "leans on priors of a cohort: calibrate it without to share a model", source=session.name
-            )
+            message = "leans on priors of a cohort: calibrate it without to share a model"
+            raise NotComparableError(message, source=session.name)
         if session.influence is None:
-            raise NotComparableError(
-                "its joint parameters were not calibrated, which a shared model needs", source=session.name
-            )
+            message = "its joint parameters were not calibrated, which a shared model needs"
+            raise NotComparableError(message, source=session.name)
     (mean, spread), (other, wide) = (prior_of(JP_NAMES, session.prior) for session in (a, b))
     if (mean != other).any() or (spread != wide).any():
-        raise NotComparableError(
-            "their studies expect other joints ([calibration] joint_prior); calibrate both with one of them",
-            source=f"{a.name}, {b.name}",
-        )
+        message = "their studies expect other joints ([calibration] joint_prior); calibrate both with one of them"
+        raise NotComparableError(message, source=f"{a.name}, {b.name}")
 
 
 def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
     """The legs' joint parameters that both sessions told something of.
 
-    Raises
-    ------
-    InputError
-        A session is refused, its joint parameters were not calibrated, lean on a cohort, or had another prior.
+    Raises InputError: A session is refused, its joint parameters were not calibrated, lean on a cohort, or had another
+    prior.
     """
     require_fit_to_share(a, b)
     known = set(told_parameters(b.influence))
@@ -146,10 +140,8 @@ def joined(
 ) -> SharedJoints:
     """Both sessions' knowledge together.
 
-    Parameters
-    ----------
-    placed_anew : each has a static trial of its own.
-    prior : of both calibrations; anatomy's unless given.
+    `placed_anew`: each has a static trial of its own.
+    `prior`: of both calibrations; anatomy's unless given.
     """
     count = len(names)
     mean, spread = prior_of(names, prior)
@@ -199,17 +191,11 @@ def compare_with_shared_model(
 
     Returns the comparison, and `shared_parameters.csv`: of each session, alone and shared, with standard errors.
 
-    Parameters
-    ----------
-    studies : the study file of A, then of B; those that lie in the results unless given.
+    `studies`: the study file of A, then of B; those that lie in the results unless given.
 
-    Raises
-    ------
-    InputError
-        A result is refused, its joints were not calibrated by the evidence of all trials, or its study is not found
-        or is another one.
-    ConvergenceError
-        The fit to all trials ended early.
+    Raises InputError: A result is refused, its joints were not calibrated by the evidence of all trials, or its study
+    is not found or is another one.
+    Raises ConvergenceError: The fit to all trials ended early.
     """
     folders = Path(a), Path(b)
     one, other = named_apart(*(load_session(folder)[0] for folder in folders))
@@ -242,12 +228,8 @@ def compare_with_shared_model(
 def fitted_together(a: Study, b: Study) -> SharedJoints:
     """One fit of the legs' joints to the trials of two studies on one static trial.
 
-    Raises
-    ------
-    InputError
-        The settings leave joint parameters alone.
-    ConvergenceError
-        The fit ended early.
+    Raises InputError: The settings leave joint parameters alone.
+    Raises ConvergenceError: The fit ended early.
     """
     read = {t.name: t for t in a.trials}
     files = {a.inputs[a.input_names(t)["file"]] for t in a.trials}
@@ -268,10 +250,7 @@ def fitted_together(a: Study, b: Study) -> SharedJoints:
 def study_of_result(folder: Path, file: Path) -> Study:
     """The study that a result was made from, with the trials that it used.
 
-    Raises
-    ------
-    InputError
-        It is not there, or its recordings are others.
+    Raises InputError: It is not there, or its recordings are others.
     """
     if not file.is_file():
         raise NotComparableError(f"not found; say with --study FILE which study {folder} was made from", source=file)

@@ -129,7 +129,7 @@ ENSEMBLE: Final = "ensemble.csv"
 STRIDE_FILES: Final = {CYCLES: CYCLE_COLUMNS, SPATIOTEMPORAL: SPATIOTEMPORAL_COLUMNS}
 """With their columns, those that are read back when further trials join them."""
 ENSEMBLE_HEADER: Final = (
-    "mean curves of cycles.csv over all straight strides of its trials, valid samples alone; units as there",
+    "mean curves of cycles.csv over its repetitions and strides, of gait straight ones, where valid; units as there",
     "n strides of so many trials at that percent; sd over strides; sd_within strides of a trial, sd_between trials",
     "(empty where no trial has two strides); sd_error: what of sd and sd_within is measurement error, at most",
     "se: standard error of the mean, with the errors that all strides share",
@@ -138,9 +138,9 @@ ENSEMBLE_HEADER: Final = (
 
 PEAKS: Final = "peaks.csv"
 PEAKS_HEADER: Final = (
-    "peaks of each stride in its phase, then means over all straight strides; units and signs as in cycles.csv",
-    "window: of the stance and the swing of that foot; highest and lowest: only where the curve turns within it;",
-    "of activities other than gait, whose strides are their repetitions: in a whole phase of cycles.csv",
+    "peaks of each stride or repetition in its phase, then means over all repetitions and all strides, of gait the",
+    "straight ones; units and signs as in cycles.csv; window: of the stance and the swing of that foot; highest and",
+    "lowest: only where the curve turns within it; of activities other than gait: in a whole phase of cycles.csv",
     "n of so many strides have it; sd over strides; se of the mean, with the errors that all strides share",
 )
 """Comment lines above the header."""

@@ -24,6 +24,7 @@ from gaitcal.results.table_file import Json, columns_of, refused_lines, write_cs
 from gaitcal.session.result import Calibration, Loads, TrialResult
 from gaitcal.session.tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
 from gaitcal.session.truth_errors import CurveTruth, FeatureTruth, TruthErrors
+from gaitcal.session.warnings import is_trunk_unmeasured
 from gaitcal.study.truth import MOMENTS, MOTION
 
 if TYPE_CHECKING:
@@ -249,6 +250,8 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
             if (due := trial.loads.expected) is not None:
                 out["pelvis_residual_expected"] = {"force_N": due.force.expected, "torque_Nm": due.moment.expected}
                 out["pelvis_residual_limit"] = {"force_N": due.force.limit, "torque_Nm": due.moment.limit}
+                if is_trunk_unmeasured(trial.body):
+                    out["trunk_measured"] = False
         if reactions.has_torques:
             out["torque_change_bwh"] = _torque_change(trial.loads)
             if sources := _error_sources(trial.loads):

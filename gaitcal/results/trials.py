@@ -69,10 +69,8 @@ def earlier_page(
 ) -> tuple[Shown | None, tuple[str, ...]]:
     """The page of the trials `kept` of an earlier run, and a warning on each that cannot stay in it.
 
-    Parameters
-    ----------
-    hashes : file -> SHA-256 as it was written.
-    stale : those that were made with another model.
+    `hashes`: file -> SHA-256 as it was written.
+    `stale`: those that were made with another model.
     """
     names = tuple(kept)
     if not names:
@@ -115,22 +113,17 @@ def write_trials(
 ) -> tuple[str, ...]:
     """Write further trials into `folder`, whole or not at all; those of earlier runs stay, but for the same names.
 
-    Parameters
-    ----------
-    saved : what the trials were made with. Nothing is written where one of its files has changed since; the model's
-        hash tells later whether an earlier trial was made with it.
-    inputs : recordings and forces, which the folder must not hold.
-    verdict : on these trials; `summary.json` tells it for each, with its reasons among the warnings.
+    `saved`: what the trials were made with. Nothing is written where one of its files has changed since; the model's
+    hash tells later whether an earlier trial was made with it.
+    `inputs`: recordings and forces, which the folder must not hold.
+    `verdict`: on these trials; `summary.json` tells it for each, with its reasons among the warnings.
 
     Returns
     -------
     Warnings on earlier trials that are kept: made with another model, or no longer as they were written.
 
-    Raises
-    ------
-    InputError
-        The folder cannot be written, or holds files that are not ours; the model has changed; the earlier summary or
-        manifest is damaged.
+    Raises InputError: The folder cannot be written, or holds files that are not ours; the model has changed; the
+    earlier summary or manifest is damaged.
     """
     names = {trial.name for trial in trials}
     model, relative_to = saved.model, saved.relative_to
@@ -153,9 +146,10 @@ def write_trials(
         write_stride_files(out, model, trials, relative_to, earlier_strides(folder, earlier, kept))
         write_further_page(out, trials, saved, verdict, page)
         earlier_warnings = (w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN))
+        reasons = (r for r in entries_of(summary, "reasons") if set(r.get("trials") or []) & set(kept))
         new_summary: dict[str, Json] = {
             "trials": {**kept, **{t.name: trial_summary(t, verdict) for t in trials}},
-            "reasons": [*_reasons_about(kept, summary), *cast(list[Json], verdict_summary(verdict)["reasons"])],
+            "reasons": [*reasons, *cast(list[Json], verdict_summary(verdict)["reasons"])],
             "notes": [*_lines_about(kept, summary, "notes"), *(note for t in trials for note in t.notes)],
             "warnings": [*earlier_warnings, *stale, *(reason.line for reason in verdict.reasons)],
         }
@@ -167,8 +161,8 @@ def write_trials(
         }
         (out / MANIFEST).write_text(json_text(new_manifest), encoding="utf-8")
         owners = _owners(kept)
-        for path in _trial_files(folder):
-            if path.stem in owners:
+        for path in sorted(folder.glob("*/*")):
+            if path.is_file() and path.stem in owners:
                 name = path.relative_to(folder).as_posix()
                 also_at(path, out / name)
                 if name in earlier:
@@ -181,11 +175,8 @@ def _earlier(folder: Path) -> Mapping[str, str]:
     hashes = listed(folder)
     if SUMMARY in hashes and sha256_of(folder / SUMMARY) != hashes[SUMMARY]:
         cure = "move the folder away and run its trials again"
-        raise InputError(
-            f"is damaged, or was edited: not as gaitcal wrote it; {cure}",
-            source=folder / SUMMARY,
-            code=Code.DAMAGED_RESULT,
-        )
+        message = f"is damaged, or was edited: not as gaitcal wrote it; {cure}"
+        raise InputError(message, source=folder / SUMMARY, code=Code.DAMAGED_RESULT)
     return hashes
 
 
@@ -209,11 +200,6 @@ def _damaged(folder: Path, earlier: Mapping[str, str], kept: Iterable[str]) -> t
     )
 
 
-def _trial_files(folder: Path) -> list[Path]:
-    """All files of trials, `motion/walk.mot` and the like."""
-    return sorted(path for path in folder.glob("*/*") if path.is_file())
-
-
 def _others(table: Mapping[str, Json], names: set[str]) -> dict[str, Json]:
     return {name: value for name, value in table.items() if name not in names}
 
@@ -223,8 +209,3 @@ def _lines_about(trials: Mapping[str, Json], summary: Mapping[str, object], key:
     stored = summary.get(key)
     lines = [line for line in stored if isinstance(line, str)] if isinstance(stored, list) else []
     return [line for line in lines if any(line.startswith(f"{name}: ") for name in trials)]
-
-
-def _reasons_about(trials: Mapping[str, Json], summary: Mapping[str, object]) -> list[Json]:
-    """Reasons of an earlier summary that are about one of these trials."""
-    return [entry for entry in entries_of(summary, "reasons") if set(entry.get("trials") or []) & set(trials)]

@@ -84,11 +84,9 @@ class Bandwidth:
 def bandwidth_of(problem: MotionProblem, trial: Trial, model: SubjectModel, settings: CalibrationSettings) -> Bandwidth:
     """The bandwidth of a trial.
 
-    Parameters
-    ----------
-    problem : what its joint parameters are fitted by, with the nodes of the settings if these give any.
-    trial : turned so that x is forward.
-    model : tracked with its nominal parameters, so that a calibration and further trials choose alike.
+    `problem`: what its joint parameters are fitted by, with the nodes of the settings if these give any.
+    `trial`: turned so that x is forward.
+    `model`: tracked with its nominal parameters, so that a calibration and further trials choose alike.
     """
     if settings.nodes is not None:
         return _given_nodes(problem)

@@ -333,10 +333,7 @@ def study_of(draft: Draft, *, proposed: bool = False) -> Study:
     """The drafted study with its recordings, without a study file on disk; `proposed`: also where what the labels mean
     is proposed only.
 
-    Raises
-    ------
-    InputError
-        No study follows from the folder; something is missing; or as of `Study.load`.
+    Raises InputError: No study follows from the folder; something is missing; or as of `Study.load`.
     """
     path = draft.folder.path / STUDY
     if draft.fault:
@@ -344,9 +341,8 @@ def study_of(draft: Draft, *, proposed: bool = False) -> Study:
     if not proposed and (words := unconfirmed_words(draft)):
         raise InputError(words, source=draft.folder.path, code=Code.UNKNOWN_LABEL)
     if draft.missing:
-        raise InputError(
-            f"{missing_words(draft)}: give {missing_options(draft)}", source=draft.folder.path, code=Code.WHO_IT_IS
-        )
+        message = f"{missing_words(draft)}: give {missing_options(draft)}"
+        raise InputError(message, source=draft.folder.path, code=Code.WHO_IT_IS)
     if draft.choice is not None and draft.choice.proposal is not None:
         answered = replace(draft.choice.proposal, asked=frozenset())
         draft = replace(draft, choice=replace(draft.choice, proposal=answered))
@@ -416,11 +412,8 @@ def own_study(folder: Folder) -> Path | None:
     own = [f.path for f in folder.files if f.kind is FileKind.STUDY or f.name == STUDY]
     if len(own) > 1:
         names = ", ".join(p.name for p in own)
-        raise InputError(
-            f"holds {len(own)} study files: {names}; name one of them instead of the folder",
-            source=folder.path,
-            code=Code.FOLDER,
-        )
+        message = f"holds {len(own)} study files: {names}; name one of them instead of the folder"
+        raise InputError(message, source=folder.path, code=Code.FOLDER)
     return own[0] if own else None
 
 

@@ -105,10 +105,7 @@ class Folder:
 def read_folder(path: Path, *, deep: bool = False) -> Folder:
     """Read every file that lies in a folder; `deep`: and in the folders directly in it that hold recordings.
 
-    Raises
-    ------
-    InputError
-        It is no folder, cannot be listed, or holds more than `MOST_FILES` files.
+    Raises InputError: It is no folder, cannot be listed, or holds more than `MOST_FILES` files.
     """
     if not path.is_dir():
         raise InputError("is no folder; a folder with one person's recordings is needed", source=path, code=Code.FOLDER)
@@ -122,11 +119,8 @@ def read_folder(path: Path, *, deep: bool = False) -> Folder:
     if deep:
         files += [file for name, _ in subfolders for file in _files_in(path / name)]
     if len(files) > MOST_FILES:
-        raise InputError(
-            f"found {len(files)} files; a folder of one person has fewer than {MOST_FILES}",
-            source=path,
-            code=Code.FOLDER,
-        )
+        message = f"found {len(files)} files; a folder of one person has fewer than {MOST_FILES}"
+        raise InputError(message, source=path, code=Code.FOLDER)
     read = tuple(_read(file, file.relative_to(path).as_posix()) for file in files)
     return Folder(path=path, files=read, subfolders=subfolders, deep=deep)
 

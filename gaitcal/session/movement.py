@@ -233,10 +233,8 @@ def movement(
 ) -> Movement:
     """What a recording shows.
 
-    Parameters
-    ----------
-    posture : the recording's own, where the person stands in it.
-    reference : of the static trial, whose segments turn in this one; None where there is none.
+    `posture`: the recording's own, where the person stands in it.
+    `reference`: of the static trial, whose segments turn in this one; None where there is none.
     """
     recording, _ = without_outliers(recording, marker_set.segment_of)
     time = recording.time

@@ -187,9 +187,7 @@ SIDES_EXCHANGED = "left and right"
 def exchange_told(one: Distances, other: Distances, marker_set: MarkerSet) -> str:
     """The exchange of labels in one of two recordings after which their markers sit alike; empty where none does.
 
-    Parameters
-    ----------
-    one, other : of `pair_distances`.
+    `one`, `other`: of `pair_distances`.
     """
     present = apart_by_segment(one, other, marker_set)
     if len(present) < 2:

@@ -69,12 +69,10 @@ def person_of(
 ) -> dict[str, Known]:
     """Field of `[subject]` -> what is known of it; fields that nobody tells are not in it.
 
-    Parameters
-    ----------
-    files : name and facts of every file of the person, the static trial's first.
-    plates : name of the static trial that stands wholly on plates, and the mass (kg) that these weigh.
-    markers : height (m) that the standing markers tell, and its standard deviation.
-    walks : names of walks with whole strides on plates, and the mass (kg) that these weigh.
+    `files`: name and facts of every file of the person, the static trial's first.
+    `plates`: name of the static trial that stands wholly on plates, and the mass (kg) that these weigh.
+    `markers`: height (m) that the standing markers tell, and its standard deviation.
+    `walks`: names of walks with whole strides on plates, and the mass (kg) that these weigh.
     """
     out = {"name": Known(value=options.name or folder, reason="option" if options.name else "name of the folder")}
     if options.session:

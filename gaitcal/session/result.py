@@ -328,9 +328,8 @@ class Calibration:
             if trial.name == name:
                 return trial
         known = [trial.name for trial in self.trials]
-        raise InputError(
-            f"found '{name}'; allowed: {', '.join(known)}{nearest(name, known)}", field="trial", code=Code.ARGUMENT
-        )
+        message = f"found '{name}'; allowed: {', '.join(known)}{nearest(name, known)}"
+        raise InputError(message, field="trial", code=Code.ARGUMENT)
 
 
 def withdrawn(calibration: Calibration) -> Calibration:

@@ -68,13 +68,11 @@ def analyse(
 ) -> TrialResult:
     """Track one further trial of the whole body with a calibrated model and compute its torques.
 
-    Parameters
-    ----------
-    model : calibrated, as `gaitcal.load_model` returns it.
-    trial : markers named as in the model; with force plates if torques are wanted.
-    settings : of the calibration (splines, force filter and errors of force plates).
-    uncertainty : of the calibration, for standard errors.
-    moves : segment -> what its markers may have done since the static trial (`faults.study.further_moves`).
+    `model`: calibrated, as `gaitcal.load_model` returns it.
+    `trial`: markers named as in the model; with force plates if torques are wanted.
+    `settings`: of the calibration (splines, force filter and errors of force plates).
+    `uncertainty`: of the calibration, for standard errors.
+    `moves`: segment -> what its markers may have done since the static trial (`faults.study.further_moves`).
     """
     segment_of = dict(zip(model.markers.labels, model.markers.segments, strict=True))
     prepared = prepare_trial(cleaned_trial(trial, segment_of, model.noise), model, settings)
@@ -195,12 +193,10 @@ def _foot_axes(
 ) -> FootAxes:
     """With errors: what markers leave, and by how much the foot's own axes may point elsewhere.
 
-    Parameters
-    ----------
-    long_axes : (nf, 2, 3).
-    lines : (nf, 2) rad.
-    variances : source -> (nf, 2) rad^2; none: not known.
-    turned : segment -> (nf, k, 3) rad.
+    `long_axes`: (nf, 2, 3).
+    `lines`: (nf, 2) rad.
+    `variances`: source -> (nf, 2) rad^2; none: not known.
+    `turned`: segment -> (nf, k, 3) rad.
     """
     if not variances:
         return FootAxes(long_axes)

@@ -236,10 +236,7 @@ def name_hash(cohort: str, name: str) -> str:
 def read_cohort_priors(path: Path) -> CohortPriors:
     """Read and check a file of priors.
 
-    Raises
-    ------
-    InputError
-        It is none, of another format, or its matrices are no covariances.
+    Raises InputError: It is none, of another format, or its matrices are no covariances.
     """
 
     def fault(message: str, field: str | None = None) -> InputError:
@@ -273,19 +270,14 @@ def read_cohort_priors(path: Path) -> CohortPriors:
     return priors
 
 
-def with_cohort_priors(study: Study, path: Path, priors: CohortPriors | None = None) -> Study:
+def with_cohort_priors(study: Study, path: Path) -> Study:
     """A study whose joint parameters lean on a cohort; the file counts among its inputs.
 
-    `priors`: the content of the file, where it has been read already.
-
-    Raises
-    ------
-    InputError
-        The file is no such file, or was learnt with another marker set, other nominal joints, or for another protocol.
+    Raises InputError: The file is no such file, or was learnt with another marker set, other nominal joints, or for
+    another protocol.
     """
-    priors = priors or read_cohort_priors(path)
     sha256 = sha256_of(path) or ""
-    prior = replace(joint_prior(priors, study, path), sha256=sha256)
+    prior = replace(joint_prior(read_cohort_priors(path), study, path), sha256=sha256)
     settings = study.settings.model_copy(update={"priors": Path(path.name)})
     return replace(study.with_input(path, sha256), settings=settings, joint_prior=prior)
 

@@ -234,12 +234,8 @@ class CalibrationSettings(Table):
         if self.priors is None:
             return self
         if not self.takes_priors:
-            raise InputError(
-                f"found {shown(str(self.priors))}; allowed only with protocol = 'evidence' and jp = true",
-                source=source,
-                field="calibration.priors",
-                code=Code.PRIORS,
-            )
+            message = f"found {shown(str(self.priors))}; allowed only with protocol = 'evidence' and jp = true"
+            raise InputError(message, source=source, field="calibration.priors", code=Code.PRIORS)
         return self.model_copy(update={"priors": at(self.priors)})
 
     @property

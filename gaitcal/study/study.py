@@ -137,11 +137,8 @@ def _age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str
     if table.birth_date and table.session_date:
         if age < 0.0 or not agrees:
             words = "" if age < 0.0 else f" and age_years = {said:g}, which they make {age:.2f}"
-            raise InputError(
-                f"found {table.birth_date} before session_date = {then}{words}; allowed: dates that agree",
-                field="subject.birth_date",
-                code=Code.BAD_VALUE,
-            )
+            message = f"found {table.birth_date} before session_date = {then}{words}; allowed: dates that agree"
+            raise InputError(message, field="subject.birth_date", code=Code.BAD_VALUE)
     elif not (agrees and 0.0 <= age <= OLDEST):
         counts = "no age is known" if said is None else f"age_years = {said:g} counts"
         return said, f"dates of birth and session, as files have them, make an age of {age:.1f} years: {counts}"
@@ -196,9 +193,8 @@ class Study:
         study = cls.assemble(file, marker_set, trials, path)
         for name, f in study._named_files.items():
             if study.inputs[name] != before[f]:
-                raise InputError(
-                    f"'{name}' changed while the study was read; run again", source=path, code=Code.CHANGED_FILE
-                )
+                message = f"'{name}' changed while the study was read; run again"
+                raise InputError(message, source=path, code=Code.CHANGED_FILE)
         return study
 
     @classmethod
@@ -227,9 +223,8 @@ class Study:
             truth=read_truth(file.truth, file.calibration, marker_set.name, [trial.name for trial in trials], path),
         )
         if (other := study.other_truth()) is not None:
-            raise InputError(
-                f"{other}; allowed: the same, or no [truth]", source=path, field="truth.landmarks", code=Code.TRUTH
-            )
+            message = f"{other}; allowed: the same, or no [truth]"
+            raise InputError(message, source=path, field="truth.landmarks", code=Code.TRUTH)
         return study if file.calibration.priors is None else with_cohort_priors(study, file.calibration.priors)
 
     def other_truth(self) -> str | None:

@@ -191,9 +191,8 @@ class Markers(Table):
         seen: dict[str, str] = {}
         for old, new in rename.items():
             if new in seen:
-                raise ValueError(
-                    f"{shown(seen[new])} and {shown(old)} both become {shown(new)}; a label names one marker"
-                )
+                message = f"{shown(seen[new])} and {shown(old)} both become {shown(new)}; a label names one marker"
+                raise ValueError(message)
             seen[new] = old
         return rename
 
@@ -302,10 +301,9 @@ class StudyFile(Table):
         for number, trial in enumerate(trials, start=1):
             # Some file systems do not tell Walk from walk.
             if (other := seen.setdefault(trial.name.lower(), number)) != number:
-                raise ValueError(
-                    f"trials {other} and {number} are both named {shown(trial.name)}; every name occurs once "
-                    "(capitals make no difference)"
-                )
+                message = f"trials {other} and {number} are both named {shown(trial.name)}; every name occurs once "
+                message += "(capitals make no difference)"
+                raise ValueError(message)
         if not any(trial.role == "static" for trial in trials):
             raise ValueError("no trial stands still; add [[trial]] with name = 'static', role = 'static', file = '...'")
         return trials
@@ -351,10 +349,7 @@ def _relative(path: Path, folder: Path | None) -> Path:
 def load_study_file(path: Path | str) -> StudyFile:
     """Read and check the study file at `path`; relative paths in it are resolved from the file's own folder.
 
-    Raises
-    ------
-    InputError
-        One line: file, field, what was found, what is allowed.
+    Raises InputError: One line: file, field, what was found, what is allowed.
     """
     source = Path(path)
     study = read_validated(StudyFile, source)

@@ -114,10 +114,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
 
     `rename`: label in the file -> label in the marker set, before the set's own aliases are looked up.
 
-    Raises
-    ------
-    InputError
-        One line: file, field, what was found, what is allowed.
+    Raises InputError: One line: file, field, what was found, what is allowed.
     """
     whole = with_corrected_events(read_recording(trial.file, forces=trial.forces), trial.file)
     recording = marker_set.renamed(_rename(whole, rename))
@@ -162,12 +159,8 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
     changed = [f"{old} -> {rename[old]}" for old in recording.labels if old in rename]
     doubled = sorted({label for label in labels if labels.count(label) > 1}) if changed else ()
     if doubled:
-        raise InputError(
-            f"found '{doubled[0]}' twice after renaming; a label names one marker",
-            source=recording.source,
-            field="markers.rename",
-            code=Code.UNKNOWN_LABEL,
-        )
+        message = f"found '{doubled[0]}' twice after renaming; a label names one marker"
+        raise InputError(message, source=recording.source, field="markers.rename", code=Code.UNKNOWN_LABEL)
     renamed = replace(recording, labels=labels)
     return renamed.with_notes(f"markers renamed: {', '.join(changed)}") if changed else renamed
 

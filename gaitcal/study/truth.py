@@ -143,10 +143,8 @@ def read_truth(
 ) -> Truth | None:
     """The truth that the study file `source` names; None where it names none. `marker_set`: its name.
 
-    Raises
-    ------
-    InputError
-        One line: a name, a unit, a number or a rule that is not what a result has; no curves of any trial.
+    Raises InputError: One line: a name, a unit, a number or a rule that is not what a result has; no curves of any
+    trial.
     """
     if table is None:
         return None

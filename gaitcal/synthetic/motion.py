@@ -246,10 +246,7 @@ def residual_free_wrench(parameters: Parameters, motion: TrueMotion) -> Array:
 def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     """The ground reactions of a motion of a person with these parameters; a seat bears what no foot does.
 
-    Raises
-    ------
-    ValueError
-        Nothing is said of the ground.
+    Raises ValueError: Nothing is said of the ground.
     """
     ground = motion.ground
     if ground is None:

@@ -313,12 +313,10 @@ def write_truth(folder: Path, model: SubjectModel, trials: Mapping[str, tuple[Tr
     """Write `truth.csv`, `truth/static_landmarks.csv`, and `truth/TRIAL_motion.csv` and `TRIAL_moments.csv` of each
     trial; velocities and accelerations, on which forces depend, where there are forces.
 
-    Parameters
-    ----------
-    folder : of the study.
-    model : with the true parameters.
-    trials : name -> the true motion, and the wrenches (nf, 2, 6) on right and left foot about the laboratory origin
-        that it was given; None without plates.
+    `folder`: of the study.
+    `model`: with the true parameters.
+    `trials`: name -> the true motion, and the wrenches (nf, 2, 6) on right and left foot about the laboratory origin
+    that it was given; None without plates.
     """
     frames = static_frames(model, HipCentre(TRUTH.hip_centre))
     (folder / PARAMETERS).write_text(truth_table(frames.parameters), encoding="utf-8")

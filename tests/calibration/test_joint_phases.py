@@ -117,6 +117,13 @@ def test_phases_are_the_published_ones_and_trials_keep_what_they_were_fitted_wit
     assert parameters_for(done, "another", nominal) is nominal
 
 
+@pytest.mark.parametrize("name", ["knee_r", GAIT])
+def test_an_activity_is_of_its_own_kind_whatever_its_trial_is_called(name: str) -> None:
+    problem, _ = knee_trial(1)
+    kinds = {JointProblem(problem, problem, *of).kind for of in (("knee_r",), (None,), (None, name))}
+    assert len(kinds) == 3
+
+
 @pytest.mark.parametrize("how", [PUBLISHED, WEAKLY])
 def test_without_noise_the_truth_is_found(how: PhaseSettings) -> None:
     problem, truth = knee_trial(1)

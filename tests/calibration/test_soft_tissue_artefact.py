@@ -267,6 +267,15 @@ def test_one_soft_segment_softens_the_others_less_than_one_scale_for_all_would(m
     assert alike > soft_tissue_scale(all_soft).linear, "where all are soft, nothing is taken off"
 
 
+def test_segments_whose_joints_an_activity_may_leave_at_rest_calm_no_other() -> None:
+    """An angle that only seems to move, by errors of others, goes with no deformation: as if the skin were none."""
+    one, all_soft = person(8, drawn(8, 1.0, ("thigh_r",))), person(8, drawn(8, 1.0))
+    walks, activity = (soft_tissue_scale(one, possibly_still=still).linear for still in (False, True))
+    everything = soft_tissue_scale(all_soft).linear
+    assert walks < 0.2 * everything and 0.5 * everything < activity < 2.0 * everything
+    assert soft_tissue_scale(all_soft, possibly_still=True).linear == pytest.approx(everything, rel=0.1)
+
+
 @pytest.mark.parametrize("seen", [0.01, 0.0])
 def test_a_marker_that_is_seldom_seen_hides_nothing(seen: float) -> None:
     """A fourth marker of the thigh, seen in two frames or never: the other three tell."""

@@ -10,7 +10,7 @@ from scipy.stats import t as student
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
 from gaitcal.compare.comparison import ComparisonRow, osim_words
-from gaitcal.compare.difference import MDC, difference_variance, numbers_of, own_causes, placement, sentence
+from gaitcal.compare.difference import MDC, difference_variance, lines_of, numbers_of, own_causes, placement, sentence
 from gaitcal.compare.sessions import compare_sessions, curve_figures
 from gaitcal.compare.stride_sets import Common, StrideSet
 from gaitcal.errors import InputError
@@ -121,6 +121,14 @@ def test_negative_values_are_told_as_more_or_less_negative() -> None:
     )
     same_step = replace(peak, unit="s", a=0.6070, b=0.60696)
     assert numbers_of(same_step)[:3] == ("0.607", "0.607", "0.000")
+
+
+def test_single_support_is_told_once_as_the_swing_of_the_other_leg() -> None:
+    one = compare_sessions(made_session("a"), made_session("b", swing=SWING)).found[0]
+    step = replace(one, se_shared=0.0, kind="spatiotemporal", measure="mean", unit="s", a=0.40, b=0.46, se_strides=0.01)
+    legs = [replace(step, side=side, name=name) for side, name in (("l", "swing"), ("r", "single_support"))]
+    assert "left swing" in (lines := lines_of(("a", "b"), Common.STATIC, legs))[2] and len(lines) == 3
+    assert "right single support" in lines_of(("a", "b"), Common.STATIC, legs[1:])[2]
 
 
 def test_a_recording_in_both_is_said() -> None:

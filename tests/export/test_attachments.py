@@ -111,6 +111,24 @@ def test_points_follow_however_their_body_is_named(tmp_path: Path, tag: str, bod
         list(carried(document, {"femur_r": UP}))
 
 
+def test_meshes_in_offset_frames_follow(tmp_path: Path) -> None:
+    """What is drawn of a body and of an offset frame in it moves alike, each in axes of its own."""
+    drawn = "<attached_geometry><Mesh/></attached_geometry>"
+    frame = f"""<PhysicalOffsetFrame name="f"><socket_parent>..</socket_parent><translation>1 2 3</translation>
+        <orientation>0.3 0 1.5</orientation>{drawn}</PhysicalOffsetFrame>"""
+    path = tmp_path / "model.osim"
+    body = f'<Body name="b"><components>{frame}</components>{drawn}</Body>'
+    path.write_text(f"<OpenSimDocument><Model><BodySet><objects>{body}</objects></BodySet></Model></OpenSimDocument>")
+    document, motion = read_document(path), pin.SE3(pin.exp3(np.array([0.1, 0.2, -0.4])), np.array([0.02, 0.0, -0.1]))
+    path.write_bytes(document.changed({}, meshes={"b": motion}))
+    pose = {key: pose for key, pose, e in read_document(path).frames_of("b") if e.find("attached_geometry") is not None}
+    assert sorted(pose) == ["b/b_meshes", "b/f/f_meshes"]
+    was = {key: place for key, place, _ in document.frames_of("b")}
+    for key in was:
+        now = pose[f"{key}/{key.rpartition('/')[2]}_meshes"]
+        assert now.isApprox(motion * was[key], 1e-12)
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_bones_of_joints_that_stay_are_the_same_bytes(data_dir: Path, name: str) -> None:
     done = into_osim(person_of(read_osim(data_dir / name)), data_dir / name, follow=True)

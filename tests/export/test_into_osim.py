@@ -377,6 +377,26 @@ def test_what_is_fixed_to_a_joints_frame_is_told(published: SubjectModel, tmp_pa
     assert told in into_osim(replace(published, parameters=moved, nominal=moved), path).notes
 
 
+def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(published: SubjectModel, tmp_path: Path) -> None:
+    path = written(published, tmp_path / "m.osim", "opensim 4")
+    tree = ET.parse(path)
+    bodies, joints = (next(tree.iter(tag)).find("objects") for tag in ("BodySet", "JointSet"))
+    assert bodies is not None and joints is not None
+    ET.SubElement(ET.SubElement(bodies, "Body", name="condyle_r"), "mass").text = "0.2"
+    weld = ET.SubElement(joints, "WeldJoint", name="condyle_r")
+    for end, body in (("parent", "thigh_r"), ("child", "condyle_r")):
+        ET.SubElement(weld, f"socket_{end}_frame").text = f"/bodyset/{body}"
+    for socket in (e for e in joints.iterfind("CustomJoint[@name='knee_r']//socket_parent") if e.text):
+        socket.text = socket.text.replace("thigh_r", "condyle_r")
+    tree.write(path)
+    names = ("hip_r.thigh.ant", "knee_r.thigh.ant", "subtalar_r.talus.sup", "subtalar_r.foot.sup")
+    moved = published.parameters.with_joint(names, np.full(len(names), 0.04))
+    model = replace(published, parameters=moved, nominal=moved)
+    told = {follow: " ".join(into_osim(model, path, follow=follow).notes) for follow in (False, True)}
+    assert "do not follow" not in told[False] and "condyle_r, thigh_r: no bone between two joints" in told[True]
+    assert "talus_r" not in told[True].partition("do not follow")[0] and "static trial alone ?" in told[True]
+
+
 def test_a_model_of_one_leg(published: SubjectModel, tmp_path: Path) -> None:
     path = written(published, tmp_path / "m.osim", "opensim 4")
     tree = ET.parse(path)

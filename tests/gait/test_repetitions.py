@@ -85,8 +85,12 @@ def test_the_top_of_a_jump_is_no_rest() -> None:
 
 
 def test_feet_that_strike_in_turn_make_strides() -> None:
-    right = np.array([0.2, 1.2, 2.2])
-    assert alternate(right, right[:2] + 0.5)
-    assert alternate(right, np.array([0.45]))  # a limp, and a single strike
-    assert not alternate(right, right + 0.03)  # jumps
-    assert not alternate(right, np.array([]))  # hops
+    def strikes(*times: float, offs: tuple[float, ...] = ()) -> FootEvents:
+        return FootEvents(np.array(times), np.array(offs))
+
+    right = strikes(0.2, 1.2, 2.2)
+    assert alternate(right, strikes(0.7, 1.7))
+    assert alternate(right, strikes(0.45))  # a limp, and a single strike
+    assert not alternate(right, strikes(0.23, 1.23, 2.23))  # jumps
+    assert not alternate(right, strikes())  # hops
+    assert not alternate(strikes(1.53, offs=(1.17,)), strikes(1.67, offs=(1.17,)))  # a jump, one of whose feet slides

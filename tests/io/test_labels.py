@@ -60,6 +60,7 @@ def test_computed_points_go_by_the_files_own_lists_and_by_their_spelling(tmp_pat
 def test_only_whole_sets_of_segment_points_are_taken_for_such() -> None:
     """LTOA alone may be a marker's name; so may any three of the four."""
     assert computed_points(["PELO", "PELA", "PELL", "LTOA", "LHEE"]) == set()
+    assert computed_points(["pelo", "pela", "pell", "pelp", "ltoa"]) == {"pelo", "pela", "pell", "pelp"}
     assert computed_points(["CentreOfMass", "CentreOfMassFloor", "LHJC", "LKneeAngles", "RGroundReactionForce"]) == {
         "CentreOfMass",
         "CentreOfMassFloor",

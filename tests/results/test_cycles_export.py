@@ -315,18 +315,6 @@ def test_other_comments_are_refused(text: str, told: str, tmp_path: Path) -> Non
         read_comments(tmp_path / "comments.toml")
 
 
-def test_a_result_of_before_foot_progression_and_errors_of_symmetry_is_printed(made: Path, tmp_path: Path) -> None:
-    with edited(made, tmp_path / "old") as (old, data):
-        kept = [line for line in (old / "cycles.csv").read_text().splitlines() if ",foot_progression," not in line]
-        (old / "cycles.csv").write_text("\n".join(kept) + "\n")
-        for measure in data["summary.json"]["spatiotemporal"].values():
-            measure.pop("symmetry_se_percent", None)
-        data["summary.json"].pop("norm", None)
-    content = report_content(old, (read_normal_bands(NORMS), NORMS), {})
-    told = [shown for shown in content.sheets[0].panels if isinstance(shown, str)]
-    assert any("calibrate again" in words for words in told) and not content.profile
-
-
 def test_strides_count_on_paper_as_on_the_page(made: Path, tmp_path: Path) -> None:
     with edited(made, tmp_path / "told") as (folder, data):
         strides = next(trial["strides"] for trial in data["page.json"]["trials"] if trial["strides"])
@@ -347,8 +335,10 @@ def test_unexplained_force_and_moment_are_both_judged(beyond: str, made: Path, t
         trial = next(trial for trial in data["summary.json"]["trials"].values() if trial["role"] == "gait")
         trial["pelvis_residual"] = {"jp": {"force_N": 20.0, "torque_Nm": 5.0}}
         trial["pelvis_residual_limit"] = {"force_N": 30.0, "torque_Nm": 9.0} | ({beyond: 2.0} if beyond else {})
+        trial |= {} if beyond else {"trunk_measured": False}
     (told,) = report_content(folder, None, {}).fit
     assert ("too high" in told) == bool(beyond) and "force at the pelvis 20 N" in told and "moment 5.0 N·m" in told
+    assert ("limits are wide, as no marker tells how trunk and arms move" in told) == (not beyond)
 
 
 def test_relative_angles_have_no_profile(made: Path, tmp_path: Path) -> None:

@@ -261,10 +261,7 @@ def supplement_c3d(
     group : a group of parameters of that name, each a list of text.
     units : POINT parameter -> unit, such as `ANGLE_UNITS`, where the file has none.
 
-    Raises
-    ------
-    InputError
-        The file cannot take them: its layout is damaged, or a limit of the format is met.
+    Raises InputError: The file cannot take them: its layout is damaged, or a limit of the format is met.
     """
     header, content, labels = original.header, original.content, original.labels
     at = (content[0] - 1) * BLOCK

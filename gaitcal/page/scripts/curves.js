@@ -125,11 +125,7 @@ Gaitcal.Curves = class {
   }
 
   came(entries) {
-    for (const { target, isIntersecting } of entries) {
-      const panel = this.panels.find(({ root }) => root === target);
-      if (!panel) continue;
-      panel.visible = isIntersecting;
-    }
+    for (const { target, isIntersecting } of entries) this.panels.find(({ root }) => root === target).visible = isIntersecting;
     this.schedule();
   }
 
@@ -217,9 +213,7 @@ Gaitcal.Curves = class {
       group.root.classList.toggle("large", chosen);
       group.root.classList.toggle("dim", here && !chosen);
       if (chosen && "open" in group.root) group.root.open = true;
-      for (const panel of group.panels) {
-        if (panel.subject.joint) panel.title.setAttribute("aria-pressed", String(chosen));
-      }
+      for (const { subject, title } of group.panels) if (subject.joint) title.setAttribute("aria-pressed", String(chosen));
     }
     this.redraw();
     if (move) this.reveal(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);

@@ -72,9 +72,7 @@ Gaitcal.around = (middle, half) => ({
 });
 
 // The band of healthy people.
-Gaitcal.normBand = (x, mean, sd, { norm }) => ({
-  x, ...Gaitcal.around(mean, sd), colour: norm, alpha: 0.25, dash: [1, 2.5],
-});
+Gaitcal.normBand = (x, mean, sd, { norm }) => ({ x, ...Gaitcal.around(mean, sd), colour: norm, alpha: 0.25, dash: [1, 2.5] });
 
 // As many digits as tell the ticks apart.
 Gaitcal.tickWords = (splits) => {

@@ -90,8 +90,7 @@ Gaitcal.Traces = class {
     );
     for (const [values, valid] of curves) values.filter((_, i) => valid[i]).forEach(include);
     if (low > high) for (const [values] of curves) values.forEach(include);
-    const reach = 0.5 * (high - low);
-    const [bottom, top] = [low - reach, high + reach];
+    const [bottom, top] = [1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low];
     for (const { se, sd, value, valid } of this.lines) {
       for (const half of [this.strides.state.errors && se, sd].filter(Boolean)) {
         half.forEach((error, i) => {
@@ -101,12 +100,7 @@ Gaitcal.Traces = class {
         });
       }
     }
-    for (const { mean, sd } of this.bands) {
-      mean.forEach((value, i) => {
-        include(value - sd[i]);
-        include(value + sd[i]);
-      });
-    }
+    for (const { mean, sd } of this.bands) Object.values(Gaitcal.around(mean, sd)).flat().forEach(include);
     if (low > high) return [-1, 1];
     if (this.kind !== "angle") include(0);
     const pad = Math.max(0.05 * (high - low), 1e-6);
