@@ -88,6 +88,8 @@ APART = 0.010
 """m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to some millimetres."""
 FAR_M = 0.020
 """m; twice what the best regressions miss a hip by, in three directions together (`calibration/joint_prior.py`)."""
+ROLLING = 1e-4
+"""m RMS, from a hinge, from which a joint rolls."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -405,7 +407,13 @@ class Transfer:
                 f"{', '.join(stay)}: no bone between two joints (hips, or hip and knee, or knee and ankle), so that "
                 "muscle points, wraps and meshes there do not follow"
             )
+        off = {leg.ours: leg.hinge.off for leg in self.legs if leg.hinge is not None}
         for move in moves:
+            if move.verdict is Verdict.MOVED and off.get(move.joint, 0.0) > ROLLING:
+                yield (
+                    f"{move.theirs} is no hinge: over the postures of the recordings {1e3 * off[move.joint]:.1f} mm "
+                    "RMS from the nearest one, which its standard errors and draws do not count"
+                )
             changed = any(end is not None and end.changed for end in (move.parent, move.child))
             if changed and (names := self.document.hangs_on(move.theirs)):
                 yield f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with it"

@@ -53,6 +53,8 @@ class Hinge:
 
     in_parent: pin.SE3
     in_child: pin.SE3
+    off: float = 0.0
+    """m RMS, how far points `LEVER` from its centre are from where the joint that rolls has them."""
 
     def angle(self, pose: pin.SE3) -> float:
         """The hinge's angle, rad, that is nearest to a pose of the child in the parent."""
@@ -175,7 +177,8 @@ def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> H
         return (np.array([[pose.act(p) for p in points] for pose in told]) - measured).ravel()
 
     if np.abs(residual(np.zeros(9))).max() > EXACT:
-        hinge = moved(least_squares(residual, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12).x)
+        best = least_squares(residual, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12)
+        hinge = replace(moved(best.x), off=float(np.sqrt(3.0 * np.mean(np.square(best.fun)))))
     return hinge
 
 

@@ -230,10 +230,7 @@ class MarkerEvidence:
         if self.model is None:
             return {}
         markers = self.model.markers
-        rows: dict[str, list[int]] = {segment: [] for segment in markers.segments}
-        for i, (label, segment) in enumerate(zip(markers.labels, markers.segments, strict=True)):
-            if label in self.place:
-                rows[segment].append(i)
+        rows = {segment: markers.on(segment, self.place) for segment in markers.segments}
         return {s: (tuple(markers.labels[i] for i in own), markers.local[own]) for s, own in rows.items()}
 
     def weighed(self, segment: str) -> list[str]:

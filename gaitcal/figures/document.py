@@ -16,7 +16,17 @@ from reportlab.lib.colors import HexColor
 from reportlab.lib.pagesizes import A4
 from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
-from reportlab.platypus import BaseDocTemplate, Flowable, Frame, PageBreak, PageTemplate, Paragraph, Spacer, Table
+from reportlab.platypus import (
+    BaseDocTemplate,
+    CondPageBreak,
+    Flowable,
+    Frame,
+    PageBreak,
+    PageTemplate,
+    Paragraph,
+    Spacer,
+    Table,
+)
 
 from gaitcal.figures.report_sheets import (
     BOLD,
@@ -36,6 +46,7 @@ from gaitcal.io.atomic import atomic_bytes
 TONES: Final = {"trustworthy": HexColor("#2e7d32"), "doubtful": HexColor("#b26a00"), "refused": HexColor("#b00020")}
 MARGIN: Final = 15.0 * mm
 HEADER_COLUMNS: Final = 5
+LEAST_TABLE: Final = 60.0 * mm
 LEAST_SHEET: Final = 150.0 * mm
 """Height of a sheet of curves that can be read; a comment that leaves less has pages of its own."""
 
@@ -183,7 +194,7 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
     for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
         out += _sheet(sheet, content, (width, height), content.norm)
     for title, rows in content.peaks:
-        out += [PageBreak(), _heading(title), Spacer(1, 1.5 * mm), _table(rows, width)]
+        out += [CondPageBreak(LEAST_TABLE), _heading(title), Spacer(1, 1.5 * mm), _table(rows, width)]
     out += [PageBreak(), *([] if together else profile), _heading("Joints: where calibration moved them")]
     stayed = printed("Joint parameters stayed as they were.")
     out += [Spacer(1, 1.5 * mm), _table(content.joints, width) if len(content.joints) > 1 else stayed]

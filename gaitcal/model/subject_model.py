@@ -7,7 +7,7 @@ like any other, constant in time, so Pinocchio's own derivatives are derivatives
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -174,6 +174,11 @@ class MarkerPlacement:
     segments: tuple[str, ...]  # name of the segment of each marker
     local: Array  # (nm, 3) m, in the segment frame
     weight: Array  # (nm,) >= 0; a marker with weight 0 is reported but does not pull
+
+    def on(self, segment: str, labels: Collection[str]) -> list[int]:
+        """Numbers of the markers on a segment that are among `labels`."""
+        both = enumerate(zip(self.labels, self.segments, strict=True))
+        return [i for i, (label, of) in both if of == segment and label in labels]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,6 +24,7 @@ from gaitcal.gait.cycles import GROUND_REACTION, POINTS, WALKING, Kind, kind_of,
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.normal_bands import BAND_SIGNS, FREE_WORDS, Bands, Norm, NormalBand, norm_for, own_norm
+from gaitcal.gait.peaks import PHASES
 from gaitcal.gait.profile_score import profile_scores
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_object
@@ -53,6 +54,11 @@ KINETICS: Final = (
     *("knee_angle_moment", "knee_adduction_moment", "ankle_angle_moment", "hip_power", "knee_power", "ankle_power"),
     *("subtalar_angle_moment", "lumbar_extension_moment", GROUND_REACTION),
 )
+LEGS: Final = (
+    *("hip_flexion", "knee_angle", "ankle_angle", "hip_flexion_moment", "knee_angle_moment", "ankle_angle_moment"),
+    *("hip_power", "knee_power", "ankle_power", "hip_adduction", "knee_adduction_moment", GROUND_REACTION),
+)
+"""Of each activity after the first, on one page."""
 MOST_REASONS = 6
 NOTHING: Final = "Nothing speaks against this result beyond its error bars."
 RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
@@ -202,19 +208,21 @@ def _sheets(
     uses: Mapping[str, Sequence[StrideUse]],
     remark: str,
 ) -> Iterator[Sheet]:
-    """Kinematics and kinetics of each activity; the first takes the comments."""
+    """Kinematics and kinetics of the first activity, with the comments, and the legs of each further one."""
     kinetics = (
         "Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only where the foot "
         "stands wholly on a plate."
     )
     for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, toe_off={}),)):
-        whose = "all walks" if a.walks else a.name
-        note = f"Joint angles over the stride, mean over straight strides of {whose}. Pelvis against the line of "
-        note += "progression of each stride."
+        whose = "straight strides of all walks" if a.walks else f"strides of {a.name}"
+        note = (
+            f"Joint angles over the stride, mean over {whose}. Pelvis against the line of progression of each stride."
+        )
         if a.repeats:
             note = "Joint angles from rest to rest of the pelvis, mean over repetitions."
         of = {name: uses[name] for name in a.trials}
-        for title, variables, words in (("Kinematics", KINEMATICS, note), ("Kinetics", KINETICS, kinetics)):
+        whole = (("Kinematics", KINEMATICS, note), ("Kinetics", KINETICS, kinetics))
+        for title, variables, words in whole if k == 0 else (("Legs", LEGS, f"{note} {kinetics}"),):
             yield Sheet(
                 title=title if a.walks else f"{title}, {a.name}",
                 panels=tuple(
@@ -230,19 +238,21 @@ def _sheets(
 
 def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator[tuple[str, ...]]:
     """Peaks by phase of one activity, in clinical signs and by body mass."""
-    yield ("peak", "unit", "phase", *(SIDE_WORDS[side] for side in SIDES))
     found = [mean for mean in page_peaks(page["trials"]) if mean.activity == activity]
-    for peak in dict.fromkeys(mean.peak for mean in found):
-        cells, kind = dict.fromkeys(SIDES, "–"), kind_of(peak.variable)
-        for m in (m for m in found if m.peak is peak):
-            pair = np.array([m.mean, m.se])
-            value, error = CLINICAL.values(peak.variable, pair, m.side, subject) / (
-                subject.mass if kind is Kind.FORCE else 1.0
-            )
-            digits = 1 if kind is Kind.ANGLE else 2
-            bar = f" ± {abs(error):.{digits}f}" if np.isfinite(error) else ""
-            cells[m.side] = f"{value:.{digits}f}{bar} at {m.percent:.0f} %"
-        yield (peak.title(), UNITS[kind], peak.words, *cells.values())
+    phases = [phase for phase in PHASES if any(m.peak.phase == phase for m in found)]
+    yield ("peak", "unit", "leg", *phases)
+    rows: dict[tuple[str, str, str], dict[str, str]] = {}
+    for m in found:
+        phase, kind = m.peak.phase, kind_of(m.peak.variable)
+        pair = np.array([m.mean, m.se]) / (subject.mass if kind is Kind.FORCE else 1.0)
+        value, error = CLINICAL.values(m.peak.variable, pair, m.side, subject)
+        digits = 1 if kind is Kind.ANGLE else 2
+        bar = f" ± {abs(error):.{digits}f}" if np.isfinite(error) else ""
+        title = m.peak.title().removesuffix(f", {phase}").removesuffix(f" in {phase}")
+        rows.setdefault((title, UNITS[kind], SIDE_WORDS[m.side]), {})[phase] = f"{value:.{digits}f}{bar}"
+    order = list(dict.fromkeys(title for title, _, _ in rows))
+    for head, cells in sorted(rows.items(), key=lambda row: order.index(row[0][0])):  # both legs of a peak together
+        yield (*head, *(cells.get(phase, "–") for phase in phases))
 
 
 def _uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:

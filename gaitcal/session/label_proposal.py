@@ -114,6 +114,7 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     if on_device:
         seen = [i for i in seen if every[i] not in on_device]
         placed, view, told = _likeliest(*_of(seen, points, scatter), forward, height)
+    placed = _with_whole_arms(placed, view, *_of(seen, points, scatter))
     labels = [every[i] for i in seen]
     found = _read_off(labels, placed, scatter[np.ix_(seen, seen)])
     odd = dict(zip(labels, out_of_place(view.of(points[seen]), placed), strict=True))
@@ -359,6 +360,21 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
         )
     how = f"both feet swing forward (agreement {said:.2f})" if walks else "feet and pelvis point forward"
     return whole[chosen], views[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"
+
+
+def _with_whole_arms(placed: Placed, view: _View, points: Array, beside: Together) -> Placed:
+    """Markers placed again without a forearm if neither its upper arm nor the trunk has a marker: a cluster of the
+    thigh lies where hands hang.
+    """
+    segments = np.array(placed.body.segments)
+    on = set(segments[placed.places[placed.places >= 0]].tolist())
+    lone = [
+        f"forearm_hand_{s}" for s in SIDES if f"forearm_hand_{s}" in on and not on & {f"upper_arm_{s}", "head_trunk"}
+    ]
+    if not lone:
+        return placed
+    without = replace(beside, allowed=beside.allowed & ~np.isin(segments, lone))
+    return place_markers(view.of(points), placed.body, placed.height, without)
 
 
 def _sacral(found: LabelProposal, at: Mapping[str, Array]) -> LabelProposal:

@@ -156,8 +156,12 @@ class TrialResult:
 
     @property
     def activity(self) -> str:
-        """`gait` of a walk, else the trial's own name: whose strides, or repetitions, belong together."""
-        return self.name if self.role is Role.MOTION else WALKING
+        """`gait` of a walk, else the trial's own name: whose strides, or repetitions, belong together. A trial called
+        `gait` that is none is no walk for its name.
+        """
+        if self.role is not Role.MOTION:
+            return WALKING
+        return f"{self.name} (motion)" if self.name == WALKING else self.name
 
     @property
     def is_refused(self) -> bool:

@@ -231,11 +231,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
 def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
     """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen together."""
     column = {label: i for i, label in enumerate(recording.labels)}
-    pelvis = [
-        i
-        for i, (label, segment) in enumerate(zip(model.markers.labels, model.markers.segments, strict=True))
-        if segment == "pelvis" and label in column
-    ]
+    pelvis = model.markers.on("pelvis", column)
     if len(pelvis) < 3:
         return None
     measured = recording.markers[:, [column[model.markers.labels[i]] for i in pelvis]].transpose(1, 2, 0)

@@ -240,11 +240,7 @@ def model_with_trunk(
 def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
     """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m lumbar joint."""
     column = {label: i for i, label in enumerate(walk.labels)}
-    pelvis = [
-        i
-        for i, (label, segment) in enumerate(zip(model.markers.labels, model.markers.segments, strict=True))
-        if segment == "pelvis" and label in column
-    ]
+    pelvis = model.markers.on("pelvis", column)
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
     known = np.flatnonzero(seen_mask(measured).all(axis=1))

@@ -358,14 +358,18 @@ def test_an_activity_has_sheets_and_peaks_of_its_own(made: Path, tmp_path: Path)
                 stride["peaks"] = {"in_rising_knee_extension_moment": [-40.0, 2.0, 1.0, 70.0]}
         for trial in data["summary.json"]["trials"].values():
             trial["role"] = "motion"
+        data["page.json"]["trials"].append(
+            {**data["page.json"]["trials"][0], "name": "hop", "activity": "hop", "strides": []}
+        )
     content = report_content(folder, None, {})
     assert not content.walked and content.title.startswith("Movement report")
-    assert [sheet.title for sheet in content.sheets] == ["Kinematics, squat", "Kinetics, squat"]
-    assert all(sheet.has_curves and "repetitions" in sheet.thin for sheet in content.sheets)
-    (title, (_, row)) = content.peaks[0]
+    assert [sheet.title for sheet in content.sheets] == ["Kinematics, squat", "Kinetics, squat", "Legs, hop"]
+    assert all(sheet.has_curves and "repetitions" in sheet.thin for sheet in content.sheets[:2])
+    (title, (head, *rows)) = content.peaks[0]
     moment = 40.0 / load_result_model(folder)[0].subject.mass
-    assert "repetitions" in title and row[:3] == ("Knee extension moment, rising", "N·m/kg", "the pelvis goes up")
-    assert all(cell.startswith(f"{moment:.2f} ± ") and cell.endswith("at 70 %") for cell in row[3:])
+    assert "repetitions" in title and head[3:] == ("rising",)
+    assert [row[:3] for row in rows] == [("Knee extension moment", "N·m/kg", side) for side in ("right", "left")]
+    assert all(row[3].startswith(f"{moment:.2f} ± ") for row in rows)
 
 
 def test_without_a_stride_a_sentence_stands_in_place_of_sheets(made: Path, tmp_path: Path) -> None:

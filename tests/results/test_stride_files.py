@@ -28,6 +28,7 @@ from gaitcal.results.stride_files import (
 )
 from gaitcal.results.summary import summary, trial_summary
 from gaitcal.session.result import Calibration
+from gaitcal.study.study_trial import Role
 from tests.fake_result import ERROR_SHARES, fake_calibration
 from tests.page.page_words import page_words
 from tests.page.walked_blocks import rows_of, walked
@@ -228,3 +229,9 @@ def test_what_is_wrong_with_a_files_events_is_said_of_its_trial() -> None:
     said = [f for f in wrong.findings if f.topic == "events"]
     assert [(f.where, f.severity) for f in said] == [("walk", Severity.WARNING)] and "0.30 s too late" in said[0].cause
     assert not [f for f in walk.findings if f.topic == "events"]
+
+
+def test_a_squat_that_is_called_gait_is_no_walk(whole: Calibration) -> None:
+    called = replace(whole.trials[0], name="gait")
+    assert (called.activity, replace(called, role=Role.MOTION).activity) == ("gait", "gait (motion)")
+    assert replace(called, role=Role.MOTION, name="squat").activity == "squat"

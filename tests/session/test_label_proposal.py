@@ -23,6 +23,7 @@ from gaitcal.session.label_proposal import LANDMARK_SET, LabelProposal, propose_
 from gaitcal.session.marker_motion import distance_scatter, forward_direction, standing_points
 from gaitcal.session.person_facts import Options
 from gaitcal.study.study import Study
+from scripts.validation.clinics.labels import own_set
 from tests.session.folders import SAID, draft, recordings, write
 
 QUIET = Console(quiet=True, verbose=False)
@@ -205,6 +206,17 @@ def test_segments_in_real_recordings(person: str, data_dir: Path) -> None:
     wrong = {m: (right[m], found.get(m, "nowhere")) for m in old.values() if found.get(m) != right[m]}
     assert len(wrong) <= 0.05 * len(old), wrong
     assert not [m for m, (a, b) in wrong.items() if a[:-1] == b[:-1] and a != b], "a leg for the other"
+
+
+def test_a_cluster_of_the_thigh_is_no_hand(data_dir: Path) -> None:
+    """Of legs alone, where hands hang beside the thigh."""
+    own, walk = own_set("mt_feet"), []
+    for name in ("static.trc", "walk.trc"):
+        r = own.renamed(read_recording(data_dir / "more_labs" / "mt_feet" / name))
+        ours = [i for i, label in enumerate(r.labels) if label in own.labels]
+        walk.append(replace(r, labels=tuple(r.labels[i] for i in ours), markers=r.markers[:, ours]))
+    found = told(propose_labels(walk, 1.59))
+    assert {found[f"L.TH{k}"] for k in (1, 2, 3, 4)} == {"thigh_l"}
 
 
 def test_markers_that_a_set_does_not_know_follow_what_they_move_with(tmp_path: Path) -> None:
