@@ -60,13 +60,20 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial
 
 
-def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, uncertainty: Uncertainty) -> TrialResult:
+def analyse(
+    model: SubjectModel,
+    trial: Trial,
+    settings: CalibrationSettings,
+    uncertainty: Uncertainty,
+    moves: Mapping[str, PossibleMove],
+) -> TrialResult:
     """Track one further trial of the whole body with a calibrated model and compute its torques.
 
     `model`: calibrated, as `gaitcal.load_model` returns it.
     `trial`: markers named as in the model; with force plates if torques are wanted.
     `settings`: of the calibration (splines, force filter and errors of force plates).
     `uncertainty`: of the calibration, for standard errors.
+    `moves`: segment -> what its markers may have done since the static trial (`faults.study.further_moves`).
     """
     segment_of = dict(zip(model.markers.labels, model.markers.segments, strict=True))
     prepared = prepare_trial(cleaned_trial(trial, segment_of, model.noise), model, settings)
@@ -74,7 +81,12 @@ def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, un
         tissue = tissue_of_walk(prepared.body, model.nominal, uncertainty.joint.free)
         prepared = replace(prepared, tissue=tissue)
     session = Session(
-        model=model, settings=settings, parameters=model.parameters, trials=(prepared,), uncertainty=uncertainty
+        model=model,
+        settings=settings,
+        parameters=model.parameters,
+        trials=(prepared,),
+        moves={trial.name: moves},
+        uncertainty=uncertainty,
     )
     session = replace(session, trials=(tracked(prepared, session, Stage.JP_IP),))
     session = replace(session, forces=diagnose_forces(session))
