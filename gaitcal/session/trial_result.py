@@ -180,7 +180,7 @@ def _crouch_findings(trial: str, body: Motion, events: GaitEvents, *, activity: 
     cause, why = "not all of the trial is steps", "while no foot steps; strides alone are counted"
     if not events.events:
         cause = "not all of the trial is repetitions"
-        why = "without a rest before, by less than half as far as elsewhere, or from another height of rest; that is in no repetition"
+        why = "in no repetition: from no rest or one at another height, or by less than half as far as elsewhere"
     when = ", ".join(f"{start:.2f}-{stop:.2f}" for start, stop in found)
     return (
         Finding(
