@@ -219,9 +219,7 @@ def _words(rms: tuple[float, float]) -> str:
     return f"the pelvis residual ({rms[0]:.1f} N, {rms[1]:.1f} N·m RMS)"
 
 
-def spread_of_the_rest(
-    inertial: Array, which: InertialSet, settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE
-) -> Array:
+def spread_of_the_rest(inertial: Array, which: InertialSet) -> Array:
     """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
 
     They stay nominal, and people scatter about them as about others; pelvis and trunk are taken to be symmetric.
@@ -232,8 +230,7 @@ def spread_of_the_rest(
     limb = [name.split(".")[0].endswith(("_r", "_l")) for name in every.names]
     scatter = [".com." in n and (paired or not n.endswith(".lat")) for n, paired in zip(every.names, limb, strict=True)]
     kept = np.flatnonzero(scatter & ~free)
-    spread = chart.spread(settings)
-    return (chart.jacobian(np.zeros(chart.size)) * spread)[:, kept]
+    return (chart.jacobian(np.zeros(chart.size)) * chart.spread(inertial_calibration.PEOPLE))[:, kept]
 
 
 def fit_by_evidence(

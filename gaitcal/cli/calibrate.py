@@ -23,7 +23,7 @@ from gaitcal.cli.console import (
 from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
-from gaitcal.faults.study import check_further, check_study
+from gaitcal.faults.study import check_further, check_study, further_moves
 from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.events import activity_events
@@ -169,7 +169,8 @@ def analyse_further(
         done = []
         for trial in read:
             step(f"{trial.name}: tracking and inverse dynamics")
-            done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty))
+            moves = further_moves(trial, saved.model, saved.marker_set, saved.settings)
+            done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty, moves))
         late = [trial.name for trial in done if not trial.calibrated.converged]
         findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
         verdict = judge(without_consequences(findings), [trial.name for trial in done])

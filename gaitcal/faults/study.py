@@ -191,6 +191,19 @@ def moves_since_static(study: Study) -> dict[str, dict[str, PossibleMove]]:
     return out
 
 
+@np.errstate(all="ignore")
+def further_moves(
+    trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
+) -> dict[str, PossibleMove]:
+    """The same of one further trial against a saved model."""
+    evidence = _further(trial, model, marker_set, settings)
+    return possible_moves(evidence.clusters, evidence.links) if model.noise is None else {}
+
+
+def _further(trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings) -> MarkerEvidence:
+    return MarkerEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
+
+
 @remembered
 def _looked_at(study: Study) -> tuple[SubjectModel | None, tuple[Finding, ...], tuple[MarkerEvidence, ...]]:
     """The nominal model, or what keeps the static trial from giving one, and what the checks look at."""
@@ -205,7 +218,7 @@ def check_further(
     trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
 ) -> tuple[Finding, ...]:
     """All findings on one further trial against a saved model and its marker set, the worst first."""
-    evidence = MarkerEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
+    evidence = _further(trial, model, marker_set, settings)
     found = without_consequences(_check_trial(evidence))
     of_body = (*plates.body_mass((evidence,)), *static_consistency.static_consistency((evidence,)))
     return tuple(_worst_first([*found, *of_body]))

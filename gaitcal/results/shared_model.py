@@ -36,6 +36,7 @@ from gaitcal.compare.difference import own_causes, told_parameters
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Common, NotComparableError, Session, common_to
 from gaitcal.errors import ConvergenceError
+from gaitcal.faults.study import moves_since_static
 from gaitcal.gait.cycles import typed
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.model.linkage import LEG_JOINTS
@@ -274,7 +275,8 @@ def retracked(
         joints = counted_from_static(model.with_parameters(model.nominal), begun, static).parameters
     fitted: SubjectModel = model.with_parameters(joints)
     walks = [t for t in study.trials if t.role is Role.GAIT]
-    results = [analyse(fitted, trial, settings, uncertainty) for trial in walks]
+    moves = moves_since_static(study)
+    results = [analyse(fitted, trial, settings, uncertainty, moves.get(trial.name, {})) for trial in walks]
     strides = cycle_table(fitted, results)
     measures = spatiotemporal_table(fitted.subject, results)
     return replace(

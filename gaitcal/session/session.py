@@ -30,7 +30,7 @@ from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
-from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, isolated_parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion, tracked_motion
@@ -161,20 +161,23 @@ def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] =
         parameters=model.parameters,
         trials=tuple(trials),
         static=completed_static(study).static,
-        prior=replace(prior.loosened(study.loosened), doubted=_doubted(moves)),
+        prior=replace(prior.loosened(study.loosened), doubted=_doubted(moves, study.moving)),
         moves=moves,
         checked=checked,
         findings=tuple(findings),
     )
 
 
-def _doubted(moves: Mapping[str, Mapping[str, PossibleMove]]) -> dict[str, float]:
-    """Joint parameter -> m, rad by which it may be wrong if markers moved in any trial."""
+def _doubted(moves: Mapping[str, Mapping[str, PossibleMove]], trials: Sequence[Trial]) -> dict[str, float]:
+    """Joint parameter -> m, rad by which it may be wrong if markers moved in any trial that shows its joint."""
     out = dict[str, float]()
-    for p in JOINT_PARAMETERS:
-        found = [of[p.segment] for of in moves.values() if p.segment in of]
-        if found:
-            out[p.name] = max(m.shift if p.kind is Kind.POSITION else float(m.turn[p.axis]) for m in found)
+    for trial in trials:
+        shown = JP_NAMES if trial.joint is None else isolated_parameters(trial.joint)
+        for p in JOINT_PARAMETERS:
+            move = moves.get(trial.name, {}).get(p.segment)
+            if move is not None and p.name in shown:
+                by = move.shift if p.kind is Kind.POSITION else float(move.turn[p.axis])
+                out[p.name] = max(by, out.get(p.name, 0.0))
     return out
 
 

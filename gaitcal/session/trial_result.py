@@ -39,6 +39,7 @@ from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.findings import Finding, Severity
+from gaitcal.gait.cycles import FootEvents
 from gaitcal.gait.events import GaitEvents, activity_events, trial_events
 from gaitcal.gait.moments import segment_words
 from gaitcal.gait.repetitions import crouches
@@ -59,13 +60,20 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial
 
 
-def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, uncertainty: Uncertainty) -> TrialResult:
+def analyse(
+    model: SubjectModel,
+    trial: Trial,
+    settings: CalibrationSettings,
+    uncertainty: Uncertainty,
+    moves: Mapping[str, PossibleMove],
+) -> TrialResult:
     """Track one further trial of the whole body with a calibrated model and compute its torques.
 
     `model`: calibrated, as `gaitcal.load_model` returns it.
     `trial`: markers named as in the model; with force plates if torques are wanted.
     `settings`: of the calibration (splines, force filter and errors of force plates).
     `uncertainty`: of the calibration, for standard errors.
+    `moves`: segment -> what its markers may have done since the static trial (`faults.study.further_moves`).
     """
     segment_of = dict(zip(model.markers.labels, model.markers.segments, strict=True))
     prepared = prepare_trial(cleaned_trial(trial, segment_of, model.noise), model, settings)
@@ -73,7 +81,12 @@ def analyse(model: SubjectModel, trial: Trial, settings: CalibrationSettings, un
         tissue = tissue_of_walk(prepared.body, model.nominal, uncertainty.joint.free)
         prepared = replace(prepared, tissue=tissue)
     session = Session(
-        model=model, settings=settings, parameters=model.parameters, trials=(prepared,), uncertainty=uncertainty
+        model=model,
+        settings=settings,
+        parameters=model.parameters,
+        trials=(prepared,),
+        moves={trial.name: moves},
+        uncertainty=uncertainty,
     )
     session = replace(session, trials=(tracked(prepared, session, Stage.JP_IP),))
     session = replace(session, forces=diagnose_forces(session))
@@ -157,19 +170,25 @@ def _without_torque_errors(
 
 
 def _crouch_findings(trial: str, body: Motion, events: GaitEvents) -> tuple[Finding, ...]:
-    """That somebody who steps also squats or sits down, which is in no stride."""
+    """That somebody squats or sits down in no stride or repetition."""
     height = body.q[:, body.coordinates.index("pelvis_ty")]
-    found = crouches(body.time, height, [events.of(side) for side in SIDES]) if events.events else []
+    spans = [(c.start, c.stop) for c in events.repeats]
+    told = [FootEvents(*np.transpose(spans))] if spans else [events.of(side) for side in SIDES] if events.events else []
+    found = [span for span in crouches(body.time, height, told) if span not in spans] if told else []
     if not found:
         return ()
+    cause, why = "not all of the trial is steps", "while no foot steps; strides alone are counted"
+    if spans:
+        cause = "not all of the trial is repetitions"
+        why = "by less than half as far as elsewhere, or from another height of rest; that is in no repetition"
     when = ", ".join(f"{start:.2f}-{stop:.2f}" for start, stop in found)
     return (
         Finding(
             severity=Severity.INFO,
             topic="strides",
             where=trial,
-            cause="not all of the trial is steps",
-            found=f"{when} s: the pelvis goes down and up while no foot steps; strides alone are counted",
+            cause=cause,
+            found=f"{when} s: the pelvis goes down and up {why}",
             cure='squats, rises and jumps count in trials of their own: the file again, with time and role = "motion"',
             code=Code.NOT_ALL_STEPS,
         ),

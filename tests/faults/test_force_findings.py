@@ -174,7 +174,7 @@ def test_a_trial_with_a_named_fault_takes_no_part_in_inertial_parameters(tmp_pat
     assert any("the forces come" in w and "ms late" in w for w in done.warnings)
     assert any("left out: walk" in note for note in done.notes)
     np.testing.assert_array_equal(done.model.parameters.inertial, done.nominal.parameters.inertial)
-    further = analyse(clean.model, study.moving[0], study.settings, clean.uncertainty)
+    further = analyse(clean.model, study.moving[0], study.settings, clean.uncertainty, {})
     assert [f.cause for f in further.findings if "ms late" in f.cause and f.topic == "forces"]
 
 

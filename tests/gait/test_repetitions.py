@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import FootEvents
+from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.repetitions import alternate, crouches, repetitions
+from gaitcal.session.trial_result import _crouch_findings
 from gaitcal.synthetic.walk import ramp
 
 RATE = 100.0
@@ -94,3 +97,14 @@ def test_feet_that_strike_in_turn_make_strides() -> None:
     assert not alternate(right, strikes(0.23, 1.23, 2.23))  # jumps
     assert not alternate(right, strikes())  # hops
     assert not alternate(strikes(1.53, offs=(1.17,)), strikes(1.67, offs=(1.17,)))  # a jump, one of whose feet slides
+
+
+@pytest.mark.parametrize("second", [STAND - 0.15, STAND])
+def test_a_repetition_that_is_too_shallow_to_count_is_told(second: float) -> None:
+    time, height = path((0, STAND), (1, STAND), (2, SQUAT), (3, STAND), (4, STAND), (5, second), (6, STAND), (7, STAND))
+    found = repetitions(time, height)
+    body = SimpleNamespace(time=time, coordinates=("pelvis_ty",), q=height[:, None])
+    told = _crouch_findings("squat", body, GaitEvents(repeats=found))  # type: ignore[arg-type]
+    assert len(found) == 1
+    assert [f.cause for f in told] == ["not all of the trial is repetitions"] * (second < STAND)
+    assert all(f.found.startswith(f"{found[0].stop:.2f}-7.00 s") for f in told)

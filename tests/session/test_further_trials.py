@@ -10,8 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gaitcal.errors import ConvergenceError, InputError
+from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.gait.events import GaitEvents
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.study.study_trial import Role
@@ -139,6 +141,31 @@ def test_warnings_are_printed_and_written(folder: Path) -> None:
     assert isinstance(warnings, list)
     assert any("another size" in w for w in warnings)
     assert all(f"warning: {w}" in out for w in warnings)
+
+
+def test_what_its_markers_may_have_done_goes_into_its_bars(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thigh whose markers turned by 12 deg, which is too weak to be told."""
+    columns = columns_of(folder, "thigh_l")
+
+    def turned(t: pd.DataFrame) -> pd.DataFrame:
+        x = t[columns].to_numpy().reshape(len(t), -1, 3)
+        middle = x.mean(axis=1, keepdims=True)
+        by = Rotation.from_euler("y", 12.0, degrees=True)
+        moved = (middle + (x - middle) @ by.as_matrix().T).reshape(len(t), -1)
+        return t.assign(**dict(zip(columns, moved.T, strict=True)))
+
+    given: list[dict[str, PossibleMove]] = []
+
+    def seen(*arguments: object) -> None:
+        given.append(arguments[4])  # type: ignore[arg-type]
+        raise ConvergenceError("enough")
+
+    monkeypatch.setattr("gaitcal.cli.calibrate.analyse", seen)
+    for change in (lambda t: t, turned):
+        with pytest.raises(ConvergenceError, match="enough"):
+            commands.run("dynamics", folder / "result", *spoil(folder, change))
+    before, after = (np.rad2deg(moves["thigh_l"].turn[1]) for moves in given)
+    assert before < 1.0 and 3.0 < after < 14.0
 
 
 def test_a_segment_without_markers_is_told_and_has_no_valid_torque(folder: Path) -> None:

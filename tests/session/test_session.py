@@ -2,17 +2,20 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.study import check_study
 from gaitcal.runtime import silent
 from gaitcal.session.calibrate import calibrate, fit_inertia, track
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.result import Stage
-from gaitcal.session.session import session_of
+from gaitcal.session.session import _doubted, session_of
 from gaitcal.study import study_trial
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study_trial import Role
 from tests.faults.spoilt import sound_study
 
 
@@ -43,3 +46,16 @@ def test_a_stage_changes_nothing_of_the_one_before(study: Study) -> None:
     assert list(loaded.trials[0].stages) == [Stage.NOMINAL, Stage.JP_IP]
     assert loaded.parameters is loaded.trials[0].parameters and loaded.uncertainty.inertial is not None
     assert walk.stages == {} and list(tracked.stages) == [Stage.NOMINAL] and moved.inertial is None
+
+
+def test_markers_that_moved_in_an_isolated_trial_leave_other_joints_alone(study: Study) -> None:
+    """The thigh of a knee trial tells of the knee; that of a walk of the hip and the knee."""
+    (walk,) = study.moving
+    knee = replace(walk, name="knee", role=Role.JOINT, joint="knee_r")
+    moves = {
+        "knee": {"thigh_r": PossibleMove(np.full(3, 0.3), 0.02)},
+        "walk": {"thigh_r": PossibleMove(np.full(3, 0.1), 0.01)},
+    }
+    both, alone = _doubted(moves, (knee, walk)), _doubted(moves, (knee,))
+    assert {name.split(".")[0] for name in alone} == {"knee_r"} and {n: both[n] for n in alone} == alone
+    assert both["hip_r.thigh.ant"] == 0.01 and alone["knee_r.thigh.ant"] == 0.02 and alone["knee_r.thigh.front"] == 0.3

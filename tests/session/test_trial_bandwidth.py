@@ -9,6 +9,7 @@ import pytest
 
 from gaitcal.dynamics.ground_reactions import FORCE_HZ, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.bandwidth import DenseMotion
@@ -183,5 +184,8 @@ def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
         assert entry["bandwidth_hz"] == pytest.approx(told.motion_hz, abs=1e-3)
         assert entry["bandwidth_by"] == told.by.value
         assert f"{name}: {told.notes[0]}" in done.notes
-    further = analyse(done.model, study.moving[0], study.settings, done.uncertainty)
+    turned = {"thigh_r": PossibleMove(np.array([0.0, 0.2, 0.0]), 0.0)}
+    further = analyse(done.model, study.moving[0], study.settings, done.uncertainty, turned)
+    k = further.body.coordinates.index("hip_rotation_r")
+    assert further.coordinate_errors[:, k].mean() > 0.2 > done.trial("walk").coordinate_errors[:, k].mean()
     assert trial_summary(further, done.verdict)["bandwidth_by"] == trials["walk"]["bandwidth_by"]  # type: ignore[index,call-overload]
