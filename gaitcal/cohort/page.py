@@ -78,7 +78,7 @@ MEASURES: Final = (
     ),
     _peak("knee_flexion", "Knee flexion", PEAKS["knee_flexion_swing"]),
     _peak("hip_extension", "Hip extension", PEAKS["hip_extension_terminal_stance"]),
-    _peak("plantarflexion_moment", "Ankle plantarflexor moment", PEAKS["plantarflexion_moment"]),
+    _peak("plantarflexor_moment", "Ankle plantarflexor moment", PEAKS["plantarflexion_moment"]),
     _peak("ankle_power", "Ankle power", PEAKS["ankle_power_2"]),
     _peak("adduction_moment", "Knee adduction moment (external)", ADDUCTION_PEAK),
 )
@@ -128,10 +128,10 @@ TITLES: Final = {
 USUAL: Final = {
     "columns": [
         *TITLES, "mass", "height", "marker_rms", "residual", "speed", "cadence", "step_asymmetry",
-        *("knee_flexion_r", "knee_flexion_l", "hip_extension_r", "hip_extension_l", "plantarflexion_moment_r"),
-        *("plantarflexion_moment_l", "ankle_power_r", "ankle_power_l", "adduction_moment_r", "adduction_moment_l"),
+        *("knee_flexion_r", "knee_flexion_l", "hip_extension_r", "hip_extension_l", "plantarflexor_moment_r"),
+        *("plantarflexor_moment_l", "ankle_power_r", "ankle_power_l", "adduction_moment_r", "adduction_moment_l"),
     ],
-    "measures": ["speed", "step_asymmetry", "knee_flexion", "plantarflexion_moment"],
+    "measures": ["speed", "step_asymmetry", "knee_flexion", "plantarflexor_moment"],
 }  # fmt: skip
 """What table and distributions show unless something else is chosen."""
 PAGE: Final = "cohort.html"

@@ -89,6 +89,7 @@ def test_measures_are_of_columns_that_are_there() -> None:
     for measure in MEASURES:
         for text in filter(None, (measure.column, measure.error)):
             assert {text.format("r"), text.format("l")} <= set(NAMES), text
+        assert measure.joined or f"{measure.name}_r" not in NAMES, "the page would show that column, with its sign"
 
 
 def test_everyone_stands_in_the_page(tmp_path: Path) -> None:
