@@ -344,8 +344,8 @@ def calibrate_by_evidence(
         done.append(replace(found, errors=errors, notes=notes))
         tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
     done += _trunk_and_arms(trials, nominal, how)
-    problems = [t.fitted for t in legs]
-    return replace(_calibration_of(done, nominal, prior, bounds, nominal_errors(prior=prior), problems), tissue=tissue)
+    known = nominal_errors(prior=prior)
+    return replace(_calibration_of(done, nominal, prior, bounds, known, [t.fitted for t in legs]), tissue=tissue)
 
 
 def _with_found_tissue(phase: FittedPhase) -> ErrorSources:
@@ -414,19 +414,13 @@ def _calibration_of(
     known: ErrorSources,
     problems: Sequence[MotionProblem],
 ) -> JointCalibration:
-    """All phases together.
-
-    Parameters
-    ----------
-    prior : before any trial.
-    bounds : joint parameters on them, or beyond, are told.
-    known : errors of all joint parameters, of which those of phases that know of no other take the place.
-    problems : of all phases, whose markers show whether the static trial is of this body.
+    """All phases together. `prior`: before any trial; `bounds`: joint parameters on them, or beyond, are told; `known`:
+    errors of all joint parameters, of which those of phases that know of no other take the place; `problems`: of all
+    phases, whose markers show whether the static trial is of this body.
     """
     parameters, spread, bounded = nominal, dict[str, float](), dict[str, None]()
     for phase in done:
-        estimate = phase.estimate
-        free = estimate.free
+        estimate, free = phase.estimate, phase.estimate.free
         parameters = parameters.with_joint(free, estimate.parameters.joint[[JP_INDEX[name] for name in free]])
         spread |= dict(zip(free, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
         bounded |= dict.fromkeys(estimate.at_bound)
@@ -438,8 +432,7 @@ def _calibration_of(
     else:
         before = np.sqrt(np.diag(prior_of(free, prior)[1]))
         unseen = tuple(n for n, deviation in zip(free, before, strict=True) if spread[n] > LEARNT * deviation)
-        near = prior.held_near([n for n in unseen if n.startswith(LEG_JOINTS)])
-        kept = f"held near {near or 'nominal values'}"
+        kept = f"held near {prior.held_near([n for n in unseen if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
     turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}
     return JointCalibration(
         parameters=parameters,

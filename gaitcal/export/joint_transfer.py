@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -282,10 +283,9 @@ class Transfer:
                     pair = self.bodies[above].body, self.bodies[below].body
                     for move in self._between(*pair, legs, segments, stand):
                         found[move.joint] = move
-        absent = (f"{joint}_{side}" for side in SIDES for joint in LEG_JOINTS)
         return tuple(
             found.get(name) or JointMove(joint=name, theirs="", verdict=Verdict.ABSENT, known=float("nan"), standing={})
-            for name in absent
+            for name in (f"{joint}_{side}" for side in SIDES for joint in LEG_JOINTS)
         )
 
     def _between(
@@ -304,9 +304,15 @@ class Transfer:
         pose = stand[top]  # of the joint's parent
         for joint in row:
             leg, was = ours.get(joint.name), self.peer.joint_pose(joint, q0)
-            if leg is None or joint not in moving:
-                if leg is not None:
-                    yield self._left(leg, q0)
+            if leg is None:
+                pose = pose * was
+                continue
+            standing_at = {c.name: q0[c.name] for c in joint.coordinates if c.name in q0}
+            move = partial(
+                JointMove, joint=leg.ours, theirs=joint.name, known=self.known[leg.ours], standing=standing_at
+            )
+            if joint not in moving:
+                yield move(verdict=Verdict.UNDETERMINED)
                 pose = pose * was
                 continue
             standing = None
@@ -333,26 +339,13 @@ class Transfer:
                     (False, joint.in_child, put.in_child),
                 )
             ]
-            yield JointMove(
-                joint=leg.ours,
-                theirs=joint.name,
+            yield move(
                 verdict=Verdict.MOVED,
-                known=self.known[leg.ours],
-                standing={c.name: q0[c.name] for c in joint.coordinates if c.name in q0},
                 rolls=(0.0, 0.0) if standing is None else (shift_between(standing, now), turn_between(standing, now)),
                 parent=ends[0],
                 child=ends[1],
             )
             pose = pose * now
-
-    def _left(self, leg: LegJoint, q0: Mapping[str, float]) -> JointMove:
-        return JointMove(
-            joint=leg.ours,
-            theirs=leg.theirs.name,
-            verdict=Verdict.UNDETERMINED,
-            known=self.known[leg.ours],
-            standing={c.name: q0[c.name] for c in leg.theirs.coordinates if c.name in q0},
-        )
 
     def _by_landmarks(self, leg: LegJoint, of_parent: bool) -> float:
         """m, from a joint as it was read to where the nominal model has it in that body."""
@@ -408,6 +401,7 @@ class Transfer:
                 "muscle points, wraps and meshes there do not follow"
             )
         off = {leg.ours: leg.hinge.off for leg in self.legs if leg.hinge is not None}
+        beside = "" if self.follow else ": muscle points beside it stay on their bones, and may no longer suit it"
         for move in moves:
             if move.verdict is Verdict.MOVED and off.get(move.joint, 0.0) > ROLLING:
                 yield (
@@ -423,12 +417,7 @@ class Transfer:
                 alone = ", ".join("?" if np.isnan(e.landmarks) else f"{1e3 * e.landmarks:.0f}" for e in ends)
                 yield (
                     f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {', '.join(e.body for e in ends)} "
-                    f"({far} mm; by the landmarks of the static trial alone {alone})"
-                    + (
-                        ""
-                        if self.follow
-                        else ": muscle points beside it stay on their bones, and may no longer suit it"
-                    )
+                    f"({far} mm; by the landmarks of the static trial alone {alone}){beside}"
                 )
         if by_axes := [r for r in self.bodies.values() if r.by_axes]:
             yield (

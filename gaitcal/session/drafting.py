@@ -431,12 +431,10 @@ def faulty_notes(faulty: Mapping[str, str]) -> tuple[str, ...]:
 
 def rejected_forces(draft: Draft) -> tuple[Finding, ...]:
     """A warning for each walk without forces whose name a table of forces bears that is nobody's."""
-    tables = [row for row in draft.left_out if row.kind == FileKind.FORCES.value]
     walks = {t.file.path.stem: t for t in draft.trials if t.role in ("gait", "motion")}
     out = []
-    for row in tables:
-        stem = max(walks, key=lambda name: names_alike(name, PurePath(row.name).stem), default="")
-        trial = walks.get(stem)
+    for row in (row for row in draft.left_out if row.kind == FileKind.FORCES.value):
+        trial = walks.get(max(walks, key=lambda name: names_alike(name, PurePath(row.name).stem), default=""))
         if trial is None or trial.forces is not None or (trial.file.recording and trial.file.recording.plates):
             continue
         warning = Finding(

@@ -42,9 +42,10 @@ def trial_data(
     """Of a trial, with the curves packed."""
     time = trial.time - trial.time[0]
     return {
-        "name": trial.name, "role": "walking", "joint": None, "verdict": None, "start": 0.0,
-        "duration": float(time[-1]), "frames": len(time), "every": 1, "time": floats(time), **packed_curves(curves, 1),
-        "events": [], "strides": strides, "measures": [], "line": 0.0, "relative": False, "sections": {},
+        "name": trial.name, "role": "walking", "joint": None, "activity": "gait", "repeats": False, "verdict": None,
+        "start": 0.0, "duration": float(time[-1]), "frames": len(time), "every": 1, "time": floats(time),
+        **packed_curves(curves, 1), "events": [], "strides": strides, "measures": [], "line": 0.0, "relative": False,
+        "sections": {},
     } | more  # fmt: skip
 
 
