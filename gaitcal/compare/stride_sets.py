@@ -143,6 +143,7 @@ class StrideSet:
     """n strides of one variable, in its unit, at 0 to 100 %; NaN where a sample is not valid."""
 
     values: Array  # (n, 101)
+    own: Array  # (n, 101) s
     shared: Array  # (n, 101) c
     frames: Array  # (n, 101) f, at most c
     stance: Array  # (n,) percent at which the foot leaves the ground; NaN where not known
@@ -167,6 +168,7 @@ def stride_sets(session: Session) -> dict[Key, StrideSet]:
         of_rows = [stance.get((trial, str(side), stride), np.nan) for _, _, trial, stride in wide.index[rows]]
         out[str(side), str(variable)] = StrideSet(
             values=arrays["value"][rows],
+            own=own,
             shared=shared,
             frames=np.zeros_like(shared),
             stance=np.array(of_rows, dtype=np.float64),

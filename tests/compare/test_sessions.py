@@ -254,7 +254,9 @@ def test_nothing_to_tell_is_said() -> None:
 def test_errors_that_both_ends_of_a_range_share_cancel_in_all_their_parts() -> None:
     """What the axes have of them differs between the ends, the whole does not."""
     wave = np.sin(np.linspace(0.0, 2.0 * np.pi, 101))[None]
-    found = StrideSet(values=10.0 * wave, shared=0.0 * wave + 1.0, frames=0.5 + 0.4 * wave, stance=np.array([60.0]))
+    found = StrideSet(
+        values=10.0 * wave, own=0.0 * wave, shared=0.0 * wave + 1.0, frames=0.5 + 0.4 * wave, stance=np.array([60.0])
+    )
     sets = {("r", "pelvis_list"): found}
     ranges = [d for d in curve_figures(sets, sets, Common.STATIC) if d.measure.startswith("range")]
     assert ranges and all(d.se_shared == 0.0 for d in ranges)

@@ -153,7 +153,7 @@ def drawn(panel: Panel, style: tuple[float, ...]) -> list[np.ndarray]:
 
 
 def test_curves_of_the_truth_are_drawn_beside_the_fitted_ones(known: Calibration) -> None:
-    found, shown = charts(known), SheetRecording(told(known).sheet["trials"][-1]).layout
+    found, shown = charts(known), SheetRecording(told(known).page_data["trials"][-1]).layout
     truth, mass = errors(known).of("gait"), known.model.subject.mass
     for kind, curves, name, title, scale in (
         ("angles", truth.coordinates, "knee_angle", "Knee flexion", 1.0),
