@@ -23,7 +23,8 @@ from gaitcal.cli.console import (
 from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
-from gaitcal.faults.study import check_further, check_study, further_moves
+from gaitcal.faults.evidence import MarkerEvidence
+from gaitcal.faults.study import check_further, check_study, further_evidence, further_moves
 from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity
 from gaitcal.gait.events import activity_events
@@ -163,14 +164,14 @@ def analyse_further(
             told: dict[str, object] = {"role": role, "plates": _plates_of(plates), "time": _time_of(time)}
             told["filter_hz"] = _filter_of(filter_hz)
             read.append(_read(path, forces, told, saved))
-        checked = [finding for trial in read for finding in _check(trial, saved)]
+        evidence = [_evidence(trial, saved) for trial in read]
+        checked = [finding for one in evidence for finding in check_further(one)]
         stop_on_errors([*saved.doubts, *checked], [trial.name for trial in read])
         findings = [*saved.doubts, *checked]
         done = []
-        for trial in read:
+        for trial, one in zip(read, evidence, strict=True):
             step(f"{trial.name}: tracking and inverse dynamics")
-            moves = further_moves(trial, saved.model, saved.marker_set, saved.settings)
-            done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty, moves))
+            done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty, further_moves(one)))
         late = [trial.name for trial in done if not trial.calibrated.converged]
         findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
         verdict = judge(without_consequences(findings), [trial.name for trial in done])
@@ -238,12 +239,12 @@ def _read(path: Path, forces: Path | None, told: Mapping[str, object], saved: Sa
     return cleaned_trial(read_trial(trial, saved.rename, marker_set), marker_set.segment_of, marker_set.noise)
 
 
-def _check(trial: Trial, saved: SavedResult) -> tuple[Finding, ...]:
+def _evidence(trial: Trial, saved: SavedResult) -> MarkerEvidence:
     labels = saved.model.markers.labels
     if not set(labels) & set(trial.recording.labels):
         message = f"found none of the model's {len(labels)} markers, such as {labels[0]}"
         raise InputError(message, source=trial.recording.source, field="markers", code=Code.UNKNOWN_LABEL)
-    return check_further(trial, saved.model, saved.marker_set, saved.settings)
+    return further_evidence(trial, saved.model, saved.marker_set, saved.settings)
 
 
 def _plates_of(text: str | None) -> dict[str, Side]:

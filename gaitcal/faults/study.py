@@ -191,17 +191,18 @@ def moves_since_static(study: Study) -> dict[str, dict[str, PossibleMove]]:
     return out
 
 
-@np.errstate(all="ignore")
-def further_moves(
+def further_evidence(
     trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
-) -> dict[str, PossibleMove]:
-    """The same of one further trial against a saved model."""
-    evidence = _further(trial, model, marker_set, settings)
-    return possible_moves(evidence.clusters, evidence.links) if model.noise is None else {}
-
-
-def _further(trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings) -> MarkerEvidence:
+) -> MarkerEvidence:
+    """What the checks look at, of one further trial against a saved model and its marker set."""
     return MarkerEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
+
+
+@np.errstate(all="ignore")
+def further_moves(evidence: MarkerEvidence) -> dict[str, PossibleMove]:
+    """What markers may have done, as `moves_since_static`, of one further trial."""
+    of_markers = evidence.model is not None and evidence.model.noise is None
+    return possible_moves(evidence.clusters, evidence.links) if of_markers else {}
 
 
 @remembered
@@ -214,11 +215,8 @@ def _looked_at(study: Study) -> tuple[SubjectModel | None, tuple[Finding, ...], 
 
 
 @np.errstate(all="ignore")
-def check_further(
-    trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
-) -> tuple[Finding, ...]:
-    """All findings on one further trial against a saved model and its marker set, the worst first."""
-    evidence = _further(trial, model, marker_set, settings)
+def check_further(evidence: MarkerEvidence) -> tuple[Finding, ...]:
+    """All findings on one further trial (`further_evidence`), the worst first."""
     found = without_consequences(_check_trial(evidence))
     of_body = (*plates.body_mass((evidence,)), *static_consistency.static_consistency((evidence,)))
     return tuple(_worst_first([*found, *of_body]))

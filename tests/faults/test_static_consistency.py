@@ -16,7 +16,7 @@ from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import by_lengths
 from gaitcal.faults.joint_link import flexion_of, links_of, nearest_rotation, side_turns
 from gaitcal.faults.role import nominal_model_of
-from gaitcal.faults.study import check_further, check_study, evidence_of, placed_by_motion
+from gaitcal.faults.study import check_further, check_study, evidence_of, further_evidence, placed_by_motion
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
@@ -243,7 +243,11 @@ def test_a_further_trial_is_held_against_the_saved_model(sound: Study, trials: d
         sound, "walk", turned_with(trials["walk"], "foot_r", ("R.Heel",), np.array([[0.0, 0.03, 0.02]]))
     )
     for of, labels in ((sound, []), (spoilt, ["'R.Heel'"])):
-        found = [f for f in check_further(of.trials[1], model, sound.marker_set, sound.settings) if f.topic in BODY]
+        found = [
+            f
+            for f in check_further(further_evidence(of.trials[1], model, sound.marker_set, sound.settings))
+            if f.topic in BODY
+        ]
         assert len(found) == len(labels)
         assert all(label in f.cause for f, label in zip(found, labels, strict=True))
 
@@ -256,7 +260,11 @@ def test_in_a_further_trial_the_marker_itself_is_named(
     model = trials["walk"].model
     assert model is not None
     spoilt = with_trial(sound, "walk", turned_with(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]))
-    found = [f for f in check_further(spoilt.trials[1], model, sound.marker_set, sound.settings) if f.topic in BODY]
+    found = [
+        f
+        for f in check_further(further_evidence(spoilt.trials[1], model, sound.marker_set, sound.settings))
+        if f.topic in BODY
+    ]
     assert [f"marker '{label}' is not where" in f.cause for f in found] == [True]
 
 
