@@ -88,7 +88,7 @@ class JointEstimate(JointFit):
     repeated: dict[str, float]
     """Kind of task -> f, where several trials have it."""
     apart: float
-    """B, how far kinds of task disagree, in their errors; 1 where these explain it."""
+    """The factor b on standard errors by which kinds of task disagree; 1 where their errors explain it."""
     effective_parameters: float
     """Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t."""
     information: Array
@@ -291,7 +291,7 @@ def _independent_share(scores: Sequence[Array], informations: Sequence[Array], p
 
 
 def _apart(kinds: Sequence[str], search: JointSearch, fit: JointFit, noise: Sequence[float], precision: Array) -> float:
-    """B of kinds of task, at the common estimate; `precision`: (np + nz, np + nz) of all unknowns."""
+    """The factor b, at the common estimate; `precision`: (np + nz, np + nz) of all unknowns before any trial."""
     count, p, z = len(fit.free), slice(len(fit.free)), slice(len(fit.free), None)
     root = np.linalg.inv(np.linalg.cholesky(precision[p, p])).T
 

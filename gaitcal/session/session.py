@@ -125,7 +125,7 @@ class Session:
     """Of anatomy, study and cohort."""
     checked: tuple[Finding, ...] = ()
     """What the checks found before anything was fitted."""
-    moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
+    possible_moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
     """Trial -> segment -> what its markers may have done since the static trial."""
     findings: tuple[Finding, ...] = ()
     """What robust losses left out or put right."""
@@ -162,7 +162,7 @@ def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] =
         trials=tuple(trials),
         static=completed_static(study).static,
         prior=replace(prior.loosened(study.loosened), doubted=_doubted(moves, study.moving)),
-        moves=moves,
+        possible_moves=moves,
         checked=checked,
         findings=tuple(findings),
     )

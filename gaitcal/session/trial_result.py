@@ -85,7 +85,7 @@ def analyse(
         settings=settings,
         parameters=model.parameters,
         trials=(prepared,),
-        moves={trial.name: moves},
+        possible_moves={trial.name: moves},
         uncertainty=uncertainty,
     )
     session = replace(session, trials=(tracked(prepared, session, Stage.JP_IP),))
@@ -100,7 +100,7 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
     if trial.joint is None:
         joint, coefficients = session.uncertainty.joint, trial.motion.coefficients
         moves = marker_moves(trial.with_skin, coefficients, trial.parameters, joint, trial.scores)
-    deviations = axis_deviations(session.settings, session.model, session.moves.get(trial.name))
+    deviations = axis_deviations(session.settings, session.model, session.possible_moves.get(trial.name))
     axes = AxisErrors(trial.parameters, deviations)
     erring = _erring_forces(trial, session, axes, moves)
     if erring is None:
