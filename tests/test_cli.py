@@ -1,7 +1,6 @@
 """The command line as a user meets it, and what the README says of it."""
 
 import importlib
-import inspect
 import json
 from functools import partial
 from importlib.metadata import version
@@ -11,8 +10,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from gaitcal.cli import program
-from gaitcal.cli.application import TARGETS, app
+from gaitcal.cli.application import app
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.study.settings import CalibrationSettings
@@ -97,14 +95,6 @@ def test_a_wrong_file_of_normal_bands_ends_with_1_before_anything_is_read(tmp_pa
     done = gaitcal("calibrate", "no-study.toml", "--out", str(tmp_path / "out"), "--normal", str(bands))
     assert done.returncode == 1 and "normal.csv: signs: missing; allowed: " in done.stderr
     assert len(done.stderr.splitlines()) == 1
-
-
-def test_what_carries_a_command_out_takes_what_it_declares() -> None:
-    for command in ORDER:
-        module, _, name = TARGETS[command].partition(":")
-        taken = inspect.signature(getattr(importlib.import_module(f"gaitcal.cli.{module}"), name)).parameters
-        assert next(iter(taken)) == "console", command
-        assert set(taken) - {"console"} == set(inspect.signature(getattr(program, command)).parameters), command
 
 
 def test_the_reference_tells_every_command_and_setting() -> None:

@@ -1,5 +1,5 @@
 """The command line: options, words and nothing else. `main` is what `gaitcal` starts."""
 
-from gaitcal.cli.program import main
+from gaitcal.cli.application import main
 
 __all__ = ["main"]

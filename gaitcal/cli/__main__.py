@@ -1,5 +1,5 @@
 """`python -m gaitcal.cli` is `gaitcal`."""
 
-from gaitcal.cli.program import main
+from gaitcal.cli.application import main
 
 main()

@@ -1,58 +1,93 @@
-"""The program that commands register with: two common options, the example that ends their help, and how
-one ends that does not succeed: a line on standard error, and the exit code.
+"""The command line. Thin: every command is a call of the public API and a few lines of text, declared where it is
+carried out, with two options that all have and an example that ends its help.
+
+One that does not succeed ends with a line on standard error, and an exit code: 1 the input is at fault, 2 usage, 3 did
+not converge; 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP. Libraries are imported by the command that needs
+them, so that `gaitcal --help` is there at once.
 """
 
 import atexit
 import gc
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from inspect import Signature, signature
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
+import typer.main
+from typer.core import TyperCommand, TyperGroup
 
 from gaitcal.cli.options import Quiet, Verbose
 from gaitcal.codes import Code
 from gaitcal.errors import GaitcalError
 from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals
 
-EXAMPLES: Final[Mapping[str, str]] = {
-    "demo": "gaitcal demo",
-    "example": "gaitcal example subject01 --out subject01",
-    "init": "gaitcal init recordings --mass 72.6 --height 1.80 --sex male",
-    "check": "gaitcal check study.toml",
-    "calibrate": "gaitcal calibrate study.toml --out result",
-    "cohort": "gaitcal cohort people --out results --jobs 4",
-    "dynamics": "gaitcal dynamics result walk2.c3d walk3.c3d",
-    "convert": "gaitcal convert walk.c3d walk.csv",
-    "synthesize": "gaitcal synthesize --out person --seed 1 --noise",
-    "montecarlo": "gaitcal montecarlo result --vary jp,ip --levels 50,100 --draws 1000",
-    "reproduce": "gaitcal reproduce --out published",
-    "export": "gaitcal export result --format osim,urdf",
-    "figures": "gaitcal figures result --only knee_adduction --width 85mm",
-    "view": "gaitcal view result",
-    "report": "gaitcal report result --pdf report.pdf",
-    "compare": "gaitcal compare before after --out difference",
-    "explain": "gaitcal explain GC-020",
+COMMANDS: Final = {
+    "demo": ("calibrate:demonstrate", "gaitcal demo"),
+    "example": ("explain:fetch_or_list", "gaitcal example subject01 --out subject01"),
+    "init": ("folder:draft_study_file", "gaitcal init recordings --mass 72.6 --height 1.80 --sex male"),
+    "check": ("folder:check_recordings", "gaitcal check study.toml"),
+    "calibrate": ("calibrate:calibrate_study", "gaitcal calibrate study.toml --out result"),
+    "cohort": ("cohort:run_people", "gaitcal cohort people --out results --jobs 4"),
+    "dynamics": ("calibrate:analyse_further", "gaitcal dynamics result walk2.c3d walk3.c3d"),
+    "convert": ("other_programs:convert_recording", "gaitcal convert walk.c3d walk.csv"),
+    "synthesize": ("calibrate:write_subject", "gaitcal synthesize --out person --seed 1 --noise"),
+    "montecarlo": ("montecarlo:run_monte_carlo", "gaitcal montecarlo result --vary jp,ip --levels 50,100 --draws 1000"),
+    "reproduce": ("montecarlo:run_reproduction", "gaitcal reproduce --out published"),
+    "export": ("other_programs:export", "gaitcal export result --format osim,urdf"),
+    "figures": ("figures:draw_figures", "gaitcal figures result --only knee_adduction --width 85mm"),
+    "view": ("view:view_result", "gaitcal view result"),
+    "report": ("view:print_report", "gaitcal report result --pdf report.pdf"),
+    "compare": ("view:compare_sessions_or_models", "gaitcal compare before after --out difference"),
+    "explain": ("explain:explain_code", "gaitcal explain GC-020"),
 }
-"""Command -> a whole line that can be typed."""
+"""Command -> `module:function` in this package that declares it and carries it out; a whole line that can be typed."""
+HELP: Final[dict[str, str]] = dict(
+    line.split(": ", 1)
+    for line in """
+demo: The embedded example, end to end: a synthetic subject is written as C3D files, read back and calibrated.
+example: Public recordings to try: fetched by name, with checksum and licence. No other command asks the internet.
+init: Drafts the study file of a folder of recordings: marker set, static trial, roles, forces, person, and why.
+check: Reads everything, solves nothing: what is wrong with a study's recordings, and what to do. Exit code 0 or 1.
+calibrate: The main job: joint and inertial parameters, motions and joint torques of one person.
+cohort: Many people at once: each sub-folder's recordings calibrated, one table of all; goes on where it stopped.
+dynamics: Further trials through a calibrated model: angles, and torques with error bars.
+convert: Recordings to CSV tables and back: C3D, TRC and MOT to CSV, CSV to TRC.
+synthesize: A synthetic subject with known parameters as a study folder: C3D files, study.toml, the truth.
+montecarlo: What uncertain joint axes, masses and markers do to joint torques; goes on where an earlier run stopped.
+reproduce: The published study, table by table: our figures beside the printed ones, and its claims put to the test.
+export: The fitted model for OpenSim, ROS, MuJoCo; its joints in your own OpenSim model; recordings as C3D; strides.
+figures: Figures of a result for a paper: gaitcal figures DIR --only knee_adduction --width 85mm --convention clinical
+view: Page of a result, or of the comparison of two: live on this machine only, or one self-contained file.
+report: A report on paper, of a result or two sessions: verdict, steps, sheets of curves, what not to trust; A4, PDF.
+compare: Two sessions of one person: what differs, and whether it could be chance. Or an OpenSim model beside ours.
+explain: What the code of a finding or of an error means, and what to do; without a code, a list of all.
+""".strip().splitlines()
+)
+"""Command -> what it is for: here, so that `gaitcal --help` loads none of them."""
 
 
-def epilog(name: str) -> str | None:
-    """What ends the help of a command; None for one without an example."""
-    return f"Example: {EXAMPLES[name]}" if name in EXAMPLES else None
+class _Commands(TyperGroup):
+    """Loads the command that is called, and no other."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command itself in the place of its line in the help."""
+        name, line, rest = super().resolve_command(ctx, args)
+        return name, line and loaded(str(name)), rest
 
 
+OPTIONS_OF_HELP: Final = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
     name="gaitcal",
+    cls=_Commands,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=OPTIONS_OF_HELP,
     help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
     "and how far each can be trusted.",
 )
@@ -96,39 +131,41 @@ def _one_blas_thread() -> AbstractContextManager[None]:
     return one_blas_thread()
 
 
-def command(target: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a command: the function says its options and its help, with two options more for every command.
+def declared(name: str) -> Callable[..., None]:
+    """The function that carries a command out, as typer takes it: with its options and two that every command has."""
+    module, _, function = COMMANDS[name][0].partition(":")
+    carried_out: Callable[..., None] = getattr(import_module(f"gaitcal.cli.{module}"), function)
 
-    `target`: `module:function` in this package, imported when the command runs, which takes a `Console` and all that
-    the command takes, by name (`tests/test_cli.py`).
-    """
+    def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
+        from gaitcal.cli.console import Console
 
-    def register(declared: Callable[..., None]) -> Callable[..., None]:
-        def run(*, quiet: Quiet = False, verbose: Verbose = False, **arguments: object) -> None:
-            from gaitcal.cli.console import Console
+        with _one_blas_thread():
+            carried_out(Console(quiet=quiet, verbose=verbose), **arguments)
 
-            with _one_blas_thread():
-                module, _, name = target.partition(":")
-                call = getattr(import_module(f"gaitcal.cli.{module}"), name)
-                call(Console(quiet=quiet, verbose=verbose), **arguments)
-
-        *of_all, _ = signature(run).parameters.values()
-        own = signature(declared).parameters.values()
-        run.__signature__ = Signature([*own, *of_all])  # type: ignore[attr-defined]  # typer reads it
-        app.command(declared.__name__, help=declared.__doc__, epilog=epilog(declared.__name__))(run)
-        TARGETS[declared.__name__] = target
-        return declared
-
-    return register
+    *everywhere, _ = signature(run).parameters.values()
+    _, *options = signature(carried_out, eval_str=True).parameters.values()
+    options = [option.replace(kind=option.KEYWORD_ONLY) for option in options]
+    run.__signature__ = Signature([*options, *everywhere])  # type: ignore[attr-defined]  # typer reads it
+    return run
 
 
-TARGETS: Final[dict[str, str]] = {}
-"""Command -> where it is carried out."""
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+def loaded(name: str) -> TyperCommand:
+    """A command with all of its options."""
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+    register = alone.command(
+        name, context_settings=OPTIONS_OF_HELP, help=HELP[name], epilog=f"Example: {COMMANDS[name][1]}"
+    )
+    register(declared(name))
+    command: TyperCommand = typer.main.get_command(alone)  # type: ignore[assignment]  # there is one alone
+    return command
 
 
-def told_in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
+for _name, _help in HELP.items():
+    app.command(_name, help=_help)(lambda: None)
+INTERRUPTED = 130  # Exit code after Ctrl-C, as shells have it
+
+
+def _in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
     """Call `run`; end the program with a line and an exit code where it fails. `verbose`: show where a bug is."""
     try:
         with ended_by_signals():
@@ -163,3 +200,9 @@ def told_in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
 def _say_error(text: str) -> None:
     line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     sys.stderr.write(f"gaitcal: {line}\n")
+
+
+def main() -> None:
+    """Entry point: one clear line for every fault, and its exit code."""
+    set_up()
+    _in_a_line(lambda: app(standalone_mode=True), verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:]))

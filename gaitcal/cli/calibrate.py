@@ -9,8 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Annotated, Literal, cast, get_args
 
+import typer
+
+from gaitcal.cli import options
 from gaitcal.cli.console import (
     Console,
     print_calibration,
@@ -68,17 +71,16 @@ def _checked(source: Path | Draft, priors: Path | None) -> tuple[Study, tuple[Fi
 
 def calibrate_study(
     console: Console,
-    study: Path,
-    out: Path,
-    *,
-    mass: float | None = None,
-    height: float | None = None,
-    sex: str | None = None,
-    age: float | None = None,
-    force: bool = False,
-    hold_out: bool = False,
-    normal: Path | None = None,
-    priors: Path | None = None,
+    study: options.StudyPath,
+    out: options.Out,
+    mass: options.Mass = None,
+    height: options.Height = None,
+    sex: options.Sex = None,
+    age: options.Age = None,
+    force: Annotated[bool, typer.Option("--force", help="Go on past errors that the checks find.")] = False,
+    hold_out: options.HoldOut = False,
+    normal: options.Normal = None,
+    priors: options.Priors = None,
 ) -> None:
     """Check and calibrate a study, or what a folder of recordings drafts, and write the result folder.
 
@@ -134,15 +136,14 @@ def _refused(words: str, verdict: Verdict) -> InputError:
 
 def analyse_further(
     console: Console,
-    result: Path,
-    trials: list[Path],
-    *,
-    forces: Path | None = None,
-    plates: str | None = None,
-    time: str | None = None,
-    filter_hz: str | None = None,
-    role: str = Role.GAIT.value,
-    out: Path | None = None,
+    result: options.Result,
+    trials: Annotated[list[Path], typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv.")],
+    forces: options.Forces = None,
+    plates: options.Plates = None,
+    time: options.Part = None,
+    filter_hz: options.FilterHz = None,
+    role: options.TrialRole = Role.GAIT.value,
+    out: options.DynamicsOut = None,
 ) -> None:
     """Check further trials and take them through the model of a result folder."""
     _only_for_one({"--forces": forces, "--plates": plates, "--time": time}, len(trials))
@@ -300,7 +301,12 @@ whose true moments have their peaks within 2 standard deviations of people's (`s
 
 
 def write_subject(
-    console: Console, out: Path, *, seed: int, noise: bool, perturb: bool, movement: list[str] | None
+    console: Console,
+    out: options.Out,
+    seed: options.Seed = 0,
+    noise: options.Noise = False,
+    perturb: options.Perturb = False,
+    movement: options.Movements = None,
 ) -> None:
     """Write a synthetic subject as a study folder."""
     kept = require_room(out, ResultKind.SYNTHETIC)
@@ -313,7 +319,7 @@ def write_subject(
     console.line(f"next:  gaitcal calibrate {study} --out {out}-result")
 
 
-def demonstrate(console: Console, out: Path) -> None:
+def demonstrate(console: Console, out: options.Out = Path("gaitcal-demo")) -> None:
     """Write a noisy synthetic subject as C3D, and calibrate it: the truth that its study names is in the result."""
     folder, result = out / "subject", out / "result"
     require_room(folder, ResultKind.SYNTHETIC)

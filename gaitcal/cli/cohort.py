@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from gaitcal.cli import options
 from gaitcal.cli.console import Console
 from gaitcal.cli.folder import options_of
 from gaitcal.cohort.learn_priors import PRIORS
@@ -26,27 +27,24 @@ from gaitcal.runtime import Progress
 from gaitcal.study.joint_prior import read_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 
-ORDER = ("refused", "doubtful", "trustworthy")
-"""Verdicts, those first that somebody should look at."""
-MOST_TOLD = 20
-"""Failures that are printed at the end; all of them are in the table."""
+ORDER = ("refused", "doubtful", "trustworthy")  # Verdicts, those first that somebody should look at
+MOST_TOLD = 20  # Failures that are printed at the end; all of them are in the table
 
 
 def run_people(
     console: Console,
-    source: Path,
-    out: Path,
-    *,
-    jobs: int = -1,
-    cluster: str | None = None,
-    retry: bool = False,
-    mass: float | None = None,
-    height: float | None = None,
-    sex: str | None = None,
-    age: float | None = None,
-    normal: Path | None = None,
-    priors: Path | None = None,
-    learn_priors: bool = False,
+    source: options.People,
+    out: options.CohortOut,
+    jobs: options.Jobs = -1,
+    cluster: options.Scheduler = None,
+    retry: options.Retry = False,
+    mass: options.Mass = None,
+    height: options.Height = None,
+    sex: options.Sex = None,
+    age: options.Age = None,
+    normal: options.Normal = None,
+    priors: options.Priors = None,
+    learn_priors: options.LearnPriors = False,
 ) -> None:
     """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
     told, engine = options_of(mass, height, sex, age), workers_of(jobs, cluster, processes)

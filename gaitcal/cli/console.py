@@ -20,8 +20,7 @@ from gaitcal.runtime import Progress, silent
 if TYPE_CHECKING:
     from gaitcal.session.result import Calibration, Loads, TrialResult
 
-LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}
-"""How a reason begins."""
+LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}  # How a reason begins
 
 
 class Console:

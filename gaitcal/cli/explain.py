@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 
 from rich.text import Text
 
+from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.folder import PLAIN_WIDTH
 from gaitcal.codes import Code
@@ -29,14 +30,13 @@ from gaitcal.io.examples import (
 )
 from gaitcal.io.result_folder import ResultKind, require_room
 
-WIDEST = 100
-"""Columns: longer lines are hard to read."""
+WIDEST = 100  # Columns: longer lines are hard to read
 NARROWEST = 30
 SERIES = {"0": "Found in recordings", "1": "Told of a result", "2": "What stops a command"}
 """First digit of a code -> what its codes are of."""
 
 
-def explain_code(console: Console, code: str | None = None) -> None:
+def explain_code(console: Console, code: options.CodeName = None) -> None:
     """Print what a code means; without a name, a list of all codes."""
     width = max(NARROWEST, min(WIDEST, console.out.width))
     lines = listing() if code is None else page(explanation_of(code_named(code)), width)
@@ -94,7 +94,7 @@ def _wrapped(text: str, width: int, mark: str = "") -> list[str]:
 
 
 def fetch_or_list(
-    console: Console, name: str | None = None, out: Path | None = None, mirror: str | None = None
+    console: Console, name: options.ExampleName = None, out: options.ExampleOut = None, mirror: options.Mirror = None
 ) -> None:
     """List the examples, or fetch one: what is asked of whom is told before."""
     if name is None:

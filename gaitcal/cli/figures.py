@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from gaitcal.cli import options
 from gaitcal.cli.console import Console
 from gaitcal.cli.other_programs import convention_of
 from gaitcal.codes import Code
@@ -31,27 +32,24 @@ from gaitcal.results.summary import SUMMARY
 
 PARAMETERS, TRUTH, FOLDER = "parameters.csv", "truth/parameters.csv", "figures"
 PAPER, REPORT = "paper", "report"
-OF_PURPOSE: Final = {PAPER: "svg,pdf", REPORT: "png,svg"}
-"""Formats unless told."""
+OF_PURPOSE: Final = {PAPER: "svg,pdf", REPORT: "png,svg"}  # Formats unless told
 MILLIMETRES: Final = {"mm": 1.0, "cm": 10.0, "in": 25.4, "": 1.0}
 ALLOWED_WIDTHS: Final = (40.0, 400.0)
-COLUMN: Final = 85.0
-"""mm: one column of most journals."""
+COLUMN: Final = 85.0  # mm: one column of most journals
 
 
 def draw_figures(
     console: Console,
-    result: Path,
-    out: Path | None = None,
-    *,
-    purpose: str = PAPER,
-    only: Sequence[str] | None = None,
-    width: str | None = None,
-    formats: str | None = None,
-    normal: Path | None = None,
-    convention: str | None = None,
-    external: bool = False,
-    units: str | None = None,
+    result: options.AnyResult,
+    out: options.FiguresFolder = None,
+    purpose: options.Purpose = PAPER,
+    only: options.Only = None,
+    width: options.Width = None,
+    formats: options.Pictures = None,
+    normal: options.FigureBands = None,
+    convention: options.FigureSigns = None,
+    external: options.FigureExternal = False,
+    units: options.FigureUnits = None,
 ) -> None:
     """Draw the figures of a result, or of further trials, into a folder.
 

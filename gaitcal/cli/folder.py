@@ -6,11 +6,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import typer
 from rich.table import Table
 from rich.text import Text
 
+from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, UsageError
@@ -40,8 +42,7 @@ from gaitcal.study.study_trial import Role
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)
 SEXES = ("female", "male")
 QUESTIONS = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex": "female or male"}
-PLAIN_WIDTH = 170
-"""Columns of the table where the output is no terminal."""
+PLAIN_WIDTH = 170  # Columns of the table where the output is no terminal
 
 
 def options_of(mass: float | None, height: float | None, sex: str | None, age: float | None) -> Options:
@@ -62,14 +63,13 @@ def _within(option: str, value: float | None, allowed: tuple[float, float], unit
 
 def draft_study_file(
     console: Console,
-    folder: Path,
-    out: Path | None = None,
-    *,
-    mass: float | None = None,
-    height: float | None = None,
-    sex: str | None = None,
-    age: float | None = None,
-    force: bool = False,
+    folder: options.Recordings,
+    out: options.StudyOut = None,
+    mass: options.Mass = None,
+    height: options.Height = None,
+    sex: options.Sex = None,
+    age: options.Age = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a study file that is there.")] = False,
 ) -> None:
     """Draft the study file of a folder; exit code 1 where something in it is missing."""
     options = options_of(mass, height, sex, age)
@@ -212,12 +212,11 @@ COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.INFO
 
 def check_recordings(
     console: Console,
-    study: Path,
-    *,
-    mass: float | None = None,
-    height: float | None = None,
-    sex: str | None = None,
-    age: float | None = None,
+    study: options.StudyPath,
+    mass: options.Mass = None,
+    height: options.Height = None,
+    sex: options.Sex = None,
+    age: options.Age = None,
 ) -> None:
     """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is an error."""
     source = study_or_draft(study, options_of(mass, height, sex, age), console)

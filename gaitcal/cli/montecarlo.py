@@ -8,11 +8,14 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Annotated
 
 import pandas as pd
+import typer
 from rich import progress
 from rich.text import Text
 
+from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
@@ -45,8 +48,7 @@ from gaitcal.results.summary import require_not_refused
 
 FOLDER, SUMMARY = "montecarlo", "summary.json"
 HEADS = ("hip flex", "hip add", "hip rot", "knee flex", "knee add", "ankle dors", "subt inv")
-SHOWN_SIDE = "l"
-"""The left leg is shown, as published; both are in the tables."""
+SHOWN_SIDE = "l"  # The left leg is shown, as published; both are in the tables
 
 
 def plan_of(vary: str, levels: str, draws: int) -> Plan:
@@ -63,23 +65,22 @@ def plan_of(vary: str, levels: str, draws: int) -> Plan:
 
 def run_monte_carlo(
     console: Console,
-    folder: Path,
-    *,
-    vary: str,
-    levels: str,
-    draws: int,
-    jobs: int,
-    cluster: str | None,
-    seed: int,
-    grf: str,
-    parameters: str,
-    position_bound: float,
-    orientation_bound: float,
-    ip_bound: float,
-    noise_bound: float,
-    trial: str | None,
-    until_converged: bool,
-    expect: float | None,
+    folder: options.ResultOrStudy,
+    vary: Annotated[str, typer.Option(help="Comma-separated: jp, ip, both, noise.")] = "jp,ip,both,noise",
+    levels: Annotated[str, typer.Option(help="Comma-separated per cents of the bounds.")] = "25,50,75,100",
+    draws: Annotated[int, typer.Option(min=1, help="Draws of each set at each level.")] = 5000,
+    jobs: options.Jobs = -1,
+    cluster: options.Scheduler = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all draws.")] = 0,
+    grf: Annotated[str, typer.Option(help="Ground reactions fixed in the laboratory (lab) or on the foot.")] = "lab",
+    parameters: Annotated[str, typer.Option(help="Joint parameters: 27 or 17 of each leg, or all 98.")] = "27",
+    position_bound: Annotated[float, typer.Option(min=0, help="Bound of joint positions, mm.")] = 10.0,
+    orientation_bound: Annotated[float, typer.Option(min=0, max=45, help="Bound of joint orientations, deg.")] = 10.0,
+    ip_bound: Annotated[float, typer.Option(min=0, max=90, help="Bound of inertial parameters, %.")] = 10.0,
+    noise_bound: Annotated[float, typer.Option(min=0, help="Largest amplitude of marker noise, mm.")] = 10.0,
+    trial: Annotated[str | None, typer.Option(help="Gait trial; the first with ground reactions unless given.")] = None,
+    until_converged: options.UntilConverged = False,
+    expect: options.Expect = None,
 ) -> None:
     """Run what is missing of a study, write its tables and figures, and print what they say."""
     put_back(folder)
@@ -289,7 +290,12 @@ _SHOWN = ("I", "III", "discussion")
 
 
 def run_reproduction(
-    console: Console, out: Path, *, draws: int, noise_seeds: int, seed: int, sensitivities: bool
+    console: Console,
+    out: options.Out,
+    draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
+    noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")] = 0,
+    sensitivities: options.Sensitivities = True,
 ) -> None:
     """Run the published study, write its tables and print them."""
     settings = ReproductionSettings(

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
+import typer
 from rich.text import Text
 
 from gaitcal.calibration.joint_prior import prior_of_study
+from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.options import MODELS
 from gaitcal.codes import Code
@@ -47,16 +49,18 @@ from gaitcal.results.saved import MODEL, load_result, load_result_model, recorde
 from gaitcal.results.table_file import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
-JOINTS, MASSES = "joints", "masses"
-"""What `--parameters` allows; the second never without the first."""
-STAY, FOLLOW = "stay", "follow"
-"""What `--attachments` allows."""
+JOINTS, MASSES = "joints", "masses"  # What `--parameters` allows; the second never without the first
+STAY, FOLLOW = "stay", "follow"  # What `--attachments` allows
 SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
 """What `--convention` allows; a file of normal bands says `gaitcal` or `opensim` for the same."""
 WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
 
 
-def convert_recording(console: Console, source: Path, target: Path) -> None:
+def convert_recording(
+    console: Console,
+    source: Annotated[Path, typer.Argument(metavar="IN", help="A .c3d, .trc, .mot, .sto or .csv file.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="A .csv, .trc or .mot file.")],
+) -> None:
     """Convert one recording and say which files were written."""
     for path in convert(source, target):
         console.line(f"wrote {path}")
@@ -92,23 +96,22 @@ def _chosen(known: Mapping[str, Choice], text: str, field: str) -> Choice:
 
 def export(
     console: Console,
-    result: Path,
-    formats: str = MODELS,
-    out: Path | None = None,
-    *,
-    inputs: Path | None = None,
-    replace: bool = False,
-    convention: str | None = None,
-    moments: str | None = None,
-    external: bool = False,
-    units: str | None = None,
-    into: Path | None = None,
-    names: Path | None = None,
-    parameters: str = JOINTS,
-    attachments: str = STAY,
-    muscles: bool = False,
-    draws: int = 0,
-    seed: int = 0,
+    result: options.Result,
+    formats: options.Formats = MODELS,
+    out: options.ExportFolder = None,
+    inputs: options.Inputs = None,
+    replace: options.Replace = False,
+    convention: options.Signs = None,
+    moments: options.Moments = None,
+    external: options.External = False,
+    units: options.Units = None,
+    into: options.Into = None,
+    names: options.Names = None,
+    parameters: options.Transferred = JOINTS,
+    attachments: options.Attachments = STAY,
+    muscles: options.Muscles = False,
+    draws: options.ModelDraws = 0,
+    seed: options.ModelSeed = 0,
 ) -> None:
     """The fitted model in other programs' formats, or its joints in the user's own model."""
     of_result: dict[str, object] = {"inputs": inputs, "replace": replace, "convention": convention, "moments": moments}
@@ -352,5 +355,4 @@ def _tell_table(console: Console, told: AccountTable) -> None:
     console.line()
 
 
-SHOWN = 12
-"""Muscles on the screen; the files have all."""
+SHOWN = 12  # Muscles on the screen; the files have all

@@ -16,15 +16,17 @@ import secrets
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
+import typer
 from rich.text import Text
 
+from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.codes import Code
 from gaitcal.compare.comparison import compare, osim_words
@@ -144,7 +146,11 @@ REPORT, COMMENTS = "report.pdf", "comments.toml"
 
 
 def view_result(
-    console: Console, result: Path, other: Path | None = None, html: Path | None = None, geometry: Path | None = None
+    console: Console,
+    result: options.Result,
+    other: options.Other = None,
+    html: options.Html = None,
+    geometry: options.Geometry = None,
 ) -> None:
     """Show the page of a result in the browser, or write it; with another one, that of their comparison.
 
@@ -170,11 +176,11 @@ def view_result(
 
 def print_report(
     console: Console,
-    result: Path,
-    other: Path | None = None,
-    pdf: Path | None = None,
-    comments: Path | None = None,
-    normal: Path | None = None,
+    result: options.Result,
+    other: options.Other = None,
+    pdf: options.Pdf = None,
+    comments: options.Comments = None,
+    normal: options.Normal = None,
 ) -> None:
     """Write the report of a result, or of two sessions, as a PDF, with the comments that somebody wrote for it."""
     from gaitcal.figures.document import ComparisonContent, ReportContent, write_pdf
@@ -200,22 +206,21 @@ def print_report(
     console.line(f"wrote {target}: {counted(pages, 'page')}" + (f", comments of {file}" if file else ""))
 
 
-SHOWN = 30
-"""Rows of the table on the screen; the file has all."""
-WIDTH = 40
-"""Characters of a figure's name, at least."""
+SHOWN = 30  # Rows of the table on the screen; the file has all
+WIDTH = 40  # Characters of a figure's name, at least
 
 
 def compare_sessions_or_models(
     console: Console,
-    result: Path,
-    other: Path | None = None,
-    *,
-    osim: Path | None = None,
-    out: Path | None = None,
-    shared_model: bool = False,
-    motion: bool = False,
-    study: Sequence[Path] | None = None,
+    result: options.Result,
+    other: options.OtherResult = None,
+    osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")] = None,
+    shared_model: options.SharedModel = False,
+    motion: Annotated[
+        bool, typer.Option(help="With --osim: its coordinates and moments in the recordings, by OpenSim, too.")
+    ] = False,
+    study: options.Studies = None,
 ) -> None:
     """Compare two results, or one with an OpenSim model."""
     if osim is not None and (other is not None or out is not None or shared_model):

@@ -47,8 +47,7 @@ DIGITS = 9
 TRUSTED = "trustworthy"
 PARTS = {"legs": LEG_PARAMETERS, "trunk and arms": UPPER_PARAMETERS}
 """Joint parameters that are fitted together, and so learnt together."""
-RANK = 1e-9
-"""Part of the largest eigenvalue of C below which a direction would be known exactly."""
+RANK = 1e-9  # Part of the largest eigenvalue of C below which a direction would be known exactly
 
 
 class NotUsedError(Exception):

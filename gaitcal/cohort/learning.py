@@ -39,15 +39,12 @@ from gaitcal.arrays import Array, IntArray
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.joint_prior import UNLEARNT, Person, design, mirror, sided_directions
 
-MOST_STEPS, RISE = 50, 5e-3
-"""Of the iteration, and rise of the log likelihood of each person at which it ends."""
+MOST_STEPS, RISE = 50, 5e-3  # Of the iteration, and rise of the log likelihood of each person at which it ends
 COMMON = (0.5, 0.2, 0.05)
 """Of the default variance, the part that is the same in all people; the likeliest of them is taken."""
-BY_SIZE = 0.25
-"""Variance of what goes with 10 cm of height, and with sex, before anybody is known."""
+BY_SIZE = 0.25  # Variance of what goes with 10 cm of height, and with sex, before anybody is known
 FEWEST, FOLDS = 8, 8
-SURE_OF_AXES, SURE_OF_ALL = 3.0, 30.0
-"""People as many as whom the first spread counts."""
+SURE_OF_AXES, SURE_OF_ALL = 3.0, 30.0  # People as many as whom the first spread counts
 WIDER = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 
 
@@ -55,12 +52,9 @@ WIDER = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 class Evidence:
     """What the recordings of N people say of n deviations."""
 
-    information: Array
-    """(N, n, n) S."""
-    right: Array
-    """(N, n) r."""
-    design: Array
-    """(N, n, k) X."""
+    information: Array  # (N, n, n) S
+    right: Array  # (N, n) r
+    design: Array  # (N, n, k) X
 
     def of(self, chosen: IntArray) -> Evidence:
         """Some of the people."""
@@ -71,12 +65,9 @@ class Evidence:
 class Structure:
     """What Sigma may be, and its prior: as sure as `weight` people who spread by `first`."""
 
-    first: Array
-    """(n, n) Sigma before anybody is known."""
-    weight: float = np.inf
-    """Infinite: nothing is learnt of it."""
-    directions: Array | None = None
-    """(n, n) orthonormal columns along which people are independent; None: any spread."""
+    first: Array  # (n, n) Sigma before anybody is known
+    weight: float = np.inf  # Infinite: nothing is learnt of it
+    directions: Array | None = None  # (n, n) orthonormal columns along which people are independent; None: any spread
 
     def updated(self, moment: Array, people: int) -> Array:
         """(n, n) the likeliest Sigma for sum_i E[u u^T] = `moment`, its mirror image among it."""
@@ -98,12 +89,9 @@ class Structure:
 class Population:
     """What people are like."""
 
-    effects: Array
-    """(k,) w."""
-    effect_covariance: Array
-    """(k, k) how well it is known."""
-    spread: Array
-    """(n, n) Sigma."""
+    effects: Array  # (k,) w
+    effect_covariance: Array  # (k, k) how well it is known
+    spread: Array  # (n, n) Sigma
 
     def expected(self, design: Array) -> tuple[Array, Array]:
         """(n,) and (n, n): mean and covariance of a person who is not among those it was learnt of."""
@@ -115,8 +103,7 @@ class Learnt:
     """A population, and how likely people were on the way to it."""
 
     population: Population
-    rises: tuple[float, ...]
-    """Twice the penalised log likelihood before each step."""
+    rises: tuple[float, ...]  # Twice the penalised log likelihood before each step
 
 
 def learn(evidence: Evidence, effects: Array, reflected: Array, structure: Structure) -> Learnt:
@@ -165,10 +152,8 @@ def log_density(information: Array, right: Array, mean: Array, covariance: Array
 class PartEvidence:
     """Of the n joint parameters of a part, in units of anatomy's prior: of y."""
 
-    information: Array
-    """(n, n) S."""
-    right: Array
-    """(n,) S m."""
+    information: Array  # (n, n) S
+    right: Array  # (n,) S m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,10 +162,8 @@ class PersonEvidence:
 
     name: str
     person: Person
-    recordings: frozenset[str]
-    """SHA-256 of all of them, of every session."""
-    parts: dict[str, PartEvidence]
-    """By the names of `PARTS`."""
+    recordings: frozenset[str]  # SHA-256 of all of them, of every session
+    parts: dict[str, PartEvidence]  # By the names of `PARTS`
 
     @property
     def seen(self) -> float:
@@ -204,10 +187,8 @@ class PartPrior:
     names: tuple[str, ...]
     learning: Learning
     by_size: bool
-    wider: float
-    """Factor of the covariance of a new person."""
-    populations: tuple[Population, ...]
-    """Of everybody, then without each fold."""
+    wider: float  # Factor of the covariance of a new person
+    populations: tuple[Population, ...]  # Of everybody, then without each fold
     gain: tuple[float, float]
     """Mean rise of the log likelihood of a person left out against the default prior, and its standard error."""
 

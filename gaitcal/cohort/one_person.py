@@ -69,10 +69,8 @@ class CommonSettings:
 
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     """Of it, what was said; a study file of a person's own comes before."""
-    normal: Path | None = None
-    """File of normal bands."""
-    priors: Path | None = None
-    """`priors.json` of a cohort, on which joint parameters lean."""
+    normal: Path | None = None  # File of normal bands
+    priors: Path | None = None  # `priors.json` of a cohort, on which joint parameters lean
 
     @property
     def said(self) -> dict[str, object]:
@@ -165,8 +163,7 @@ def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) 
 
 RECORD: Final = ("session_date", "diagnosis", "affected_side", "aids", "laboratory")
 """Of what a clinic writes down, the columns of the table of people."""
-Cell: TypeAlias = str | int | float | None
-"""Of the table of people."""
+Cell: TypeAlias = str | int | float | None  # Of the table of people
 PER_KG: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
 """Unit of what is by body mass, but for angles."""
 MEASURED: Final = (
@@ -187,8 +184,7 @@ class Column:
     """One column."""
 
     name: str
-    kind: type
-    """`str`, `int` or `float`."""
+    kind: type  # `str`, `int` or `float`
     unit: str
     meaning: str
 
@@ -264,8 +260,7 @@ def _columns() -> tuple[Column, ...]:
 _LEGS: Final = tuple(zip(SIDES, ("right", "left"), strict=True))
 COLUMNS: Final = _columns()
 NAMES: Final = tuple(column.name for column in COLUMNS)
-EVERY: Final = 2
-"""% of the stride between two points of a curve."""
+EVERY: Final = 2  # % of the stride between two points of a curve
 GAP: Final = -32768
 STEPS: Final = {Kind.ANGLE: 0.01, Kind.MOMENT: 0.0005, Kind.POWER: 0.002}
 """What one of the whole numbers is: deg, N m/kg, W/kg."""

@@ -50,31 +50,19 @@ class Outcome:
 
     name: str
     session: str
-    place: str
-    """Folder of the result within that of the cohort."""
-    fingerprint: str
-    """Of what it follows from."""
-    cause: str = ""
-    """Why there is no result; empty where there is one."""
-    action: str = ""
-    """What to do about it."""
-    code: str = ""
-    """Kind of the cause: `gaitcal explain` tells of it."""
-    passing: bool = False
-    """Whether the cause was of the moment, as a full disk, so that the next run tries again."""
-    result: str = ""
-    """SHA-256 by which the manifest of the result tells itself."""
+    place: str  # Folder of the result within that of the cohort
+    fingerprint: str  # Of what it follows from
+    cause: str = ""  # Why there is no result; empty where there is one
+    action: str = ""  # What to do about it
+    code: str = ""  # Kind of the cause: `gaitcal explain` tells of it
+    passing: bool = False  # Whether the cause was of the moment, as a full disk, so that the next run tries again
+    result: str = ""  # SHA-256 by which the manifest of the result tells itself
     seconds: float = 0.0
-    mebibytes: float = 0.0
-    """Largest memory of the worker until then."""
-    row: Mapping[str, Cell] = field(default_factory=dict)
-    """Of the table of people."""
-    reasons: Sequence[Mapping[str, str]] = ()
-    """Of its verdict, the worst first: severity, cause, action."""
-    curves: str = ""
-    """Mean curves over the stride (`row.mean_curves`)."""
-    computed: bool = True
-    """Whether this run did it; False where nothing had changed."""
+    mebibytes: float = 0.0  # Largest memory of the worker until then
+    row: Mapping[str, Cell] = field(default_factory=dict)  # Of the table of people
+    reasons: Sequence[Mapping[str, str]] = ()  # Of its verdict, the worst first: severity, cause, action
+    curves: str = ""  # Mean curves over the stride (`row.mean_curves`)
+    computed: bool = True  # Whether this run did it; False where nothing had changed
 
     @property
     def key(self) -> tuple[str, str]:
@@ -119,8 +107,7 @@ def keep(out: Path, outcome: Outcome) -> None:
 class Outcomes:
     """What became of everyone when a run has ended."""
 
-    out: Path
-    """Folder of the cohort."""
+    out: Path  # Folder of the cohort
     failed: Mapping[tuple[str, str], Outcome] = field(default_factory=dict)
     """Those without a result as the run returned them, by name and session: the disk may not have taken them."""
 
@@ -153,8 +140,7 @@ def kept(out: Path, person: CohortPerson) -> Outcome | None:
         return None
 
 
-READ = (*MARKER_ENDINGS, *TABLE_ENDINGS, ".csv", ".toml", ".xml")
-"""Endings of files that a draft or a study may read."""
+READ = (*MARKER_ENDINGS, *TABLE_ENDINGS, ".csv", ".toml", ".xml")  # Endings of files that a draft or a study may read
 
 
 def inputs_of(folder: Path) -> dict[str, Path]:
@@ -219,8 +205,7 @@ def _read_in(folder: Path) -> list[Path]:
     return [p for p in paths if p.suffix.lower() in READ and p.name[0] not in ".~" and p.is_file()]
 
 
-FORMAT = 4
-"""Of what a cohort keeps of a person: a change of it makes everyone be computed again."""
+FORMAT = 4  # Of what a cohort keeps of a person: a change of it makes everyone be computed again
 
 
 def fingerprint(person: CohortPerson, common: CommonSettings) -> str:
@@ -254,13 +239,10 @@ class Task:
     """One person, and what a worker needs to know."""
 
     person: CohortPerson
-    out: Path
-    """Folder of the cohort."""
+    out: Path  # Folder of the cohort
     common: CommonSettings
-    retry: bool
-    """Whether what failed is tried again though nothing changed."""
-    version: str
-    """Of gaitcal, which all workers must have."""
+    retry: bool  # Whether what failed is tried again though nothing changed
+    version: str  # Of gaitcal, which all workers must have
 
 
 def end_person(task: Task) -> Outcome:

@@ -41,12 +41,9 @@ class Measure:
     title: str
     unit: str
     digits: int
-    column: str
-    """Of the table of people; `{}` stands for the leg, `r` or `l`, where it has one for each."""
-    error: str = ""
-    """Column of its standard error."""
-    sign: int = 1
-    """-1: it is the column's opposite."""
+    column: str  # Of the table of people; `{}` stands for the leg, `r` or `l`, where it has one for each
+    error: str = ""  # Column of its standard error
+    sign: int = 1  # -1: it is the column's opposite
     joined: str = ""
     """How the legs' columns become one number: `mean`, or `asymmetry` = 200 % (r - l) / (r + l); empty: each has its
     own."""

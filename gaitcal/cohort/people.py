@@ -31,15 +31,11 @@ from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.study.joint_prior import require_joint_prior
 from gaitcal.study.settings import CalibrationSettings
 
-SHEET = "people.csv"
-"""What a lab says of the people, beside their folders."""
+SHEET = "people.csv"  # What a lab says of the people, beside their folders
 COHORT = "cohort.toml"
-COMPLETE = 2
-"""Recordings of a session at least: standing and moving."""
-MOST_PLACE = 80
-"""Bytes, in UTF-8, of a folder's name made of a person's or session's; file systems count these."""
-MOST_BYTES = 20_000_000
-"""Of cohort.toml and of people.csv: some 50 000 people."""
+COMPLETE = 2  # Recordings of a session at least: standing and moving
+MOST_PLACE = 80  # Bytes, in UTF-8, of a folder's name made of a person's or session's; file systems count these
+MOST_BYTES = 20_000_000  # Of cohort.toml and of people.csv: some 50 000 people
 _UNSAFE = re.compile(r"[^\w.()+=@ -]")
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 _NUMBERS: Final = ("mass_kg", "height_m", "age_years")
@@ -58,14 +54,11 @@ _SEXES: Final = {"f": "female", "w": "female", "m": "male"}
 class CohortPerson:
     """One session of one person."""
 
-    folder: Path
-    """Where the recordings or the study lie, absolute."""
+    folder: Path  # Where the recordings or the study lie, absolute
     name: str
-    session: str = ""
-    """Empty where there is only one."""
+    session: str = ""  # Empty where there is only one
     group: str = ""
-    told: Options = NOTHING_SAID
-    """What the user says of the person, for a folder without a study file."""
+    told: Options = NOTHING_SAID  # What the user says of the person, for a folder without a study file
 
     @property
     def key(self) -> tuple[str, str]:
@@ -89,10 +82,8 @@ class Cohort:
 
     source: Path
     people: tuple[CohortPerson, ...]
-    ignored: tuple[str, ...] = ()
-    """Sub-folders without recordings."""
-    notes: tuple[str, ...] = ()
-    """What of the list of people is not used."""
+    ignored: tuple[str, ...] = ()  # Sub-folders without recordings
+    notes: tuple[str, ...] = ()  # What of the list of people is not used
 
 
 class PersonTable(Table):

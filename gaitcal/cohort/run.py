@@ -46,14 +46,10 @@ PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.par
 FAILURES, TIMES, MEANINGS, PEAKS = "failures.csv", "times.csv", "columns.csv", "activity_peaks.csv"
 FAILURE_COLUMNS = ("person", "session", "group", "folder", "code", "cause", "what_to_do")
 TIME_COLUMNS = ("person", "session", "seconds", "worker_mebibytes")
-WAIT_S = 5.0
-"""For another run on the same folder that is about to end."""
-EACH = 25
-"""People that a process calibrates before another takes its place."""
-MOST_MIB = 1500.0
-"""A process that once needed more keeps much of it: it makes room for another one."""
-ROWS = 64
-"""People in a row group of `people.parquet`: what is held in memory."""
+WAIT_S = 5.0  # For another run on the same folder that is about to end
+EACH = 25  # People that a process calibrates before another takes its place
+MOST_MIB = 1500.0  # A process that once needed more keeps much of it: it makes room for another one
+ROWS = 64  # People in a row group of `people.parquet`: what is held in memory
 _ARROW = {str: pa.string(), int: pa.int64(), float: pa.float64()}
 _GROUPED = STRIDES.insert(STRIDES.get_field_index("session") + 1, pa.field("group", pa.string()))
 

@@ -130,8 +130,7 @@ class Difference:
     kind: str  # angle, moment, power, force, spatiotemporal, joint position, joint orientation
     side: str  # `r`, `l`; empty for what belongs to neither leg
     name: str  # Variable of `cycles.csv` or `spatiotemporal.csv`, or joint parameter
-    measure: str
-    """Which figure of a curve: `highest in swing`; `mean` of a measure of strides; empty for a parameter."""
+    measure: str  # Which figure of a curve: `highest in swing`; `mean` of a measure of strides; empty for a parameter
     unit: str
     a: float
     b: float

@@ -39,8 +39,7 @@ from gaitcal.motion.motion import Motion
 
 ACCURACY = 1e-7
 """Of inverse kinematics; with the usual 1e-5 markers are half a millimetre off its optimum, which shows in moments."""
-ROLLS = 1e-3
-"""m; a joint that leaves the hinge nearest to it by more is told: as much as markers tell of it."""
+ROLLS = 1e-3  # m; a joint that leaves the hinge nearest to it by more is told: as much as markers tell of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,16 +49,11 @@ class OurTrial:
     name: str
     motion: Motion
     markers: Recording
-    torques: Mapping[str, Array] | None
-    """Coordinate -> (nf,) N·m; None without force plates."""
-    valid: Mapping[str, BoolArray]
-    """Side -> (nf,)."""
-    cutoff: float | None
-    """Hz, at which its motion is smoothed; None: by its coefficients alone."""
-    loads: Path
-    """Of the forces under the feet, as `write_external_loads` writes them."""
-    missed: Mapping[str, float]
-    """Label -> m RMS, by which our model misses a marker."""
+    torques: Mapping[str, Array] | None  # Coordinate -> (nf,) N·m; None without force plates
+    valid: Mapping[str, BoolArray]  # Side -> (nf,)
+    cutoff: float | None  # Hz, at which its motion is smoothed; None: by its coefficients alone
+    loads: Path  # Of the forces under the feet, as `write_external_loads` writes them
+    missed: Mapping[str, float]  # Label -> m RMS, by which our model misses a marker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,10 +61,8 @@ class BothCurves:
     """One quantity in all trials, in the frames that count."""
 
     coordinate: str
-    unit: str
-    """deg or N·m."""
-    ours: Array
-    """(n,)."""
+    unit: str  # deg or N·m
+    ours: Array  # (n,)
     theirs: Array
 
     @property
@@ -96,10 +88,8 @@ class MotionComparison:
     """What came of it."""
 
     curves: tuple[BothCurves, ...]
-    missed: tuple[float, float]
-    """m RMS over the markers that both have: ours, theirs."""
-    notes: tuple[str, ...]
-    """What explains differences, a sentence each."""
+    missed: tuple[float, float]  # m RMS over the markers that both have: ours, theirs
+    notes: tuple[str, ...]  # What explains differences, a sentence each
 
 
 def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurTrial]) -> MotionComparison:
@@ -293,5 +283,4 @@ def _explained(peer: PeerModel, legs: Sequence[LegJoint], curves: Sequence[BothC
             yield f"{name}: locked in their model, whose other coordinates take up what it would do"
 
 
-LEAST_OFFSET_DEG = 2.0
-"""deg; zeros that are nearer are not worth a sentence: landmarks are not placed nearer."""
+LEAST_OFFSET_DEG = 2.0  # deg; zeros that are nearer are not worth a sentence: landmarks are not placed nearer

@@ -256,8 +256,7 @@ def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
     return out
 
 
-UNKNOWN = (np.nan,) * 4
-"""Peak of a stride that has none."""
+UNKNOWN = (np.nan,) * 4  # Peak of a stride that has none
 
 
 def measure_differences(a: Session, b: Session) -> Iterator[difference.Difference]:

@@ -28,12 +28,9 @@ class Explanation:
     """What one code means."""
 
     code: Code
-    title: str
-    """What is wrong, in a clause."""
-    severity: str
-    """How bad it can be: `Error`, `Warning`, `Note`, or several of them: `Error or warning`."""
-    text: str
-    """Markdown below the title and the severity: a heading of the second level for each of `PARTS`."""
+    title: str  # What is wrong, in a clause
+    severity: str  # How bad it can be: `Error`, `Warning`, `Note`, or several of them: `Error or warning`
+    text: str  # Markdown below the title and the severity: a heading of the second level for each of `PARTS`
 
     @property
     def markdown(self) -> str:

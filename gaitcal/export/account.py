@@ -11,8 +11,7 @@ from gaitcal.export.joint_moves import Verdict
 from gaitcal.export.joint_transfer import CalibratedOsim
 from gaitcal.export.muscle_paths import MuscleChange, MusclePath, arm_deviations
 
-ROLLS = 0.1
-"""mm, deg: standing bones that are off by more are told."""
+ROLLS = 0.1  # mm, deg: standing bones that are off by more are told
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,14 +19,11 @@ class AccountTable:
     """Columns of words to the left of columns of numbers."""
 
     title: str
-    says: str
-    """What its figures are, in a sentence."""
+    says: str  # What its figures are, in a sentence
     words: tuple[str, ...]
     numbers: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    """Those that matter most first, where not every one is of interest."""
-    of_muscles: bool = False
-    """Long, and the whole of it in a file."""
+    rows: tuple[tuple[str, ...], ...]  # Those that matter most first, where not every one is of interest
+    of_muscles: bool = False  # Long, and the whole of it in a file
 
 
 def joint_tables(done: CalibratedOsim) -> Iterator[AccountTable]:

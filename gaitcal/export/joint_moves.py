@@ -46,19 +46,14 @@ class JointEnd:
     """Where a joint sits in one of its bodies, and how far that is from where it was."""
 
     body: str
-    centre: Array
-    """(3,) m, in the body, as it was."""
-    place: pin.SE3
-    """Of the joint's frame in the body."""
-    shift: Array
-    """(3,) m, in the body's axes: of the centre, of a hinge across its axis."""
-    turn: float
-    """rad, of a hinge's axis; of a ball joint's frame."""
+    centre: Array  # (3,) m, in the body, as it was
+    place: pin.SE3  # Of the joint's frame in the body
+    shift: Array  # (3,) m, in the body's axes: of the centre, of a hinge across its axis
+    turn: float  # rad, of a hinge's axis; of a ball joint's frame
     errors: tuple[float, float]
     """m and rad, standard errors of the centre (of a hinge across its axis) and of the direction of a hinge's axis: the
     root of the sum of squares in all directions, of the joint parameters and of the registration. NaN where unknown."""
-    changed: bool
-    """Whether the file is changed here."""
+    changed: bool  # Whether the file is changed here
     landmarks: float
     """m, by which landmarks of the static trial alone would have moved it; NaN in a body that is no segment of ours."""
 
@@ -72,15 +67,11 @@ class JointEnd:
 class JointMove:
     """What became of one joint."""
 
-    joint: str
-    """Ours: `hip_r`, ..."""
-    theirs: str
-    """Name in the model; empty where it has none."""
+    joint: str  # Ours: `hip_r`, ...
+    theirs: str  # Name in the model; empty where it has none
     verdict: Verdict
-    known: float
-    """Standard error of its parameters over that before any trial, the larger of positions and directions."""
-    standing: Mapping[str, float]
-    """Coordinate of theirs -> rad (m) as the person stands, before and after."""
+    known: float  # Standard error of its parameters over that before any trial, the larger of positions and directions
+    standing: Mapping[str, float]  # Coordinate of theirs -> rad (m) as the person stands, before and after
     rolls: tuple[float, float] = (0.0, 0.0)
     """m and rad, by which the standing bones are then off: what the joint rolls, or cannot do."""
     parent: JointEnd | None = None
@@ -91,13 +82,10 @@ class JointMove:
 class Bone:
     """How a bone follows its two joints, in the axes of its body."""
 
-    was: Array
-    """(3,) m, the middle between its joints."""
+    was: Array  # (3,) m, the middle between its joints
     now: Array
-    turn: Array
-    """(3, 3)."""
-    along: Array
-    """(3,) unit vector, from joint to joint as they were."""
+    turn: Array  # (3, 3)
+    along: Array  # (3,) unit vector, from joint to joint as they were
     stretch: float
 
     def point(self, x: Array) -> Array:
@@ -150,11 +138,9 @@ def bones_of(moves: Sequence[JointMove], peer: PeerModel, legs: Sequence[LegJoin
     return out
 
 
-SHORTEST = 0.1
-"""m; joints that are nearer, as those of a talus, have no bone between them that could be stretched."""
+SHORTEST = 0.1  # m; joints that are nearer, as those of a talus, have no bone between them that could be stretched
 
-Change = tuple[ET.Element, tuple[str, ...], tuple[Array, ...]]
-"""Of an element the numbers of these children."""
+Change = tuple[ET.Element, tuple[str, ...], tuple[Array, ...]]  # Of an element the numbers of these children
 
 
 def carried(document: OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Change]:
@@ -217,8 +203,7 @@ class CarriedPoints:
 
     muscle: str
     points: int
-    farthest: float
-    """m."""
+    farthest: float  # m
 
 
 def carried_by_muscles(document: OsimDocument, bones: Mapping[str, Bone]) -> tuple[CarriedPoints, ...]:

@@ -83,34 +83,26 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior
 
-UNDETERMINED_SHARE = 0.9
-"""Of the standard error before; nine tenths are a fifth of the variance."""
+UNDETERMINED_SHARE = 0.9  # Of the standard error before; nine tenths are a fifth of the variance
 APART = 0.010
 """m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to some millimetres."""
 FAR_M = 0.020
 """m; twice what the best regressions miss a hip by, in three directions together (`calibration/joint_prior.py`)."""
-ROLLING = 1e-4
-"""m RMS, from a hinge, from which a joint rolls."""
+ROLLING = 1e-4  # m RMS, from a hinge, from which a joint rolls
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibratedOsim:
     """The user's model with this person's joints."""
 
-    content: bytes
-    """Of the file."""
+    content: bytes  # Of the file
     joints: tuple[JointMove, ...]
-    legs: tuple[LegJoint, ...]
-    """Which joints of the model are meant, and how they were found."""
+    legs: tuple[LegJoint, ...]  # Which joints of the model are meant, and how they were found
     registrations: tuple[Registration, ...]
-    masses: tuple[SegmentMass, ...]
-    """Of the segments whose bodies weigh what ours do; empty unless asked for."""
-    carried: tuple[CarriedPoints, ...]
-    """Of every muscle the points that went with a bone; empty unless asked for."""
-    notes: tuple[str, ...]
-    """What the user should know, one sentence each."""
-    transfer: Transfer
-    """What was read, of which draws are made."""
+    masses: tuple[SegmentMass, ...]  # Of the segments whose bodies weigh what ours do; empty unless asked for
+    carried: tuple[CarriedPoints, ...]  # Of every muscle the points that went with a bone; empty unless asked for
+    notes: tuple[str, ...]  # What the user should know, one sentence each
+    transfer: Transfer  # What was read, of which draws are made
 
     @property
     def left(self) -> tuple[str, ...]:
@@ -182,17 +174,12 @@ class Transfer:
     document: OsimDocument
     peer: PeerModel
     legs: tuple[LegJoint, ...]
-    bodies: Mapping[str, Registration]
-    """By our segment."""
+    bodies: Mapping[str, Registration]  # By our segment
     errors: ErrorSources | None
-    known: Mapping[str, float]
-    """Joint of ours -> how much of its standard error is left."""
-    masses: bool
-    """Whether bodies get the masses of our segments."""
-    inertial: Array | None
-    """(84, n) R with covariance R R^T of the inertial parameters."""
-    follow: bool
-    """Whether what is fixed to a bone goes with its joints."""
+    known: Mapping[str, float]  # Joint of ours -> how much of its standard error is left
+    masses: bool  # Whether bodies get the masses of our segments
+    inertial: Array | None  # (84, n) R with covariance R R^T of the inertial parameters
+    follow: bool  # Whether what is fixed to a bone goes with its joints
 
     def result(self) -> CalibratedOsim:
         """With the calibrated parameters."""
@@ -433,8 +420,7 @@ class Transfer:
                 )
 
 
-_STEP = 1e-6
-"""m, rad, of central differences."""
+_STEP = 1e-6  # m, rad, of central differences
 
 
 def _near(axis: Axis, point: Array, joint: str) -> Array:

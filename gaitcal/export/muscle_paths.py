@@ -19,12 +19,9 @@ from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.export.osim_correspondence import LegJoint
 
-VALUES = 13
-"""Of a coordinate, over its range."""
-JUMP = 2e-3
-"""m; steps of a tenth of a range are too coarse to see less."""
-CROSSES = 1e-4
-"""m, by which the length of a muscle changes with a coordinate that it crosses, at least."""
+VALUES = 13  # Of a coordinate, over its range
+JUMP = 2e-3  # m; steps of a tenth of a range are too coarse to see less
+CROSSES = 1e-4  # m, by which the length of a muscle changes with a coordinate that it crosses, at least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,12 +30,9 @@ class MusclePath:
 
     muscle: str
     coordinate: str
-    values: Array
-    """(n,) rad."""
-    length: Array
-    """(n,) m."""
-    arm: Array
-    """(n,) m."""
+    values: Array  # (n,) rad
+    length: Array  # (n,) m
+    arm: Array  # (n,) m
 
     @property
     def jumps(self) -> tuple[float, ...]:

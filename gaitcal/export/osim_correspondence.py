@@ -37,14 +37,10 @@ from gaitcal.synthetic.walk import gait_curves
 
 COORDINATE_OF = {"hip": "hip_flexion", "knee": "knee_angle", "talocrural": "ankle_angle", "subtalar": "subtalar_angle"}
 """Joint of a leg -> its first coordinate, in our linkage and in the usual models."""
-TALUS = 0.08
-"""m; a joint farther from the ankle than the talus is high and long is one of the toes."""
-LEVER = 0.2
-"""m: as far as markers sit from a joint."""
-POSTURES = 20
-"""Of a stride, or of the recordings: quantiles of the coordinate."""
-EXACT = 1e-9
-"""m; a joint that is so near to a hinge is one."""
+TALUS = 0.08  # m; a joint farther from the ankle than the talus is high and long is one of the toes
+LEVER = 0.2  # m: as far as markers sit from a joint
+POSTURES = 20  # Of a stride, or of the recordings: quantiles of the coordinate
+EXACT = 1e-9  # m; a joint that is so near to a hinge is one
 
 
 @dataclass(frozen=True)
@@ -53,8 +49,7 @@ class Hinge:
 
     in_parent: pin.SE3
     in_child: pin.SE3
-    off: float = 0.0
-    """m RMS, how far points `LEVER` from its centre are from where the joint that rolls has them."""
+    off: float = 0.0  # m RMS, how far points `LEVER` from its centre are from where the joint that rolls has them
 
     def angle(self, pose: pin.SE3) -> float:
         """The hinge's angle, rad, that is nearest to a pose of the child in the parent."""
@@ -74,15 +69,11 @@ class Hinge:
 class LegJoint:
     """A joint of a leg in the user's model."""
 
-    ours: str
-    """`hip_r`, `knee_r`, `talocrural_r`, `subtalar_r`, or `_l`."""
+    ours: str  # `hip_r`, `knee_r`, `talocrural_r`, `subtalar_r`, or `_l`
     theirs: PeerJoint
-    coordinate: str
-    """The coordinate whose motion shows its axis."""
-    found_by: str
-    """`name`, `topology`, or the user's file."""
-    hinge: Hinge | None
-    """What stands for a knee, talocrural or subtalar joint; None of a hip."""
+    coordinate: str  # The coordinate whose motion shows its axis
+    found_by: str  # `name`, `topology`, or the user's file
+    hinge: Hinge | None  # What stands for a knee, talocrural or subtalar joint; None of a hip
 
 
 class _NamesFile(Table):
@@ -255,8 +246,7 @@ class PutJoint:
 
     in_parent: pin.SE3
     in_child: pin.SE3
-    centre: Array
-    """(3,) m, in the parent, now."""
+    centre: Array  # (3,) m, in the parent, now
     shifts: tuple[Array, Array]
     turns: tuple[float, float]
 

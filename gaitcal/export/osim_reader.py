@@ -30,8 +30,7 @@ TAGS_3 = {"parent": ("location_in_parent", "orientation_in_parent"), "child": ("
 """Where a joint of OpenSim 3 has its place in either body."""
 INERTIA_TAGS = ("inertia", *(f"inertia_{a}" for a in ("xx", "yy", "zz", "xy", "xz", "yz")))
 """Moments of inertia of a body, of OpenSim 4 and 3."""
-TAGS_4 = ("translation", "orientation")
-"""The same of a frame of OpenSim 4."""
+TAGS_4 = ("translation", "orientation")  # The same of a frame of OpenSim 4
 
 
 @dataclass(frozen=True)
@@ -39,10 +38,8 @@ class _Span:
     """Where an element stands in the bytes of its file."""
 
     start: int
-    inside: int
-    """After its first tag."""
-    end: int
-    """Before its last tag; the same as `inside` where its only tag closes itself."""
+    inside: int  # After its first tag
+    end: int  # Before its last tag; the same as `inside` where its only tag closes itself
 
     def alone(self, content: bytes) -> bool:
         """Whether its only tag closes itself."""
@@ -53,22 +50,17 @@ class _Span:
 class Place:
     """Where a joint's frame sits in a body; None: as it is."""
 
-    translation: Array | None
-    """(3,) m."""
-    rotation: Array | None
-    """(3, 3)."""
+    translation: Array | None  # (3,) m
+    rotation: Array | None  # (3, 3)
 
 
 @dataclass(frozen=True)
 class Weight:
     """What a body weighs now."""
 
-    mass: float
-    """kg."""
-    centre: Array | None
-    """(3,) m, in the body; None: as it is."""
-    inertia: float
-    """By which its moments of inertia are multiplied."""
+    mass: float  # kg
+    centre: Array | None  # (3,) m, in the body; None: as it is
+    inertia: float  # By which its moments of inertia are multiplied
 
 
 @dataclass(frozen=True)
@@ -77,8 +69,7 @@ class OsimDocument:
 
     source: Path
     content: bytes
-    model: ET.Element
-    """Its `<Model>`."""
+    model: ET.Element  # Its `<Model>`
     _spans: dict[ET.Element, _Span] = field(repr=False)
 
     def joint(self, name: str) -> ET.Element:

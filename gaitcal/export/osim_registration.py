@@ -33,8 +33,7 @@ from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_distances, rigid_fit
 
 JOINT_OF = {joint.name: joint for joint in JOINTS}
-MISFIT = 0.05
-"""m RMS; markers of a generic model, unscaled, on another person agree to 20 to 30 mm."""
+MISFIT = 0.05  # m RMS; markers of a generic model, unscaled, on another person agree to 20 to 30 mm
 MISFIT_OF_AXES = 0.02
 """m RMS, of joints' axes where no three markers are shared: `FAR_M` of `joint_transfer.py`, as far as regressions ever
 miss a joint of the same person; a larger gap is another person's size. (To two children's an adult's had 28 and 32.)"""
@@ -46,21 +45,14 @@ class Registration:
 
     segment: str
     body: str
-    markers: int
-    """Our markers on the segment."""
+    markers: int  # Our markers on the segment
     common: int
-    by_axes: bool
-    """Laid on the segment by the axes of its joints, as no three shared markers tell its place."""
-    pose: pin.SE3
-    """Of the body in our segment."""
-    rms: float
-    """m, of the distances that remain."""
-    centre: Array
-    """(3,) m, mean of the shared points in our segment."""
-    turn_covariance: Array
-    """(3, 3) rad^2, axes of our segment."""
-    shift_variance: float
-    """m^2, of `centre` in each direction."""
+    by_axes: bool  # Laid on the segment by the axes of its joints, as no three shared markers tell its place
+    pose: pin.SE3  # Of the body in our segment
+    rms: float  # m, of the distances that remain
+    centre: Array  # (3,) m, mean of the shared points in our segment
+    turn_covariance: Array  # (3, 3) rad^2, axes of our segment
+    shift_variance: float  # m^2, of `centre` in each direction
 
     def point_covariance(self, point: Array) -> Array:
         """(3, 3) m^2, of a point (3,) of our segment as a place in the body."""
@@ -235,8 +227,7 @@ def registrations(model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]
 
 
 NAME_OR_SCALE = "name the model's markers as the recordings do, or scale it to this person first"
-_ARM = 0.05
-"""m, on either side of a joint's centre: points that stand for its axis."""
+_ARM = 0.05  # m, on either side of a joint's centre: points that stand for its axis
 
 
 def _axis_points(
@@ -278,8 +269,7 @@ def _axis_points(
     return np.array(theirs).reshape(-1, 3), np.array(ours).reshape(-1, 3)
 
 
-_HOLD = 1e-6
-"""m per rad: what holds a coordinate of the standing posture that no marker shows."""
+_HOLD = 1e-6  # m per rad: what holds a coordinate of the standing posture that no marker shows
 
 
 def standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
@@ -322,8 +312,7 @@ class SegmentMass:
 
     segment: str
     bodies: tuple[str, ...]
-    theirs: float
-    """kg, of these bodies together, as they were."""
+    theirs: float  # kg, of these bodies together, as they were
     ours: float
 
 

@@ -57,38 +57,24 @@ class ReportContent:
 
     person: tuple[tuple[str, str], ...]
     """Label and value: name, session, sex, age, diagnosis, mass, height, ...; the name first."""
-    verdict: str
-    """`trustworthy`, `doubtful` or `refused`."""
+    verdict: str  # `trustworthy`, `doubtful` or `refused`
     sentence: str
-    reasons: tuple[tuple[str, str], ...]
-    """What speaks against the result, and what to do about it; the worst first."""
-    fit: tuple[str, ...]
-    """How well the model follows markers and forces, a sentence each."""
-    walked: bool
-    """Whether there is a walk among the trials."""
-    walks: tuple[tuple[str, ...], ...]
-    """Head, then a row for each whole-body trial and leg: which strides count."""
-    steps: tuple[tuple[str, ...], ...]
-    """Head, then a row for each spatiotemporal measure."""
-    steps_norm: str
-    """Whom their norm is of; empty where there is none."""
+    reasons: tuple[tuple[str, str], ...]  # What speaks against the result, and what to do about it; the worst first
+    fit: tuple[str, ...]  # How well the model follows markers and forces, a sentence each
+    walked: bool  # Whether there is a walk among the trials
+    walks: tuple[tuple[str, ...], ...]  # Head, then a row for each whole-body trial and leg: which strides count
+    steps: tuple[tuple[str, ...], ...]  # Head, then a row for each spatiotemporal measure
+    steps_norm: str  # Whom their norm is of; empty where there is none
     sheets: tuple[Sheet, ...]
     peaks: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...]
     """Title, then head and rows of the peaks of each activity that is no gait."""
-    norm: str
-    """Whom the grey bands are of; empty where there are none."""
-    norm_remark: str
-    """Why these, or why none."""
-    profile: tuple[Score, ...]
-    """Movement Analysis Profile and Gait Profile Scores; empty where no norm fits."""
-    joints: tuple[tuple[str, ...], ...]
-    """Head, then a row for each joint: how far calibration moved it."""
-    undetermined: tuple[str, ...]
-    """What the recordings do not determine."""
-    comments: Mapping[str, str]
-    """Section (`COMMENT_SECTIONS`) -> what somebody wrote."""
-    footer: str
-    """Program and version."""
+    norm: str  # Whom the grey bands are of; empty where there are none
+    norm_remark: str  # Why these, or why none
+    profile: tuple[Score, ...]  # Movement Analysis Profile and Gait Profile Scores; empty where no norm fits
+    joints: tuple[tuple[str, ...], ...]  # Head, then a row for each joint: how far calibration moved it
+    undetermined: tuple[str, ...]  # What the recordings do not determine
+    comments: Mapping[str, str]  # Section (`COMMENT_SECTIONS`) -> what somebody wrote
+    footer: str  # Program and version
 
     @property
     def title(self) -> str:
@@ -101,16 +87,11 @@ class ComparisonContent:
     """What the report of two sessions says."""
 
     title: str
-    people: tuple[tuple[str, ...], ...]
-    """Head with the names of both sessions, then label and value of each."""
-    words: tuple[str, ...]
-    """Warnings, then what differs."""
-    scores: tuple[tuple[str, ...], ...]
-    """Head, then a row for each angle or score: before, after, difference."""
-    steps: tuple[tuple[str, ...], ...]
-    """Head, then a row for each measure."""
-    others: tuple[tuple[str, ...], ...]
-    """The same of all other figures, the largest difference first."""
+    people: tuple[tuple[str, ...], ...]  # Head with the names of both sessions, then label and value of each
+    words: tuple[str, ...]  # Warnings, then what differs
+    scores: tuple[tuple[str, ...], ...]  # Head, then a row for each angle or score: before, after, difference
+    steps: tuple[tuple[str, ...], ...]  # Head, then a row for each measure
+    others: tuple[tuple[str, ...], ...]  # The same of all other figures, the largest difference first
     sheets: tuple[Sheet, ...]
     comments: Mapping[str, str]
     footer: str

@@ -71,8 +71,7 @@ def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) 
     return [_chart(str(name), table, strides, convention, width) for name, table in tables]
 
 
-MUSCLES_SHOWN: Final = 9
-"""Of a coordinate, those whose moment arm changes most."""
+MUSCLES_SHOWN: Final = 9  # Of a coordinate, those whose moment arm changes most
 BEFORE, AFTER = SIDE_COLOURS["l"], SIDE_COLOURS["r"]
 
 

@@ -42,19 +42,13 @@ class CurvePanel:
 
     title: str
     unit: str
-    senses: tuple[str, str]
-    """What positive and negative values mean."""
-    strides: Mapping[str, tuple[Array, ...]]
-    """Side -> (101,) of every straight stride."""
-    mean: Mapping[str, Array]
-    """Side -> (101,)."""
-    error: Mapping[str, Array]
-    """Side -> (101,) standard error of the mean."""
-    norm: tuple[Array, Array] | None
-    """Mean and SD (101,) of healthy people."""
+    senses: tuple[str, str]  # What positive and negative values mean
+    strides: Mapping[str, tuple[Array, ...]]  # Side -> (101,) of every straight stride
+    mean: Mapping[str, Array]  # Side -> (101,)
+    error: Mapping[str, Array]  # Side -> (101,) standard error of the mean
+    norm: tuple[Array, Array] | None  # Mean and SD (101,) of healthy people
     least: float
-    thin: tuple[float, float] = (0.4, 0.35)
-    """Width in points and opacity of the lines of strides."""
+    thin: tuple[float, float] = (0.4, 0.35)  # Width in points and opacity of the lines of strides
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,17 +56,13 @@ class Sheet:
     """A page of panels, in rows of three."""
 
     title: str
-    panels: tuple[CurvePanel | str, ...]
-    """A sentence where there is no curve."""
+    panels: tuple[CurvePanel | str, ...]  # A sentence where there is no curve
     note: str
-    without: str
-    """Why there is no curve in any panel, where there is none."""
+    without: str  # Why there is no curve in any panel, where there is none
     comment: str
     thick: str = "mean ± 1 standard error"
-    thin: str = "thin: strides, vertical: toe-off"
-    """What thick lines with their bands are, and thin ones."""
-    toe_off: Mapping[str, float] = field(default_factory=dict)
-    """Side -> %, the mean over strides."""
+    thin: str = "thin: strides, vertical: toe-off"  # What thick lines with their bands are, and thin ones
+    toe_off: Mapping[str, float] = field(default_factory=dict)  # Side -> %, the mean over strides
 
     @property
     def has_curves(self) -> bool:

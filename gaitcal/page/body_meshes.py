@@ -48,21 +48,14 @@ _FOLDER = "robots/human_description/meshes"
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 BALLS = ("abdomen", "elbow", "knee", "neck", "shoulder")
 _RINGS, _AROUND = 13, 20
-_MOST_TRIANGLES = 1_500
-"""Of a mesh on the page: a processor without a graphics card draws them, too."""
-_COARSER = 1.2
-"""Factor of the grid's cells from one attempt at fewer triangles to the next."""
-_SLACK = 0.05
-"""Of the longest side: how far a mesh may leave the box that places it."""
-_MOST_VERTICES = 65_536
-"""What 16-bit corner numbers in the page can name."""
-REFERENCE_MASS, REFERENCE_HEIGHT = 74.7, 1.787
-"""kg, m of the reference body: sums over its URDF."""
-_HIP_DROP, _HIP_FORWARD = 0.100, 0.023
-"""m: lumbar joint to mid-hip."""
+_MOST_TRIANGLES = 1_500  # Of a mesh on the page: a processor without a graphics card draws them, too
+_COARSER = 1.2  # Factor of the grid's cells from one attempt at fewer triangles to the next
+_SLACK = 0.05  # Of the longest side: how far a mesh may leave the box that places it
+_MOST_VERTICES = 65_536  # What 16-bit corner numbers in the page can name
+REFERENCE_MASS, REFERENCE_HEIGHT = 74.7, 1.787  # kg, m of the reference body: sums over its URDF
+_HIP_DROP, _HIP_FORWARD = 0.100, 0.023  # m: lumbar joint to mid-hip
 _FOOT_LENGTH = 0.271
-_HEAD_FORWARD = 0.05
-"""m that the head is carried before the line from lumbar joint to shoulders."""
+_HEAD_FORWARD = 0.05  # m that the head is carried before the line from lumbar joint to shoulders
 FOOT_OF_HEIGHT, _FOREARM_OF_HEIGHT, _HEAD_OF_HEIGHT, _ANKLE_OF_HEIGHT = 0.152, 0.1545, 0.130, 0.039
 """Foot length, elbow to wrist, chin to vertex, ankle centre above the floor, as shares of body height (Drillis and
 Contini 1966; forearm: de Leva 1996)."""

@@ -29,8 +29,7 @@ from gaitcal.page.body_meshes import Mesh, read_stl, with_fewer_triangles
 PACKAGE = "myo-sim"
 EXTRA = "bones"
 _FOLDER = "myo_sim/models/meshes"
-_FEMUR_LENGTH = (0.2, 0.7)
-"""m: a femur of another length is in another unit, or no femur."""
+_FEMUR_LENGTH = (0.2, 0.7)  # m: a femur of another length is in another unit, or no femur
 _TYPES = {
     "Float32": "f4", "Float64": "f8", "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4",
     "UInt32": "u4", "Int64": "i8", "UInt64": "u8",
@@ -57,8 +56,7 @@ _FILES: dict[str, tuple[tuple[str, ...], int]] = {
     "jaw": (("hat_jaw",), 600),
 }
 """Bone, by its name in a page -> what its file may be called without ending, and how many triangles of it are shown."""
-_WHOLE_SPINE = {"thoracic spine", "lumbar spine", "neck"}
-"""What `spine` is in one file."""
+_WHOLE_SPINE = {"thoracic spine", "lumbar spine", "neck"}  # What `spine` is in one file
 NEEDED: tuple[str, ...] = ("femur", "tibia", "fibula", "pelvis")
 """Without these, whose landmarks place all others, there are no bones."""
 
@@ -67,12 +65,9 @@ NEEDED: tuple[str, ...] = ("femur", "tibia", "fibula", "pelvis")
 class BoneMeshes:
     """Bones of the right side and the middle."""
 
-    meshes: dict[str, Mesh]
-    """As they are in the files, m: landmarks are found on these."""
-    source: str
-    """Where they are from, for the page."""
-    licence: str
-    """Text of their licence; empty where the source has none."""
+    meshes: dict[str, Mesh]  # As they are in the files, m: landmarks are found on these
+    source: str  # Where they are from, for the page
+    licence: str  # Text of their licence; empty where the source has none
 
     def shown(self, bone: str) -> Mesh:
         """The bone with as many triangles as the page shows of it."""

@@ -38,23 +38,15 @@ from gaitcal.model.segment_frames import JointWidths
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.body_meshes import Mesh, joint_centre, upright_poses, vertex_above_lumbar, wrist
 
-_END = 0.12
-"""Share of a bone's length that is its end."""
-_UPPER_SHAFT, _LOWER_SHAFT = (0.6, 0.8), (0.25, 0.5)
-"""Shares of a bone's length, from below."""
-_MALLEOLUS = 0.08
-"""Share of a bone's length in which its malleolus is."""
-_ON_SURFACE = 0.0035
-"""Of a bone's length: how far a point may be from a sphere or circle that it belongs to."""
+_END = 0.12  # Share of a bone's length that is its end
+_UPPER_SHAFT, _LOWER_SHAFT = (0.6, 0.8), (0.25, 0.5)  # Shares of a bone's length, from below
+_MALLEOLUS = 0.08  # Share of a bone's length in which its malleolus is
+_ON_SURFACE = 0.0035  # Of a bone's length: how far a point may be from a sphere or circle that it belongs to
 _ROUNDS = 30
-_FEWEST_POINTS = 6
-"""Of a sphere or circle."""
-_UPWARD, _SIDEWAYS = 0.8, 0.6
-"""Least upward and largest sideways part of a unit normal."""
-_VOTES_TOGETHER = 0.010
-"""m: votes for one acetabulum."""
-_PARTS = 5
-"""Parts of a triangle's side between points spread over it."""
+_FEWEST_POINTS = 6  # Of a sphere or circle
+_UPWARD, _SIDEWAYS = 0.8, 0.6  # Least upward and largest sideways part of a unit normal
+_VOTES_TOGETHER = 0.010  # m: votes for one acetabulum
+_PARTS = 5  # Parts of a triangle's side between points spread over it
 
 
 class NoLandmark(ValueError):  # noqa: N818 - said as it is read: "no landmark"
@@ -307,14 +299,11 @@ def _reach(bone: Mesh, shaft: tuple[float, float], end: float) -> Array:
 class KneeEvidence(Enum):
     """What tells where the femur's epicondyles are."""
 
-    BOTH = "both epicondyles"
-    """Markers on both."""
+    BOTH = "both epicondyles"  # Markers on both
     DEVICE = "lateral epicondyle and knee alignment device"
     """A marker on the lateral one, and a rod along the axis that a person chose."""
-    LATERAL = "lateral epicondyle"
-    """One marker: the bone's turn about its length is the pelvis's in the static trial."""
-    NOMINAL = "nominal joint"
-    """No marker: the bone stands on the nominal knee."""
+    LATERAL = "lateral epicondyle"  # One marker: the bone's turn about its length is the pelvis's in the static trial
+    NOMINAL = "nominal joint"  # No marker: the bone stands on the nominal knee
 
 
 _SIDED = {

@@ -55,8 +55,7 @@ from gaitcal.page.bone_landmarks import (
 )
 from gaitcal.page.scene import JointMark
 
-MIRROR = {"r": np.ones(3), "l": np.array([1.0, 1.0, -1.0])}
-"""From a bone of the right side to that of a side."""
+MIRROR = {"r": np.ones(3), "l": np.array([1.0, 1.0, -1.0])}  # From a bone of the right side to that of a side
 CARTILAGE = 0.004
 """m between the bones of the knee: twice the 2 mm of cartilage of a healthy tibia and femur (Cohen et al. 1999)."""
 TALUS_IN_FOOT = np.array([0.04877, 0.04195, -0.00792])

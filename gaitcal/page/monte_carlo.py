@@ -22,18 +22,13 @@ from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.published.statistics import expect, variance_shares
 from gaitcal.published.study import MonteCarloStudy
 
-PART: Final = "montecarlo"
-"""Mark of the blocks of a study."""
+PART: Final = "montecarlo"  # Mark of the blocks of a study
 PRESET: Final = "trust"
-FIXED: Final = ReactionFrame.LAB
-"""Ground reactions stay where force plates measure them."""
-SHOWN_SIDE: Final = "l"
-"""As published."""
-MOST_PARAMETERS: Final = 6
-"""That the ranked list names."""
+FIXED: Final = ReactionFrame.LAB  # Ground reactions stay where force plates measure them
+SHOWN_SIDE: Final = "l"  # As published
+MOST_PARAMETERS: Final = 6  # That the ranked list names
 SOURCE_WORDS: Final = {Varied.JP: "joint positions and axes", Varied.IP: "masses and inertia", Varied.NOISE: "markers"}
-SOURCES: Final = (Varied.JP, Varied.IP, Varied.NOISE)
-"""Those that are no sum of others."""
+SOURCES: Final = (Varied.JP, Varied.IP, Varied.NOISE)  # Those that are no sum of others
 OPEN: Final = (
     "More draws are needed: not every mean and spread stays within 2 % over the last tenth of the draws "
     "(gaitcal montecarlo --until-converged)."

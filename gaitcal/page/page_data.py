@@ -58,8 +58,7 @@ from gaitcal.session.result import Calibration, TrialResult
 
 PAGE_DATA: Final = "page.json"
 FORMAT: Final = 3
-MOST_LETTERS: Final = 7_000_000
-"""Packed curves of all trials of a page together, of the 25 MB that it may have."""
+MOST_LETTERS: Final = 7_000_000  # Packed curves of all trials of a page together, of the 25 MB that it may have
 SHOWN_MEASURES: Final = {
     "speed": ("Walking speed", 2),
     "cadence": ("Cadence", 1),

@@ -15,18 +15,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-GAP: Final = -32768
-"""Where a packed length has no value."""
-LARGEST: Final = 32767
-"""Integer of a packed length."""
+GAP: Final = -32768  # Where a packed length has no value
+LARGEST: Final = 32767  # Integer of a packed length
 Block = dict[str, Any]
 Cell = str | dict[str, Any]
-Sections = dict[str, list[Block]]
-"""Preset of the page -> its blocks."""
+Sections = dict[str, list[Block]]  # Preset of the page -> its blocks
 MISSING: Final = "–"
 LONGEST_NAME: Final = 60
-NAME_END: Final = 20
-"""Characters at the end of a cut name: names of one study often begin alike."""
+NAME_END: Final = 20  # Characters at the end of a cut name: names of one study often begin alike
 _CURVE_PARTS: Final = ("value", "se", "own", "nominal", "truth")
 
 

@@ -33,11 +33,9 @@ from gaitcal.page.plain_data import (
 )
 from gaitcal.session.result import Calibration, TrialResult
 
-LONG_NOTE: Final = 300
-"""Characters of a note from which it is folded."""
+LONG_NOTE: Final = 300  # Characters of a note from which it is folded
 HASHES: Final = "inputs_sha256"
-NO_SETTINGS: Final = ("kind", "files", "sha256", HASHES)
-"""Entries of a manifest that are no settings."""
+NO_SETTINGS: Final = ("kind", "files", "sha256", HASHES)  # Entries of a manifest that are no settings
 PHASES: Final = {
     "gait": "legs, from walking",
     "all joints": "all joints, over all trials at once",
@@ -49,8 +47,7 @@ FILES: Final = (
     "spatiotemporal.csv, motion/, moments/, powers/, forces/, markers/ and marker_errors/ (each trial at each "
     "instant), model.osim, model.urdf, model.xml, model.toml. This page needs no network and can be archived as it is."
 )
-COPIED: Final = ("clinician", "joints", "provenance")
-"""Presets of the calibration's page that are told again."""
+COPIED: Final = ("clinician", "joints", "provenance")  # Presets of the calibration's page that are told again
 EDITED: Final = "The model, or another file of the result, was edited since: what is told of it below may not hold."
 NOT_KNOWN: Final = "The page of the calibration cannot be read: its summary.json and manifest.json tell what was done."
 

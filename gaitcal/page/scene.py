@@ -42,8 +42,7 @@ if TYPE_CHECKING:
 Single = NDArray[np.float32]
 MOST_FRAMES = 4000
 """Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are interpolated."""
-_STEP = 1e-6
-"""m, rad: step of the central differences; their error, about 1e-12, is far below a pixel."""
+_STEP = 1e-6  # m, rad: step of the central differences; their error, about 1e-12, is far below a pixel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,30 +123,18 @@ class MotionScene:
 
     name: str
     role: str
-    recorded: int
-    """Frames of the recording."""
-    stride: int
-    """Every how many of them is kept here."""
-    time: Array
-    """(nf,) s."""
-    origins: Single
-    """(nf, ns, 3) m, segment origins in the laboratory."""
-    turns: Single
-    """(nf, ns, 4) unit quaternions x y z w from segment to laboratory."""
-    tracked: BoolArray
-    """(ns,) whether any marker of this trial is fixed in the segment (talus: in its foot)."""
-    measured: Single
-    """(nf, nm, 3) m; NaN where a marker was not seen."""
-    forces: Single
-    """(nf, 2, 3) N, ground on right and left foot; NaN where there is none."""
-    pressure_centres: Single
-    """(nf, 2, 3) m; NaN where there is no force."""
-    valid: BoolArray
-    """(nf,) every foot on the ground is on a plate; all False without force plates."""
-    valid_legs: BoolArray
-    """(nf, 2) the same of the right and of the left foot alone; a foot in the air is valid."""
-    plates: Single
-    """(np, 4, 3) m, corners of the force plates whose place the recording tells."""
+    recorded: int  # Frames of the recording
+    stride: int  # Every how many of them is kept here
+    time: Array  # (nf,) s
+    origins: Single  # (nf, ns, 3) m, segment origins in the laboratory
+    turns: Single  # (nf, ns, 4) unit quaternions x y z w from segment to laboratory
+    tracked: BoolArray  # (ns,) whether any marker of this trial is fixed in the segment (talus: in its foot)
+    measured: Single  # (nf, nm, 3) m; NaN where a marker was not seen
+    forces: Single  # (nf, 2, 3) N, ground on right and left foot; NaN where there is none
+    pressure_centres: Single  # (nf, 2, 3) m; NaN where there is no force
+    valid: BoolArray  # (nf,) every foot on the ground is on a plate; all False without force plates
+    valid_legs: BoolArray  # (nf, 2) the same of the right and of the left foot alone; a foot in the air is valid
+    plates: Single  # (np, 4, 3) m, corners of the force plates whose place the recording tells
 
     @property
     def has_forces(self) -> bool:
@@ -160,21 +147,15 @@ class Scene:
     """A calibrated person in all trials."""
 
     subject: str
-    mass: float
-    """kg."""
-    height: float
-    """m."""
-    labels: tuple[str, ...]
-    """(nm) tracking markers."""
-    marker_segments: tuple[str, ...]
-    """(nm) segment of each."""
-    marker_places: Array
-    """(nm, 3) m, in the segment frame."""
+    mass: float  # kg
+    height: float  # m
+    labels: tuple[str, ...]  # (nm) tracking markers
+    marker_segments: tuple[str, ...]  # (nm) segment of each
+    marker_places: Array  # (nm, 3) m, in the segment frame
     joints: tuple[JointMark, ...]
     body: tuple[FittedMesh, ...]
     trials: tuple[MotionScene, ...]
-    landmarks: PersonLandmarks
-    """Where bones must lie."""
+    landmarks: PersonLandmarks  # Where bones must lie
     segments: tuple[str, ...] = SEGMENTS
 
 

@@ -38,19 +38,16 @@ from gaitcal.page.scene import JointMark, MotionScene, Scene
 VERSION = 1
 MOST_BYTES = 9_000_000
 """Packed playback data of all trials of a page together: 12 MB as base64, of the 25 MB that it may have."""
-MARKER_RANGE_M = 20.0
-"""From the pelvis: a marker beyond is no marker of this person, and would coarsen all others."""
+MARKER_RANGE_M = 20.0  # From the pelvis: a marker beyond is no marker of this person, and would coarsen all others
 
 _DAMAGE = (
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, EOFError, SyntaxError,
     MemoryError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What NumPy, zipfile and zlib raise on files that are not what they seem."""
-_BODY = "garments"
-"""What files of this version call the body meshes."""
+_BODY = "garments"  # What files of this version call the body meshes
 _LANDMARKS = "landmarks/"
-EARLY = 0.005
-"""s: a trial whose first frame is later is said not to begin with its recording."""
+EARLY = 0.005  # s: a trial whose first frame is later is said not to begin with its recording
 _JOINT_ARRAYS = (
     "nominal_centre", "fitted_centre", "nominal_axis", "fitted_axis", "centre_spread", "axis_spread",
 )  # fmt: skip

@@ -37,8 +37,7 @@ SEATED = "on a seat"
 NOT_WHOLLY = "foot not wholly on a plate of its own"
 ENDS = "at the end of the recording"
 UNSEEN = "markers do not show the leg"
-NEAR_END = 0.3
-"""s: frames this near to an end of a trial are lost with the ends of its splines and filters."""
+NEAR_END = 0.3  # s: frames this near to an end of a trial are lost with the ends of its splines and filters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,16 +46,11 @@ class StrideUse:
 
     side: str
     number: int
-    plate: str
-    """Names of the plates that carry the foot in it; empty: none."""
-    whole: bool
-    """Moments of the leg are valid throughout."""
-    turns: bool
-    """It turns, and takes no part in means."""
-    reason: str
-    """Why it is not whole; empty where it is."""
-    repeats: bool = False
-    """It is no stride, but a repetition of another activity."""
+    plate: str  # Names of the plates that carry the foot in it; empty: none
+    whole: bool  # Moments of the leg are valid throughout
+    turns: bool  # It turns, and takes no part in means
+    reason: str  # Why it is not whole; empty where it is
+    repeats: bool = False  # It is no stride, but a repetition of another activity
 
 
 def stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
@@ -144,8 +138,7 @@ HOW_TO_READ = (
     "Bands about curves are ±1 standard error. A mean over strides has a band of one standard deviation, "
     "which holds measurement errors as well.",
 )
-Line = dict[str, str]
-"""`tone`: `good`, `look`, `poor` or `plain`; `text`."""
+Line = dict[str, str]  # `tone`: `good`, `look`, `poor` or `plain`; `text`
 
 
 @dataclass(frozen=True, kw_only=True)

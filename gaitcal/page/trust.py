@@ -67,12 +67,9 @@ ISOLATED = (
     "Fitted with the segments of that joint only, so that no other joint has a say. “Calibrated” is right "
     "after these trials; the final model may differ where walking has moved the joint again."
 )
-LITTLE_WEIGHT = 0.5
-"""Part of the largest weight."""
-SHOWN_CHANGE_M = 5e-5
-"""Half of what the page shows."""
-MARKERS_SHOWN = 6
-"""With the largest errors; the rest is folded away."""
+LITTLE_WEIGHT = 0.5  # Part of the largest weight
+SHOWN_CHANGE_M = 5e-5  # Half of what the page shows
+MARKERS_SHOWN = 6  # With the largest errors; the rest is folded away
 
 
 def fit_blocks(calibration: Calibration) -> list[Block]:
@@ -226,8 +223,7 @@ CHANGES = (
     "RMS difference over the valid frames between the moments of the nominal and of the calibrated model. "
     "Where it is small against the effect you study, calibration did not matter for it."
 )
-SMALL_SHARE = 0.005
-"""Of the variance: sources below it are told together."""
+SMALL_SHARE = 0.005  # Of the variance: sources below it are told together
 EXTERNAL_PEAKS = {KNEE_ADDUCTION: "external adduction"}
 """Moments of which the external peak is told, the opposite of the internal one -> what it is called."""
 

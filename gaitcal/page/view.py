@@ -51,8 +51,7 @@ COHORT_SCRIPTS: Final = (
 COHORT_STYLES: Final = ("page.css", "sections.css", "cohort.css")
 COHORT_DATA: Final = ("CURVES", "COHORT")
 """What `cohort.html` is of: packed mean curves, and everything else as JSON, in the order of the file."""
-PLOTS = "libraries/uPlot"
-"""The library that draws curves."""
+PLOTS = "libraries/uPlot"  # The library that draws curves
 
 
 def policy(*scripts: str) -> str:
@@ -80,18 +79,15 @@ class Shown:
     """One result as the page takes it."""
 
     scene: Scene
-    data: Mapping[str, Any] | None = None
-    """Curves and tables (`gaitcal.page.page_data`); None: the body alone."""
+    data: Mapping[str, Any] | None = None  # Curves and tables (`gaitcal.page.page_data`); None: the body alone
 
 
 @dataclass(frozen=True)
 class BodyText:
     """The body in motion as it stands in a page."""
 
-    scene: str
-    """JSON of `scene_json`."""
-    bones_licence: str
-    """Whose bones are in it, and their licence; empty where none are, or they have none."""
+    scene: str  # JSON of `scene_json`
+    bones_licence: str  # Whose bones are in it, and their licence; empty where none are, or they have none
 
 
 def write_view(source: Calibration | Scene, path: Path | str, bones: BoneMeshes | None = None) -> None:

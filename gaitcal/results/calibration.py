@@ -41,8 +41,7 @@ from gaitcal.session.result import Calibration, Loads, TrialResult
 
 PAGE: Final = "result.html"
 SCENE: Final = "scene.npz"
-DYNAMICS: Final = "dynamics"
-"""Folder of a result that `gaitcal dynamics` writes."""
+DYNAMICS: Final = "dynamics"  # Folder of a result that `gaitcal dynamics` writes
 OTHER_MODEL: Final = f"made by an earlier run with another model than {MODEL} now is"
 AGAIN: Final = "run it again"
 

@@ -41,8 +41,7 @@ if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
 
 DIMENSIONS = ("person", "session", "trial", "side", "stride", "percent")
-COLUMNS = {"": "value", "_se": "se", "_valid": "valid"}
-"""Ending of a data variable -> column of the table."""
+COLUMNS = {"": "value", "_se": "se", "_valid": "valid"}  # Ending of a data variable -> column of the table
 CYCLE_HEADER = (
     "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
     "variable: a coordinate of the leg of that side (without the side in its name), of pelvis or trunk: its angle in",
@@ -78,8 +77,7 @@ class _Signal:
     name: str
     value: Array
     error: Array | None
-    own_error: Array | None
-    """The part of the error that differs from stride to stride."""
+    own_error: Array | None  # The part of the error that differs from stride to stride
     valid: BoolArray
 
 

@@ -57,13 +57,10 @@ class _Result:
     """What is read of a result."""
 
     model: SubjectModel
-    table: pd.DataFrame
-    """`cycles.csv`, as text."""
+    table: pd.DataFrame  # `cycles.csv`, as text
     comments: tuple[str, ...]
-    strides: Mapping[tuple[str, str], tuple[GaitCycle, ...]]
-    """Trial and side -> strides."""
-    vectors: Mapping[str, pd.DataFrame]
-    """Trial -> table of moment vectors."""
+    strides: Mapping[tuple[str, str], tuple[GaitCycle, ...]]  # Trial and side -> strides
+    vectors: Mapping[str, pd.DataFrame]  # Trial -> table of moment vectors
 
 
 def strides_in_convention(strides: pd.DataFrame, convention: Convention, model: SubjectModel) -> pd.DataFrame:

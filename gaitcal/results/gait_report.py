@@ -168,8 +168,7 @@ class _Activity:
     name: str
     trials: tuple[str, ...]
     repeats: bool
-    toe_off: Mapping[str, float]
-    """Side -> %, mean over straight strides."""
+    toe_off: Mapping[str, float]  # Side -> %, mean over straight strides
 
     @property
     def walks(self) -> bool:

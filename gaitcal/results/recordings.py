@@ -36,14 +36,10 @@ from gaitcal.results.cycles_export import find_original, trial_files
 from gaitcal.results.saved import MODEL, SPLINES, SavedWalk, load_trial, moving_trials
 from gaitcal.results.summary import SUMMARY
 
-PREFIX = "gc"
-"""Before our names where the file has points of such names already."""
-SINGLE = 2.0**-23
-"""Relative rounding of a 32-bit float."""
-SAME_TIME = 1e-6
-"""s."""
-SAME_PLACE = 1e-6
-"""m, between a marker of the file and of the result: both are the same number, turned by quarters."""
+PREFIX = "gc"  # Before our names where the file has points of such names already
+SINGLE = 2.0**-23  # Relative rounding of a 32-bit float
+SAME_TIME = 1e-6  # s
+SAME_PLACE = 1e-6  # m, between a marker of the file and of the result: both are the same number, turned by quarters
 
 
 def write_recordings(

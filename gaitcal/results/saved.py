@@ -44,16 +44,12 @@ class SavedResult:
     """A calibrated person, and how the labels of their recordings are read."""
 
     model: SubjectModel
-    files: Snapshot
-    """What was read, to be compared when the work is done."""
-    marker_set: MarkerSet
-    """With the weights of the model."""
-    rename: Mapping[str, str]
-    """Label in the files -> label in the marker set."""
+    files: Snapshot  # What was read, to be compared when the work is done
+    marker_set: MarkerSet  # With the weights of the model
+    rename: Mapping[str, str]  # Label in the files -> label in the marker set
     settings: CalibrationSettings
     uncertainty: Uncertainty
-    doubts: tuple[Finding, ...] = ()
-    """What its verdict says of every further trial."""
+    doubts: tuple[Finding, ...] = ()  # What its verdict says of every further trial
     relative_to: Mapping[str, float] | None = None
     """Coordinate -> rad in the static posture, where joint angles are counted from it."""
 
@@ -155,18 +151,13 @@ class SavedWalk:
     name: str
     model: SubjectModel
     motion: Motion
-    markers: Recording
-    """As it was tracked: y up, x forward."""
+    markers: Recording  # As it was tracked: y up, x forward
     torques: Mapping[str, Array] | None
     """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is refused."""
-    valid: Mapping[str, BoolArray]
-    """Side -> (nf,) frames whose torques count."""
-    facts: Mapping[str, str]
-    """Verdict and the like, of the summary."""
-    reasons: tuple[str, ...]
-    """Of the verdict, as far as they concern the trial."""
-    events: tuple[FootEvent, ...]
-    """Of a walk, in order of time; those of the file too."""
+    valid: Mapping[str, BoolArray]  # Side -> (nf,) frames whose torques count
+    facts: Mapping[str, str]  # Verdict and the like, of the summary
+    reasons: tuple[str, ...]  # Of the verdict, as far as they concern the trial
+    events: tuple[FootEvent, ...]  # Of a walk, in order of time; those of the file too
 
 
 def moving_trials(folder: Path) -> list[str]:

@@ -48,8 +48,7 @@ SHARED_HEADER = (
     "standard error",
 )
 
-PRINTED = 30
-"""Figures beside steps that a report on paper lists; `differences.csv` has all."""
+PRINTED = 30  # Figures beside steps that a report on paper lists; `differences.csv` has all
 SHEETS = {"Kinematics": KINEMATICS, "Kinetics": KINETICS}
 
 
@@ -163,8 +162,7 @@ def one_line(text: str) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
-FURTHER = "model_sha256"
-"""Entry of the manifest of further trials, whose model lies in the folder above."""
+FURTHER = "model_sha256"  # Entry of the manifest of further trials, whose model lies in the folder above
 
 
 @with_one_blas_thread

@@ -130,16 +130,12 @@ def _known(**figures: Json) -> dict[str, Json]:
     return {key: round(v, 6) if isinstance(v, float) else v for key, v in figures.items() if v is not None}
 
 
-NO_FLOOR = 1e-6
-"""mm: one or two markers follow a segment exactly; a ratio to that means nothing."""
+NO_FLOOR = 1e-6  # mm: one or two markers follow a segment exactly; a ratio to that means nothing
 
 SHARE_DIGITS = 4
-TIME_DIGITS = 4
-"""s: a tenth of a millisecond."""
-JOINT_PRIOR = "joint_prior"
-"""Entry: the cohort that joint parameters lean on; absent where that is none."""
-STATIC_ANGLES = "static_angles_deg"
-"""Entry: coordinate -> deg with which the calibrated model meets the static posture."""
+TIME_DIGITS = 4  # s: a tenth of a millisecond
+JOINT_PRIOR = "joint_prior"  # Entry: the cohort that joint parameters lean on; absent where that is none
+STATIC_ANGLES = "static_angles_deg"  # Entry: coordinate -> deg with which the calibrated model meets the static posture
 
 
 def summary(calibration: Calibration) -> dict[str, Json]:
@@ -304,8 +300,7 @@ def _pelvis_residual(loads: Loads) -> dict[str, Json]:
 
 
 POWER_FOLDER, VECTOR_FOLDER = "powers", "moment_vectors"
-DIGITS = 6
-"""A millionth of a watt or newton metre."""
+DIGITS = 6  # A millionth of a watt or newton metre
 
 
 def write_kinetics(trial: TrialResult, model: SubjectModel, out: Path) -> None:

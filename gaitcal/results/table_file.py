@@ -18,12 +18,9 @@ from gaitcal.session.result import TrialResult
 if TYPE_CHECKING:
     import pandas as pd
 
-Column: TypeAlias = NDArray[Any] | list[Any]
-"""Values of one column; None or NaN where there is none."""
-Table: TypeAlias = "Mapping[str, Column] | pd.DataFrame"
-"""Columns by name, or a data frame."""
-_BLOCK: Final = 50_000
-"""Rows that are text in memory at once."""
+Column: TypeAlias = NDArray[Any] | list[Any]  # Values of one column; None or NaN where there is none
+Table: TypeAlias = "Mapping[str, Column] | pd.DataFrame"  # Columns by name, or a data frame
+_BLOCK: Final = 50_000  # Rows that are text in memory at once
 _QUOTE: Final = '"'
 _SPECIAL: Final = (",", _QUOTE, "\n", "\r", "#")
 VERDICT: Final = "verdict: "

@@ -104,8 +104,7 @@ def _sheet_of(result: Path) -> Mapping[str, Any]:
         return {}
 
 
-RUN_AGAIN = f"; {AGAIN}"
-"""How warnings on stale trials end: a later run makes them anew, or not."""
+RUN_AGAIN = f"; {AGAIN}"  # How warnings on stale trials end: a later run makes them anew, or not
 
 
 def write_trials(

@@ -87,7 +87,7 @@ def test_nohup_is_respected() -> None:
 def test_exit_codes_and_the_one_line(
     ending: BaseException, code: int, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def end(*_: object, **__: object) -> None:
+    def end(console: object, result: str) -> None:
         raise ending
 
     monkeypatch.setattr("gaitcal.cli.view.view_result", end)

@@ -9,7 +9,7 @@ from typing import Any, Final, get_args
 
 from typer.models import ArgumentInfo, OptionInfo
 
-from gaitcal.cli.application import app
+from gaitcal.cli.application import COMMANDS, HELP, declared
 from scripts.tools.documentation.tables import table_of
 
 EVERYWHERE: Final = ("--quiet", "--verbose", "--help")
@@ -81,12 +81,10 @@ def _parameter(name: str, annotation: Any, default: object) -> Parameter:
 def commands() -> tuple[Command, ...]:
     """Every command in the order of `gaitcal --help`."""
     out = []
-    for registered in app.registered_commands:
-        if registered.callback is not None and registered.name is not None:
-            given = inspect.signature(registered.callback, eval_str=True).parameters.values()
-            parameters = tuple(_parameter(p.name, p.annotation, p.default) for p in given)
-            text, example = inspect.cleandoc(registered.help or ""), (registered.epilog or "").strip()
-            out.append(Command(registered.name, text, example, parameters))
+    for name, (_, example) in COMMANDS.items():
+        given = inspect.signature(declared(name)).parameters.values()
+        parameters = tuple(_parameter(p.name, p.annotation, p.default) for p in given)
+        out.append(Command(name, HELP[name], example, parameters))
     return tuple(out)
 
 
@@ -107,7 +105,7 @@ def markdown(name: str) -> str:
     command = next(c for c in commands() if c.name == name)
     lines = [f'```text title="usage"\n{command.usage}\n```', "", command.text, ""]
     if command.example:
-        lines += [f'```text title="example"\n{command.example.removeprefix("Example:").strip()}\n```', ""]
+        lines += [f'```text title="example"\n{command.example}\n```', ""]
     if own := options_of(command):
         lines.append(table_of(("argument or option", "unless given", "meaning"), map(_row, own)))
     return "\n".join(lines)
