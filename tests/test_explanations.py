@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from gaitcal.cli.application import COMMANDS, HELP, app, loaded
 from gaitcal.codes import Code
 from gaitcal.errors import ConvergenceError, InputError, UsageError
-from gaitcal.explanations.explanation import PARTS, Paragraph, all_explanations, explanation_of, parts_of
+from gaitcal.explanations import PARTS, Paragraph, all_explanations, explanation_of, parts_of
 from gaitcal.faults.verdict import judge
 from gaitcal.findings import Finding, Severity
 from gaitcal.page.page_data import explained_code, verdict_page_data

@@ -16,7 +16,7 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.folder import PLAIN_WIDTH
 from gaitcal.codes import Code
 from gaitcal.errors import UsageError, nearest
-from gaitcal.explanations.explanation import Bullets, Explanation, Paragraph, all_explanations, explanation_of, parts_of
+from gaitcal.explanations import Bullets, Explanation, Paragraph, all_explanations, explanation_of, parts_of
 from gaitcal.io.examples import (
     SOURCE,
     Connection,

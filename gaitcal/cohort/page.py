@@ -28,9 +28,9 @@ from gaitcal.gait.peaks import ADDUCTION_PEAK, PEAKS, Figure, Peak
 from gaitcal.io.toml import package_version
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.plain_data import floats
-from gaitcal.page.trial_data import joint_of
+from gaitcal.page.plain_data import floats, script_json
 from gaitcal.page.view import write_cohort_page
+from gaitcal.session.trial_curves import joint_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,7 +227,7 @@ def _content(
     with tables["failures"].open(encoding="utf-8", newline="") as stream:
         failures = list(csv.DictReader(stream))
     content |= {"reasons": causes.content, "ranked": causes.ranked(failures)}
-    yield _text(content | {"curves": _variables(common, mass, height), "failures": failures})
+    yield script_json(content | {"curves": _variables(common, mass, height), "failures": failures})
 
 
 def _columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[dict[str, Any]]:
@@ -291,8 +291,3 @@ def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[
 
 def _rounded(values: Any) -> list[float | None]:
     return [round(float(value), _DIGITS) if np.isfinite(value) else None for value in values]
-
-
-def _text(content: object) -> str:
-    """JSON that may stand in a page."""
-    return json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

@@ -14,20 +14,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.figures.chart import (
-    FAINT,
-    SIDE_COLOURS,
-    SIDE_DASHES,
-    Chart,
-    Key,
-    Panel,
-    Size,
-    Sizes,
-    dress,
-    limits,
-    line_style,
-    plain,
-)
+from gaitcal.figures import chart
 from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR, normal_band
 from gaitcal.figures.report import HealthyBands
 from gaitcal.gait.conventions import Convention, MomentUnit
@@ -40,7 +27,7 @@ from gaitcal.model.subject_model import Subject
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LETTERS: Final = Sizes(small=7.0, normal=8.0, title=8.0)
+LETTERS: Final = chart.Sizes(small=7.0, normal=8.0, title=8.0)
 LEGEND_ROW: Final = 0.175  # inches
 INCH: Final = 25.4  # mm
 TALLEST: Final = 80.0  # mm: a wide figure is no taller
@@ -61,7 +48,7 @@ class Strides:
     healthy: HealthyBands = field(default_factory=dict)
 
 
-def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[Chart]:
+def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[chart.Chart]:
     """One chart a variable, in the order of `cycles.csv`; nothing is drawn yet.
 
     `convention`: signs, whose moments, unit; along the axes of the coordinates.
@@ -72,10 +59,10 @@ def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) 
 
 
 MUSCLES_SHOWN: Final = 9  # Of a coordinate, those whose moment arm changes most
-BEFORE, AFTER = SIDE_COLOURS["l"], SIDE_COLOURS["r"]
+BEFORE, AFTER = chart.SIDE_COLOURS["l"], chart.SIDE_COLOURS["r"]
 
 
-def moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[Chart]:
+def moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[chart.Chart]:
     """One chart a coordinate of the model of `gaitcal export --into --muscles`: moment arms before and after, over its
     range, of the muscles that change most; with draws, after ± 1.96 standard deviations.
 
@@ -85,40 +72,40 @@ def moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[Chart]:
     return [_moment_arms(str(name), rows, width) for name, rows in table.groupby("coordinate", sort=False)]
 
 
-def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> Chart:
+def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> chart.Chart:
     change = (table["arm_after_mm"] - table["arm_before_mm"]).abs().groupby(table["muscle"]).max()
     shown = change.sort_values(ascending=False, kind="stable").index[:MUSCLES_SHOWN]
     known = bool(table["arm_sd_mm"].notna().any())
 
     def draw_of(rows: pd.DataFrame) -> Callable[[Axes], None]:
         def draw(axes: Axes) -> None:
-            muscle = plain(str(rows["muscle"].iloc[0]))
-            dress(axes, xlabel=f"{plain(coordinate)} (deg)", ylabel="mm", title=muscle, sizes=LETTERS)
+            muscle = chart.plain(str(rows["muscle"].iloc[0]))
+            chart.dress(axes, xlabel=f"{chart.plain(coordinate)} (deg)", ylabel="mm", title=muscle, sizes=LETTERS)
             deg, before, after = (rows[name].to_numpy(float) for name in ("deg", "arm_before_mm", "arm_after_mm"))
             width_of_band = 1.96 * np.nan_to_num(rows["arm_sd_mm"].to_numpy(float))
-            axes.axhline(0.0, color=FAINT, linewidth=THIN)
+            axes.axhline(0.0, color=chart.FAINT, linewidth=THIN)
             axes.fill_between(deg, after - width_of_band, after + width_of_band, color=AFTER, alpha=BAND, linewidth=0)
-            axes.plot(deg, before, color=BEFORE, linewidth=LINE, linestyle=line_style(SIDE_DASHES["l"]))
+            axes.plot(deg, before, color=BEFORE, linewidth=LINE, linestyle=chart.line_style(chart.SIDE_DASHES["l"]))
             axes.plot(deg, after, color=AFTER, linewidth=LINE)
-            axes.set_ylim(*limits([before, after - width_of_band, after + width_of_band], 5.0))
+            axes.set_ylim(*chart.limits([before, after - width_of_band, after + width_of_band], 5.0))
 
         return draw
 
     columns = max(1, round(width / 60.0))
     inches = width / columns / INCH
-    size = Size(width=inches, height=ASPECT * inches, left=0.5, right=0.1, bottom=0.42, top=0.26, label=0.2)
+    size = chart.Size(width=inches, height=ASPECT * inches, left=0.5, right=0.1, bottom=0.42, top=0.26, label=0.2)
     panels = [
-        Panel(f"moment arm of {name} about {coordinate}", draw_of(table[table["muscle"] == name]), size)
+        chart.Panel(f"moment arm of {name} about {coordinate}", draw_of(table[table["muscle"] == name]), size)
         for name in shown
     ]
     rest = table["muscle"].nunique() - len(shown)
-    keys = [Key(label="before", colour=BEFORE, dashes=SIDE_DASHES["l"], width=LINE)]
-    keys.append(Key(label="after" + (", ± 1.96 SD of the draws" if known else ""), colour=AFTER, width=LINE))
+    keys = [chart.Key(label="before", colour=BEFORE, dashes=chart.SIDE_DASHES["l"], width=LINE)]
+    keys.append(chart.Key(label="after" + (", ± 1.96 SD of the draws" if known else ""), colour=AFTER, width=LINE))
     if rest:
-        keys.append(Key(label=f"{rest} muscles more, which change less", colour=FAINT, width=0.0))
-    return Chart(
+        keys.append(chart.Key(label=f"{rest} muscles more, which change less", colour=chart.FAINT, width=0.0))
+    return chart.Chart(
         name=f"moment_arms_{''.join(c if c.isascii() and c.isalnum() else '_' for c in coordinate)}",
-        title=f"Moment arms about {plain(coordinate)}",
+        title=f"Moment arms about {chart.plain(coordinate)}",
         panels=tuple(panels),
         keys=tuple(keys),
         columns=columns,
@@ -150,7 +137,7 @@ class _Line:
         return f"{SIDE_WORDS[self.side]}, {told}{error}"
 
 
-def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> Chart:
+def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> chart.Chart:
     lines = [line for side in SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
     kind, title = kind_of(variable), variable_title(variable, convention)
     # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one sense for both sides,
@@ -158,36 +145,36 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
     bands = _different([line for line in lines if line.healthy is not None])
 
     def draw(axes: Axes) -> None:
-        dress(
+        chart.dress(
             axes,
             xlabel="gait cycle (%)",
             ylabel=_label(variable, convention, strides.subject),
             title=title,
             sizes=LETTERS,
         )
-        axes.axhline(0.0, color=FAINT, linewidth=THIN)
+        axes.axhline(0.0, color=chart.FAINT, linewidth=THIN)
         drawn: list[Array] = []
         for line in bands:
             drawn += normal_band(axes, *line.healthy) if line.healthy else ()
         for line in lines:
             drawn += _mean(axes, line)
             if line.side in strides.offs:
-                dashes = line_style(SIDE_DASHES[line.side])
-                colour = SIDE_COLOURS[line.side]
+                dashes = chart.line_style(chart.SIDE_DASHES[line.side])
+                colour = chart.SIDE_COLOURS[line.side]
                 axes.axvline(strides.offs[line.side], color=colour, linewidth=TOE_OFF, linestyle=dashes)
         axes.set_xlim(0.0, 100.0)
         axes.set_xticks([0, 20, 40, 60, 80, 100])
-        axes.set_ylim(*limits(drawn, _least(kind, convention, strides.subject)))
+        axes.set_ylim(*chart.limits(drawn, _least(kind, convention, strides.subject)))
         if not any(np.isfinite(values).any() for values in drawn):
             axes.text(0.5, 0.5, "no valid strides", transform=axes.transAxes, ha="center", fontsize=LETTERS.normal)
 
     inches = width / INCH
     height = min(ASPECT * width, TALLEST) / INCH
-    size = Size(width=inches, height=height, left=0.76, right=0.14, bottom=0.42, top=0.26, label=0.29)
-    return Chart(
+    size = chart.Size(width=inches, height=height, left=0.76, right=0.14, bottom=0.42, top=0.26, label=0.29)
+    return chart.Chart(
         name=paper_name(variable),
         title=title,
-        panels=(Panel(f"{title} over the gait cycle, right and left", draw, size),),
+        panels=(chart.Panel(f"{title} over the gait cycle, right and left", draw, size),),
         keys=tuple(_keys(lines, bands, strides.offs)),
         columns=1,
         sizes=LETTERS,
@@ -225,22 +212,24 @@ def _different(lines: list[_Line]) -> list[_Line]:
 
 
 def _mean(axes: Axes, line: _Line) -> list[Array]:
-    percent, colour = np.arange(float(len(line.mean))), SIDE_COLOURS[line.side]
+    percent, colour = np.arange(float(len(line.mean))), chart.SIDE_COLOURS[line.side]
     ends = (line.mean - line.spread, line.mean + line.spread)
     axes.fill_between(percent, *ends, color=colour, alpha=BAND, linewidth=0)
-    dashes = line_style(SIDE_DASHES[line.side])
+    dashes = chart.line_style(chart.SIDE_DASHES[line.side])
     axes.plot(percent, line.mean, color=colour, linewidth=LINE, linestyle=dashes)
     return [line.mean, *ends]
 
 
-def _keys(lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]) -> Iterator[Key]:
+def _keys(lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]) -> Iterator[chart.Key]:
     for line in lines:
-        yield Key(label=line.label, colour=SIDE_COLOURS[line.side], dashes=SIDE_DASHES[line.side], width=LINE)
+        yield chart.Key(
+            label=line.label, colour=chart.SIDE_COLOURS[line.side], dashes=chart.SIDE_DASHES[line.side], width=LINE
+        )
     for line in bands:
         whose = f", {SIDE_WORDS[line.side]}" if len(bands) > 1 else ""
-        yield Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band")
+        yield chart.Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band")
     if offs:
-        yield Key(label="thin upright lines: toe-off", colour=FAINT, width=TOE_OFF)
+        yield chart.Key(label="thin upright lines: toe-off", colour=chart.FAINT, width=TOE_OFF)
 
 
 def variable_title(variable: str, convention: Convention) -> str:

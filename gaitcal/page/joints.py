@@ -23,6 +23,7 @@ from gaitcal.page.plain_data import (
     table,
     text,
 )
+from gaitcal.session import truth_comparison
 from gaitcal.session.parameter_words import (
     SHORTER_UNITS,
     Group,
@@ -34,16 +35,6 @@ from gaitcal.session.parameter_words import (
     joint_groups,
 )
 from gaitcal.session.result import Calibration
-from gaitcal.session.truth_comparison import (
-    CurveRow,
-    compared_trials,
-    curve_rows,
-    not_compared_sentence,
-    settings_sentence,
-    sums,
-    truth_sentence,
-    turning_sentence,
-)
 from gaitcal.session.truth_errors import CurveTruth, TruthErrors
 
 MOVED = (
@@ -195,7 +186,7 @@ def _near_truth(calibration: Calibration, truth: TruthErrors) -> list[Block]:
         text(
             "This person is made up, so that what a calibration should find is known: the study file names it. What "
             "pictures, tables and curves call truth is that; nothing of it was used to calibrate. "
-            f"{settings_sentence(calibration)} {truth_sentence(truth)}"
+            f"{truth_comparison.settings_sentence(calibration)} {truth_comparison.truth_sentence(truth)}"
         ),
         table(
             ["RMS error", "Over", "Nominal", "Calibrated", "Truth within ±1.96 SE"],
@@ -207,13 +198,13 @@ def _near_truth(calibration: Calibration, truth: TruthErrors) -> list[Block]:
                     _fitted(row.fitted, row.farther, 2),
                     MISSING if row.share is None else f"{number(100.0 * row.share, 0)} %",
                 ]
-                for row in sums(calibration, truth)
+                for row in truth_comparison.sums(calibration, truth)
             ],
         ),
     ]
-    if turning := turning_sentence(calibration):
+    if turning := truth_comparison.turning_sentence(calibration):
         out.append(text(turning, "soft"))
-    if not_compared := not_compared_sentence(truth):
+    if not_compared := truth_comparison.not_compared_sentence(truth):
         out.append(text(not_compared))
     if truth.features:
         features = []
@@ -222,7 +213,10 @@ def _near_truth(calibration: Calibration, truth: TruthErrors) -> list[Block]:
             features.append((f"{f.words}, {f.unit}", f.side, (f.nominal, f.fitted, within)))
         out.append(heading("Joint centres and axes of the legs", 4))
         out += [text(FEATURES, "soft"), _sided("Centre or axis", features)]
-    trials = {name: curve_rows(calibration, truth, name) for name in compared_trials(calibration, truth)}
+    trials = {
+        name: truth_comparison.curve_rows(calibration, truth, name)
+        for name in truth_comparison.compared_trials(calibration, truth)
+    }
     for kind, unit in (("angle", "deg"), ("moment", "N·m")):
         for name, rows in trials.items():
             if found := _curve_errors(getattr(row, kind) for row in rows):
@@ -234,7 +228,7 @@ def _near_truth(calibration: Calibration, truth: TruthErrors) -> list[Block]:
     return [*out, text("Every parameter and curve: folder truth of the result; “truth” in summary.json.", "soft")]
 
 
-def _frames(rows: Iterable[CurveRow]) -> str:
+def _frames(rows: Iterable[truth_comparison.CurveRow]) -> str:
     """`all 415 frames`, or those that the truth has."""
     some, every = min((int(r.angle.compared.sum()), len(r.angle.compared)) for r in rows if r.angle is not None)
     return f"all {every} frames" if some == every else f"{some} of {every} frames, those of the true curves"

@@ -23,7 +23,7 @@ import numpy as np
 
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
-from gaitcal.explanations.explanation import Bullets, Paragraph, explanation_of, parts_of
+from gaitcal.explanations import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of
@@ -37,19 +37,8 @@ from gaitcal.model.anthropometry import looks_like_child
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, SEGMENT_ANGLES
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.page import plain_data
 from gaitcal.page.joints import joint_blocks
-from gaitcal.page.plain_data import (
-    Block,
-    Sections,
-    bullets,
-    curve_letters,
-    heading,
-    rounded,
-    script_json,
-    text,
-    thinned_trial,
-    visible,
-)
 from gaitcal.page.provenance import Origin, further_sections, provenance_blocks, recorded_blocks
 from gaitcal.page.summary import TONES, clinician_blocks, further_lines, top_lines
 from gaitcal.page.trial_data import trial_page_data
@@ -117,7 +106,7 @@ def result_sections(
     norm: Norm | None = None,
     manifest: Mapping[str, object] | None = None,
     scores: Sequence[Score] = (),
-) -> Sections:
+) -> plain_data.Sections:
     """Of the whole result; what belongs to one trial stands with the trial."""
     sections = {
         "clinician": clinician_blocks(calibration, norm or Norm(), scores),
@@ -160,7 +149,9 @@ def person_page_data(
     """What does not belong to one trial; bands in the units and with the signs of curves."""
     bands, norm = [], norm or Norm()
     for name, band in norm.bands.items():
-        sides = {s: [[rounded(value) for value in part] for part in band.for_person(subject, s)] for s in SIDES}
+        sides = {
+            s: [[plain_data.rounded(value) for value in part] for part in band.for_person(subject, s)] for s in SIDES
+        }
         bands.append({"base": coordinate_of(name), "kind": kind_of(name).words, "source": band.source, **sides})
     return {
         "format": FORMAT,
@@ -262,24 +253,24 @@ def verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
     words = f"{judgement.value.capitalize()}. {verdict['sentence']}"
     if verdict["reasons"]:
         worst, *rest = verdict["reasons"]
-        where = f" ({', '.join(visible(name) for name in worst['trials'])})" if worst["trials"] else ""
+        where = f" ({', '.join(plain_data.visible(name) for name in worst['trials'])})" if worst["trials"] else ""
         words += f" {'Worst' if rest else 'Because'}: {worst['cause']}{where}."
-    return {"tone": TONES[judgement], "text": visible(words)}
+    return {"tone": TONES[judgement], "text": plain_data.visible(words)}
 
 
 def explained_code(code: Code) -> dict[str, Any]:
     """`code`, `title` and `page` of a reason: what `gaitcal explain` says, as blocks, to be there without a network."""
     explanation = explanation_of(code)
-    blocks: list[Block] = []
+    blocks: list[plain_data.Block] = []
     for part, pieces in parts_of(explanation.text):
-        blocks.append(heading(part, 3))
+        blocks.append(plain_data.heading(part, 3))
         for piece in pieces:
             if isinstance(piece, Paragraph):
-                blocks.append(text(piece.text.translate(_NO_BACKTICKS)))
+                blocks.append(plain_data.text(piece.text.translate(_NO_BACKTICKS)))
             elif isinstance(piece, Bullets):
-                blocks.append(bullets(item.translate(_NO_BACKTICKS) for item in piece.items))
+                blocks.append(plain_data.bullets(item.translate(_NO_BACKTICKS) for item in piece.items))
             else:
-                blocks.append(text(" ".join(piece.lines), "soft"))
+                blocks.append(plain_data.text(" ".join(piece.lines), "soft"))
     return {"code": code.value, "title": explanation.title, "page": blocks}
 
 
@@ -373,7 +364,7 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
             "apart": peak.figure is Figure.RANGE,
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
-        leg = {name: rounded(value) for name, value in figures.items()}
+        leg = {name: plain_data.rounded(value) for name, value in figures.items()}
         rows.setdefault((mean.activity, peak.name), row)[mean.side] = {**leg, "n": mean.n, "strides": mean.strides}
     return list(rows.values())
 
@@ -382,8 +373,10 @@ def thinned(data: Mapping[str, Any], most: int = MOST_LETTERS) -> Mapping[str, A
     """Page data with at most so many letters of packed curves, of every second, third, ... frame; as it is where it
     has no more.
     """
-    every = max(1, -(-sum(map(curve_letters, data["trials"])) // most))
-    return data if every == 1 else {**data, "trials": [thinned_trial(trial, every) for trial in data["trials"]]}
+    every = max(1, -(-sum(map(plain_data.curve_letters, data["trials"])) // most))
+    return (
+        data if every == 1 else {**data, "trials": [plain_data.thinned_trial(trial, every) for trial in data["trials"]]}
+    )
 
 
 def curves_left_out(data: Mapping[str, Any]) -> tuple[str, ...]:
@@ -398,7 +391,7 @@ def curves_left_out(data: Mapping[str, Any]) -> tuple[str, ...]:
 
 def write_page_data(data: Mapping[str, Any], path: Path) -> None:
     """Write page data; the page reads the same text."""
-    path.write_text(script_json(data), encoding="utf-8")
+    path.write_text(plain_data.script_json(data), encoding="utf-8")
 
 
 def read_page_data(path: Path) -> dict[str, Any]:

@@ -16,22 +16,18 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from gaitcal.errors import GaitcalError
-from gaitcal.io.atomic import atomic_text
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bone_files import BoneMeshes, installed_bones
 from gaitcal.page.bone_placement import landmarked
 from gaitcal.page.page_data import conventions_data, curves_left_out, peak_page_rows, thinned
 from gaitcal.page.plain_data import script_json
-from gaitcal.page.scene import MotionScene, Scene, scene_of
+from gaitcal.page.scene import MotionScene, Scene
 from gaitcal.page.scene_file import left_out, scene_json
-
-if TYPE_CHECKING:
-    from gaitcal.session.result import Calibration
 
 SCRIPTS = (
     "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js",
@@ -82,57 +78,22 @@ class Shown:
     data: Mapping[str, Any] | None = None  # Curves and tables (`gaitcal.page.page_data`); None: the body alone
 
 
-@dataclass(frozen=True)
-class BodyText:
-    """The body in motion as it stands in a page."""
-
-    scene: str  # JSON of `scene_json`
-    bones_licence: str  # Whose bones are in it, and their licence; empty where none are, or they have none
-
-
-def write_view(source: Calibration | Scene, path: Path | str, bones: BoneMeshes | None = None) -> None:
-    """Write a scene, or the scene of a calibration, as one self-contained page.
+def page_html(shown: Shown, bones: BoneMeshes | None = None) -> str:
+    """The page of a result.
 
     `bones`: None: those of the installed `myo-sim`, and no bones where it is not installed.
 
-    Raises InputError: `path` cannot be written.
     Raises GaitcalError: MeshCat is not installed.
     """
-    atomic_text(path, view_html(source if isinstance(source, Scene) else scene_of(source), bones))
-
-
-def view_html(scene: Scene, bones: BoneMeshes | None = None) -> str:
-    """The page of a scene alone, without curves and tables; `bones` as in `write_view`."""
-    return page_html(Shown(scene), bones)
-
-
-def page_html(shown: Shown, bones: BoneMeshes | None = None) -> str:
-    """The page of a result; `bones` as in `write_view`."""
-    return joined_page(body_text(shown.scene, bones), data_text(shown.data))
-
-
-def body_text(scene: Scene, bones: BoneMeshes | None = None) -> BodyText:
-    """The scene of a page; `bones` as in `write_view`."""
     bones = bones or installed_bones()
-    placed = None if bones is None else landmarked(bones)
-    licence = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
-    return BodyText(scene_json(scene, body_meshes(), placed), licence)
-
-
-def data_text(data: Mapping[str, Any] | None) -> str:
-    """The data of a result as JSON for its page."""
-    return script_json(data and {**thinned(data), "peaks": peak_page_rows(data)})
-
-
-def joined_page(body: BodyText, data: str) -> str:
-    """The page of a body in motion and the data of its result (`data_text`)."""
+    scene = scene_json(shown.scene, body_meshes(), None if bones is None else landmarked(bones))
+    data = script_json(shown.data and {**thinned(shown.data), "peaks": peak_page_rows(shown.data)})
     viewer, licences = _meshcat()
     content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
     content["CONVENTIONS"] = script_json(conventions_data())
-    content["RESULT"] = f'{{"scene":{body.scene},"sheet":{data}}}'
-    content["LICENCES"] = "\n\n".join(filter(None, [*licences, content["LICENCES"], body.bones_licence])).replace(
-        "<", "‹"
-    )
+    content["RESULT"] = f'{{"scene":{scene},"sheet":{data}}}'
+    of_bones = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
+    content["LICENCES"] = "\n\n".join(filter(None, [*licences, content["LICENCES"], of_bones])).replace("<", "‹")
     # One pass over the template: what a name holds is never looked at again.
     return re.sub(r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _part("templates/page.html"))
 

@@ -17,7 +17,7 @@ from gaitcal.errors import InputError
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_external_loads, write_mjcf, write_mot, write_sto_moments, write_urdf
 from gaitcal.gait.normal_bands import Bands, Norm, norm_for, own_norm
-from gaitcal.gait.profile_score import Score, profile_scores
+from gaitcal.gait.profile_score import profile_scores
 from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
 from gaitcal.io.snapshot import read_whole
@@ -30,7 +30,7 @@ from gaitcal.page.joined_data import doubted, followed_by, only, renamed
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data, write_page_data
 from gaitcal.page.scene import Scene, scene_of
 from gaitcal.page.scene_file import load_scene, save_scene
-from gaitcal.page.view import BodyText, Shown, body_text, data_text, joined_page, with_trials
+from gaitcal.page.view import Shown, page_html, with_trials
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import mean_speed, means_summary, profile_summary, write_profile, write_stride_files
 from gaitcal.results.summary import subject_summary, summary, table_of, write_kinetics, write_truth
@@ -46,31 +46,16 @@ OTHER_MODEL: Final = f"made by an earlier run with another model than {MODEL} no
 AGAIN: Final = "run it again"
 
 
-def write_body(folder: Path, scene: Scene) -> BodyText:
-    """Write the scene into a folder that is being written; returns what its page has of it."""
-    save_scene(scene, folder / SCENE)
-    return body_text(scene)
-
-
-def write_told(folder: Path, page_data: Mapping[str, Any]) -> str:
-    """Write the page_data into a folder that is being written; returns what its page has of it."""
-    write_page_data(page_data, folder / PAGE_DATA)
-    return data_text(page_data)
-
-
-def write_joined_page(folder: Path, body: BodyText, told: str) -> None:
-    """Write the page of what `write_body` and `write_told` have written."""
-    (folder / PAGE).write_text(joined_page(body, told), encoding="utf-8", newline="")
-
-
 def write_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> None:
-    """Write the page and its data into a folder that is being written."""
-    write_joined_page(folder, write_body(folder, scene), write_told(folder, page_data))
+    """Write scene, data and page into a folder that is being written."""
+    save_scene(scene, folder / SCENE)
+    rewrite_page(folder, scene, page_data)
 
 
 def rewrite_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> None:
     """Write the page with another page_data; the scene is there already."""
-    write_joined_page(folder, body_text(scene), write_told(folder, page_data))
+    write_page_data(page_data, folder / PAGE_DATA)
+    (folder / PAGE).write_text(page_html(Shown(scene, page_data)), encoding="utf-8", newline="")
 
 
 def read_page(folder: Path) -> Shown:
@@ -158,13 +143,13 @@ def write_results(
         write_csv(columns_of(tables.parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
-        body = write_body(out, scene_of(calibration))
         strides = write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
         norm = _norm(calibration, normal, settings)
         # angles from the static posture are no anatomical ones: no healthy people's curves are those
         scores = profile_scores(strides, norm.bands, calibration.model.subject) if not calibration.relative_to else ()
-        told = _write_told(calibration, out, settings, norm, scores)
-        write_joined_page(out, body, told)
+        content = manifest(calibration, settings)
+        (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
+        write_page(out, scene_of(calibration), calibration_page_data(calibration, norm, content, scores))
         write_profile(out, norm, scores)
         write_truth(calibration.truth, out)
         for trial in calibration.trials:
@@ -185,15 +170,6 @@ def _norm(calibration: Calibration, normal: Bands | None, settings: Mapping[str,
     if calibration.relative_to:
         return Norm(remark="No norm: angles are counted from the static posture.")
     return norm_for(subject, mean_speed(means_summary(calibration.trials)))
-
-
-def _write_told(
-    calibration: Calibration, out: Path, settings: Mapping[str, Json] | None, norm: Norm, scores: Sequence[Score]
-) -> str:
-    """The manifest, and the page_data that tells of it; returns what the page has of the page_data."""
-    content = manifest(calibration, settings)
-    (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
-    return write_told(out, calibration_page_data(calibration, norm, content, scores))
 
 
 def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = None) -> dict[str, Json]:

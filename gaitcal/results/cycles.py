@@ -2,40 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray
+from gaitcal.arrays import Array
 from gaitcal.codes import Code
-from gaitcal.dynamics.ground_reactions import leg_of, unseen_frames
-from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.errors import InputError
-from gaitcal.gait.cycles import (
-    CYCLE_COLUMNS,
-    GROUND_REACTION,
-    POINTS,
-    GaitCycle,
-    Kind,
-    conventions_of,
-    normalise,
-    typed,
-)
+from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, GaitCycle, conventions_of, normalise, typed
 from gaitcal.gait.ensemble import require_once
-from gaitcal.gait.moments import moment_names, moment_of, own_error_of
 from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
 from gaitcal.io.result_folder import put_back
 from gaitcal.model.coordinates import FOOT_PROGRESSION
-from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
+from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.table_file import Column, Table, read_csv, refused_lines, write_csv
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.session.result import Calibration, Loads, TrialResult, angle_counts
-from gaitcal.session.tables import foot_in_stride, pelvis_in_stride, relative_header, taken_off, told_powers
+from gaitcal.session.result import Calibration, TrialResult
+from gaitcal.session.tables import foot_in_stride, pelvis_in_stride, relative_header
+from gaitcal.session.trial_curves import Curve, curves_of, joint_of
 
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
@@ -68,17 +57,6 @@ CYCLE_HEADER = (
 CYCLES = "cycles.csv"
 DIGITS = 6
 TURN_DIGITS = 1
-
-
-@dataclass(frozen=True)
-class _Signal:
-    """One variable over the frames of a trial."""
-
-    name: str
-    value: Array
-    error: Array | None
-    own_error: Array | None  # The part of the error that differs from stride to stride
-    valid: BoolArray
 
 
 def write_cycles(
@@ -156,12 +134,13 @@ def cycle_columns(
     parts = []
     for trial in trials:
         if trial.joint is None:
+            curves = curves_of(model, trial, relative_to, None)
             for side, cycles in strides_of(trial.events).items():
-                signals = list(_signals(model, trial, side, taken_off(relative_to)))
+                shown = _shown(curves, side)
                 measured = {s.number: s for s in trial.strides if s.side == side}
                 for number, cycle in enumerate(cycles, start=1):
                     stride = measured.get(number)
-                    told = _against_line(trial, side, cycle, stride, signals)
+                    told = _against_line(trial, side, cycle, stride, shown)
                     parts.append(_rows(model.subject, trial, side, number, cycle, told, stride))
     return {name: _joined([part[name] for part in parts]) for name in CYCLE_COLUMNS}
 
@@ -172,62 +151,25 @@ def _joined(parts: Sequence[Column]) -> Column:
     return [value for part in parts for value in part]
 
 
-def _signals(model: SubjectModel, trial: TrialResult, side: str, static: Mapping[str, float]) -> Iterator[_Signal]:
-    """Of the leg of one side, and of what belongs to neither; arms are left out."""
-    body, frozen, loads, unseen = trial.body, set(model.frozen), trial.loads, unseen_frames(trial.body)
-    other = next(s for s in SIDES if s != side)
-    wanted = [name for name in body.coordinates if leg_of(name) == side or name.startswith(("pelvis", "lumbar"))]
-    for k, name in enumerate(body.coordinates):
-        if name in wanted and name not in frozen and not is_translation(name):
-            errors = (trial.coordinate_errors, trial.own_coordinate_errors)
-            error, own = (None if e is None else np.degrees(e[:, k]) for e in errors)
-            usable = angle_counts(trial, name, unseen)
-            yield _Signal(_plain(name), np.degrees(body.q[:, k] - static.get(name, 0.0)), error, own, usable)
-    if (feet := trial.foot_axes) is not None:
-        error, own = (None if e is None else np.degrees(e[:, SIDES.index(side)]) for e in (feet.error, feet.own))
-        usable = angle_counts(trial, f"subtalar_angle_{side}", unseen)
-        yield _Signal(FOOT_PROGRESSION, np.degrees(feet.progression(side, 0.0)), error, own, usable)
-    if loads is None:
-        return
-    for name in moment_names(model):
-        if leg_of(name) == other or not (leg_of(name) or name.startswith("lumbar")):
-            continue
-        error = None if loads.errors is None else moment_of(loads.errors, name)
-        own = None if loads.errors is None else own_error_of(loads.errors, name)
-        valid = loads.reactions.valid_for(name)
-        yield _Signal(f"{_plain(name)}{Kind.MOMENT.ending}", moment_of(loads.final, name), error, own, valid)
-    yield from _powers(loads, model.frozen, side)
-    leg = SIDES.index(side)
-    upward = loads.reactions.wrench[:, leg, 1]
-    yield _Signal(GROUND_REACTION, upward, None, None, np.asarray(loads.reactions.valid_legs[:, leg]))
+def _shown(curves: Iterable[Curve], side: str) -> list[Curve]:
+    """Of the leg of one side, and of what belongs to neither; arms, residuals and the other forces are left out."""
+    return [
+        c
+        for c in curves
+        if c.side in (side, "")
+        and (c.kind in ("angle", "moment", "power") or c.base == GROUND_REACTION)
+        and (joint_of(c.base) != "arm" and (c.kind != "moment" or not c.base.startswith("pelvis")))
+    ]
 
 
 def _against_line(
-    trial: TrialResult, side: str, cycle: GaitCycle, stride: Stride | None, signals: Sequence[_Signal]
-) -> list[_Signal]:
-    """The signals of one stride: angles of the pelvis and the foot against its line of progression."""
+    trial: TrialResult, side: str, cycle: GaitCycle, stride: Stride | None, curves: Sequence[Curve]
+) -> list[Curve]:
+    """The curves of one stride: angles of the pelvis and the foot against its line of progression."""
     straight = stride is None or not turns(stride.turn)
     turned = dict(zip(PELVIS_ANGLES, pelvis_in_stride(trial, pelvis_angles(trial.body), cycle, stride).T, strict=True))
     turned |= {FOOT_PROGRESSION: foot} if (foot := foot_in_stride(trial, side, cycle, stride)) is not None else {}
-    return [replace(s, value=turned[s.name], valid=s.valid & straight) if s.name in turned else s for s in signals]
-
-
-def _powers(loads: Loads, frozen: tuple[str, ...], side: str) -> Iterator[_Signal]:
-    """Of the joints of one leg and of the back, and of each coordinate of those that have several; W."""
-    if loads.kinetics is None:
-        return
-    errors = None if loads.errors is None else loads.errors.kinetics
-    for name in told_powers(frozen):
-        if leg_of(name) == side or name.startswith("lumbar"):
-            error = None if errors is None else power_of(errors, name)
-            own = None if errors is None or errors.own is None else power_of(errors.own, name)
-            valid = loads.reactions.valid_for(name)
-            yield _Signal(f"{_plain(name)}{Kind.POWER.ending}", power_of(loads.kinetics, name), error, own, valid)
-
-
-def _plain(name: str) -> str:
-    """A coordinate's name without the side of its leg."""
-    return name[:-2] if leg_of(name) else name
+    return [replace(c, value=turned[c.base], valid=c.valid & straight) if c.variable in turned else c for c in curves]
 
 
 def _rows(
@@ -236,10 +178,10 @@ def _rows(
     side: str,
     stride: int,
     cycle: GaitCycle,
-    signals: Sequence[_Signal],
+    curves: Sequence[Curve],
     measured: Stride | None,
 ) -> dict[str, Column]:
-    time, count = trial.body.time, len(signals)
+    time, count = trial.body.time, len(curves)
     rows = count * POINTS
 
     def laid(values: Sequence[Array]) -> Array:
@@ -247,7 +189,7 @@ def _rows(
         return out
 
     unknown = np.full(len(time), np.nan)
-    usable = laid([np.where(s.valid, 1.0, np.nan) for s in signals])
+    usable = laid([np.where(c.valid, 1.0, np.nan) for c in curves])
     turn = np.nan if measured is None or measured.turn is None else round(measured.turn, TURN_DIGITS)
     return {
         "person": [subject.name] * rows,
@@ -256,11 +198,11 @@ def _rows(
         "side": [side] * rows,
         "stride": np.full(rows, stride),
         "percent": np.tile(np.arange(POINTS), count),
-        "variable": [s.name for s in signals for _ in range(POINTS)],
-        "value": _short(laid([s.value for s in signals])),
-        "se": _short(laid([unknown if s.error is None else s.error for s in signals])),
+        "variable": [c.variable for c in curves for _ in range(POINTS)],
+        "value": _short(laid([c.value for c in curves])),
+        "se": _short(laid([unknown if c.error is None else c.error for c in curves])),
         "valid": np.isfinite(usable).astype(int),
-        "se_stride": _short(laid([unknown if s.own_error is None else s.own_error for s in signals])),
+        "se_stride": _short(laid([unknown if c.own is None else c.own for c in curves])),
         "turn": np.full(rows, turn, dtype=np.float64),
         "activity": [trial.activity] * rows,
         "phase": cycle.phases * count,

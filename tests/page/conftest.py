@@ -8,7 +8,7 @@ import pytest
 
 from gaitcal.page.bone_files import bones_of_folder
 from gaitcal.page.scene import Scene
-from gaitcal.page.view import write_view
+from gaitcal.page.view import Shown, page_html
 from tests.page.browser import Page, browser, chromium
 from tests.page.made_bones import folder_of_bones
 from tests.page.made_page import everything_page
@@ -23,7 +23,8 @@ def scene() -> Scene:
 @pytest.fixture(scope="session")
 def html(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("view")
-    write_view(scene, folder / "view.html", bones_of_folder(folder_of_bones(folder / "Geometry")))
+    bones = bones_of_folder(folder_of_bones(folder / "Geometry"))
+    (folder / "view.html").write_text(page_html(Shown(scene), bones), encoding="utf-8")
     return folder / "view.html"
 
 

@@ -15,8 +15,9 @@ from gaitcal.page.bone_files import BoneMeshes
 from gaitcal.page.page_data import FORMAT, SHOWN_MEASURES, explained_code
 from gaitcal.page.plain_data import base64_of, floats
 from gaitcal.page.scene import MotionScene, Scene
-from gaitcal.page.trial_data import Curve, masks_of, packed_curves, peaks_in
+from gaitcal.page.trial_data import masks_of, packed_curves, peaks_in
 from gaitcal.page.view import Shown, page_html
+from gaitcal.session.trial_curves import Curve
 from tests.page.people import walking_scene
 
 SUBJECT = Subject("Built-in subject", 69.4, 1.70, "male")

@@ -25,7 +25,7 @@ from gaitcal.page.bone_placement import (
 )
 from gaitcal.page.scene import JointMark, Scene, joint_marks
 from gaitcal.page.scene_file import scene_json
-from gaitcal.page.view import view_html
+from gaitcal.page.view import Shown, page_html
 from tests.page import made_bones as made
 
 EXACT = 1e-9
@@ -222,7 +222,7 @@ def test_what_a_knee_stands_on_is_told(bones: Landmarked) -> None:
 
 
 def test_a_page_holds_bones_and_says_where_they_are_from(scene: Scene, bones: Landmarked) -> None:
-    html = view_html(scene, bones.bones)
+    html = page_html(Shown(scene), bones.bones)
     held = json.loads(html.split('id="result">')[1].split("</script>")[0])["scene"]["bones"]
     assert held["why"] is None and held["source"].startswith("the folder Geometry")
     assert set(held["meshes"]) == {"femur", "tibia", "fibula", "pelvis"}

@@ -13,7 +13,7 @@ from gaitcal.cli.console import Console
 from gaitcal.cli.view import ViewServer
 from gaitcal.page import view as view_page
 from gaitcal.page.scene import Scene
-from gaitcal.page.view import view_html, write_view
+from gaitcal.page.view import Shown, page_html
 from gaitcal.results.calibration import write_page
 from tests.page.browser import Page
 from tests.page.made_page import plain_data
@@ -187,7 +187,7 @@ def test_without_bones_the_page_says_how_to_get_them(
     visit: Visit, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(view_page, "installed_bones", lambda: None)
-    write_view(scene, tmp_path / "view.html")
+    (tmp_path / "view.html").write_text(page_html(Shown(scene)), encoding="utf-8")
     page = paused(visit(tmp_path / "view.html"))
     assert page.run("document.getElementById('show-bones').disabled")
     assert "pip install 'gaitcal[bones]'" in page.run("document.getElementById('toggles').textContent")
@@ -253,7 +253,7 @@ def test_between_two_frames_the_pose_is_between(visit: Visit, html: Path, scene:
 
 @pytest.mark.slow
 def test_the_served_page_works_too(visit: Visit, scene: Scene) -> None:
-    with ViewServer(view_html(scene)) as server:
+    with ViewServer(page_html(Shown(scene))) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.05,))
         thread.start()
         try:

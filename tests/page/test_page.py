@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.errors import InputError
 from gaitcal.page import body_meshes as meshes_module
 from gaitcal.page.body_meshes import BALLS, MESHES, Mesh, body_meshes, read_stl, round_body
 from gaitcal.page.plain_data import GAP
 from gaitcal.page.scene import Scene, person_scene
 from gaitcal.page.scene_file import scene_json
-from gaitcal.page.view import SCRIPTS, write_view
+from gaitcal.page.view import SCRIPTS
 from gaitcal.synthetic.motion import gait_motion
 from tests.page.people import long_motion, subject_model, walking_trial
 
@@ -103,12 +102,6 @@ def test_an_absurd_marker_is_left_out_and_spares_the_others() -> None:
     back = lengths(packed["measured"]).reshape(measured.shape)
     assert np.isnan(back[5:7, 2]).all() and np.isfinite(back[7]).all()
     assert packed["measured"]["step"] < PACKED
-
-
-def test_the_page_is_written_whole_or_not_at_all(scene: Scene, tmp_path: Path) -> None:
-    with pytest.raises(InputError):
-        write_view(scene, tmp_path)
-    assert not list(tmp_path.iterdir())
 
 
 # ------------------------------------------------------------------------------------------------------- body meshes

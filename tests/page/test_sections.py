@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gaitcal.explanations.explanation import PARTS
+from gaitcal.explanations import PARTS
 from gaitcal.gait.spatiotemporal import Average, counting, measure_means
 from gaitcal.page.page_data import SHOWN_MEASURES
 from tests.page.browser import Page

@@ -15,20 +15,21 @@ from gaitcal.cli.view import ViewServer
 from gaitcal.errors import InputError
 from gaitcal.page.scene import Scene
 from gaitcal.page.scene_file import save_scene
-from gaitcal.page.view import view_html
+from gaitcal.page.view import Shown, page_html
 
 SERVE = """
 import sys
-from gaitcal.page import load_scene, view_html
+from gaitcal.page.scene_file import load_scene
+from gaitcal.page.view import Shown, page_html
 from gaitcal.cli.view import serve
-serve(view_html(load_scene(sys.argv[1])), open_browser=False, ready=lambda url: print(url, flush=True))
+serve(page_html(Shown(load_scene(sys.argv[1]))), open_browser=False, ready=lambda url: print(url, flush=True))
 print("ended", flush=True)
 """
 
 
 @pytest.fixture(scope="module")
 def server(scene: Scene) -> Iterator[ViewServer]:
-    with ViewServer(view_html(scene)) as running:
+    with ViewServer(page_html(Shown(scene))) as running:
         thread = threading.Thread(target=running.serve_forever, args=(0.05,))
         thread.start()
         yield running

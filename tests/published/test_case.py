@@ -39,8 +39,7 @@ def folder(calibration: Calibration, tmp_path_factory: pytest.TempPathFactory) -
     """Its result folder, without what is for the eye."""
     path = tmp_path_factory.mktemp("result") / "result"
     with pytest.MonkeyPatch.context() as patch:
-        for part in ("write_body", "write_told", "write_joined_page"):
-            patch.setattr(f"gaitcal.results.calibration.{part}", lambda *_: None)
+        patch.setattr("gaitcal.results.calibration.write_page", lambda *_: None)
         write_results(calibration, path)
     return path
 

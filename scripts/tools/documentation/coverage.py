@@ -11,7 +11,7 @@ from typing import Final
 
 import gaitcal
 from gaitcal.cohort.one_person import COLUMNS
-from gaitcal.explanations.explanation import all_explanations
+from gaitcal.explanations import all_explanations
 from gaitcal.model.marker_set import built_in_sets
 from scripts.tools.documentation import commands, python_names, tables
 from scripts.tools.documentation.results import FILES, SUMMARY, TABLES

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from mkdocs.structure.files import File, Files, InclusionLevel
 
-from gaitcal.explanations.explanation import all_explanations
+from gaitcal.explanations import all_explanations
 from scripts.tools.documentation import commands, coverage, python_names, results, tables
 
 ROOT = Path(__file__).resolve().parents[3]
