@@ -26,7 +26,7 @@ from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.result_folder import amended, put_back, read_object
 from gaitcal.io.snapshot import read_whole
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.page_data import PAGE_DATA, read_page_data
+from gaitcal.page.page_data import PAGE_DATA, page_toe_offs, read_page_data
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.summary import SUMMARY
 
@@ -212,12 +212,10 @@ def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]
     page_data = _sheet(folder)
     if not (folder / CYCLES).exists():
         raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
-    strides = [stride for trial in page_data["trials"] for stride in trial["strides"] if not stride["turns"]]
-    offs = {side: [_off(s) for s in strides if s["side"] == side and s["off"] is not None] for side in "rl"}
     return Strides(
         table=ensemble(_of_one_activity(read_cycles(folder), folder)),
         subject=_subject(page_data),
-        offs={side: float(np.mean(found)) for side, found in offs.items() if found},
+        offs=page_toe_offs(page_data["trials"]),
         healthy=_healthy(page_data, normal),
     ), page_data
 
@@ -231,8 +229,3 @@ def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
         message = f"holds no walk, and several other activities: {', '.join(found)}; one alone can be drawn"
         raise InputError(message, source=folder / CYCLES, code=Code.NOTHING_TO_SHOW)
     return strides
-
-
-def _off(stride: Mapping[str, Any]) -> float:
-    """End of stance, % of the stride."""
-    return 100.0 * (float(stride["off"]) - float(stride["start"])) / (float(stride["stop"]) - float(stride["start"]))

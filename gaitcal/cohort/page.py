@@ -122,7 +122,7 @@ TITLES: Final = {
     "person": "Person", "session": "Session", "group": "Group", "verdict": "Verdict", "first_cause": "First cause",
 }  # fmt: skip
 """What columns of words are called that stand first."""
-USUAL: Final = {
+DEFAULTS: Final = {
     "columns": [
         *TITLES, "mass", "height", "marker_rms", "residual", "speed", "cadence", "step_asymmetry",
         *("knee_flexion_r", "knee_flexion_l", "hip_extension_r", "hip_extension_l", "plantarflexor_moment_r"),
@@ -218,11 +218,11 @@ def _content(
             "version": package_version("gaitcal"),
             "settings": json.loads(common.calibration.model_dump_json(exclude_unset=True)),
         }
-        content = {"about": about, "usual": USUAL, "every": EVERY, "columns": list(_columns(table, read))}
+        content = {"about": about, "usual": DEFAULTS, "every": EVERY, "columns": list(_columns(table, read))}
         sizes = [read(name) if table.metadata.num_rows else np.array([]) for name in ("mass_kg", "height_m")]
         mass, height = (
-            float(np.nanmean(values)) if np.isfinite(values).any() else usual
-            for values, usual in zip(sizes, (70.0, 1.7), strict=True)
+            float(np.nanmean(values)) if np.isfinite(values).any() else default
+            for values, default in zip(sizes, (70.0, 1.7), strict=True)
         )
     with tables["failures"].open(encoding="utf-8", newline="") as stream:
         failures = list(csv.DictReader(stream))

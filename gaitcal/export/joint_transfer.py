@@ -75,7 +75,7 @@ from gaitcal.export.osim_registration import (
     standing_segments,
     with_landmarks,
 )
-from gaitcal.export.peer_model import Axis, PeerModel
+from gaitcal.export.peer_model import PeerModel
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, table
@@ -305,8 +305,9 @@ class Transfer:
             standing = None
             if joint is moving[-1]:
                 standing = pose.actInv(stand[bottom] * self.peer.body_pose(bottom, joint.child, q0).inverse())
-            target = axis_of_ours(leg.ours, self.model.parameters, _in_parent(leg.ours))
-            target = target.moved(pose.actInv(segments[_segment(leg.ours)]))
+            of_above = not leg.ours.startswith("subtalar")  # whose parent, the talus, has no markers
+            segment = JOINT_OF[leg.ours].parent if of_above else JOINT_OF[leg.ours].child
+            target = axis_of_ours(leg.ours, self.model.parameters, of_above).moved(pose.actInv(segments[segment]))
             put = (put_ball if leg.hinge is None else put_hinge)(leg, was, target, standing)
             now = put.in_parent * joint.in_parent.actInv(was * joint.in_child) * put.in_child.inverse()
             centre = pose.act(put.centre)
@@ -371,7 +372,10 @@ class Transfer:
                     axis_of_ours(joint, parameters.with_joint((name,), np.array([value + d])), of_parent)
                     for d in (_STEP, -_STEP)
                 )
-                ends = [np.concatenate([_near(x, at, joint), x.direction]) for x in (more, less)]
+                ends = [
+                    np.concatenate([x.point if joint.startswith("hip") else x.nearest(at), x.direction])
+                    for x in (more, less)
+                ]
                 moves[:, k] = (ends[0] - ends[1]) / (2 * _STEP)
             covariance = moves @ self.errors.of(told).covariance @ moves.T
             shift, turn = shift + covariance[:3, :3], across @ turn @ across + covariance[3:, 3:]
@@ -421,16 +425,3 @@ class Transfer:
 
 
 _STEP = 1e-6  # m, rad, of central differences
-
-
-def _near(axis: Axis, point: Array, joint: str) -> Array:
-    return axis.point if joint.startswith("hip") else axis.nearest(point)
-
-
-def _in_parent(joint: str) -> bool:
-    """Whether the axis of one of our joints is taken from its parent: the subtalar joint's has no markers."""
-    return not joint.startswith("subtalar")
-
-
-def _segment(joint: str) -> str:
-    return JOINT_OF[joint].parent if _in_parent(joint) else JOINT_OF[joint].child

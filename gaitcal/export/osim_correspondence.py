@@ -104,8 +104,8 @@ def leg_joints(
     joints, coordinates = ({}, {}) if names is None else read_names(names)
     by_name = {j.name: j for j in peer.joints.values()}
     require_known(joints.values(), by_name, "joint of the model", source=names or Path(), field="joints")
-    usual = [s for s in SIDES if peer.joint_of(f"hip_flexion_{s}") and peer.joint_of(f"knee_angle_{s}")]
-    shape = None if usual or any(name.startswith("hip") for name in joints) else _by_topology(peer)
+    with_usual_names = [s for s in SIDES if peer.joint_of(f"hip_flexion_{s}") and peer.joint_of(f"knee_angle_{s}")]
+    shape = None if with_usual_names or any(name.startswith("hip") for name in joints) else _by_topology(peer)
     out = []
     for side in SIDES:
         told = {joint: by_name[joints[f"{joint}_{side}"]] for joint in LEG_JOINTS if f"{joint}_{side}" in joints}
@@ -289,7 +289,8 @@ def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | Non
         turn = new.angle(standing) - hinge.angle(was)
         back = pin.SE3(axis_rotation(2, -turn), np.array([0.0, 0.0, -new.slide(standing)]))
         in_child = new.in_child * back * hinge.in_child.actInv(joint.in_child)
-        turn_child = _angle(hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2])
+        old_axis, new_axis = hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2]
+        turn_child = float(np.arctan2(np.linalg.norm(np.cross(old_axis, new_axis)), old_axis @ new_axis))
     return PutJoint(
         in_parent=step * joint.in_parent,
         in_child=in_child,
@@ -303,20 +304,12 @@ def smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE
     """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts the point of the axis
     next to `centre`, and where that point is then.
     """
-    axis = _line(hinge)
+    axis = Axis(hinge.translation, hinge.rotation[:, 2])
     direction = target.direction * (1.0 if target.direction @ axis.direction >= 0 else -1.0)
     at = axis.nearest(centre)
     to = target.nearest(at)
     turn = pin.Quaternion.FromTwoVectors(axis.direction, direction).toRotationMatrix()
     return pin.SE3(np.eye(3), to) * pin.SE3(turn, np.zeros(3)) * pin.SE3(np.eye(3), -at), to - at, to
-
-
-def _line(hinge: pin.SE3) -> Axis:
-    return Axis(hinge.translation, hinge.rotation[:, 2])
-
-
-def _angle(a: Array, b: Array) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def turn_between(a: pin.SE3, b: pin.SE3) -> float:

@@ -272,8 +272,8 @@ def residuals_chart(
                 axes.axhline(bound, color=chart.INK, linewidth=1.0, linestyle=(0, (2, 2)))
             axes.set_xlim(float(time[0]), float(time[-1]))
             highest = max(float(v[valid].max()) for v in values)
-            usual = max(float(np.quantile(v[valid], MOST)) for v in values)
-            top = 1.12 * max(bound or 0.0, highest if highest < 1.5 * usual else 1.25 * usual)
+            typical = max(float(np.quantile(v[valid], MOST)) for v in values)
+            top = 1.12 * max(bound or 0.0, highest if highest < 1.5 * typical else 1.25 * typical)
             axes.set_ylim(0.0, top)
             last = np.where(valid, values[-1], -1.0)
             if last.max() > top:

@@ -198,10 +198,10 @@ def _place_of_foot(bones: Landmarked, person: PersonLandmarks, side: str, height
     """(3, 4), from the foot of that side to the foot: ankle on ankle, upright, along the line of heel and toe."""
     segment = f"foot_{side}"
     up, apart = person.point(segment, "up"), float(np.linalg.norm(person.point(segment, "heel_to_toe")))
-    usual = FOOT_OF_HEIGHT * height
+    expected = FOOT_OF_HEIGHT * height
     length = apart if apart > _TOE_TIP_OF_HEIGHT * height else apart / _HEAD_OF_METATARSAL
-    if not _ALLOWED_FOOT[0] * usual <= length <= _ALLOWED_FOOT[1] * usual:
-        length = usual
+    if not _ALLOWED_FOOT[0] * expected <= length <= _ALLOWED_FOOT[1] * expected:
+        length = expected
     turn = frame_yz(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
     scaled = turn * (length / bones.foot_length)
     return np.column_stack([scaled, person.point(segment, "ankle") - scaled @ (TALUS_IN_FOOT * MIRROR[side])])
@@ -402,8 +402,9 @@ def knee_words(knee: KneeAxis) -> list[str]:
     for name, axis in (("Fitted (solid)", knee.fitted), ("Nominal (dashed)", knee.nominal)):
         if axis is not None:
             far = [f"{_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm" for end in axis.ends.values()]
+            turn = _with_error(math.degrees(axis.angle), math.degrees(axis.angle_error))
             places = f"{far[0]} from the medial centre, {far[1]} from the lateral one"
-            lines.append(f"{name}: {_where(axis)}, {places}, {_degrees(axis)} off their line")
+            lines.append(f"{name}: {_where(axis)}, {places}, {turn}° off their line")
     # How far the bone's epicondyles miss their markers, and palpation's scatter in the two directions across the axis.
     uncertainty = 1e3 * math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
     sure = f"Its place is uncertain by about {uncertainty:.0f} mm; the nominal axis lies in it by construction."
@@ -418,10 +419,6 @@ def _where(axis: AxisInKnee) -> str:
     if places["medial"] == places["lateral"]:
         return _PASSES[places["medial"]][0]
     return " and ".join(_PASSES[place][1].format(name) for name, place in places.items())
-
-
-def _degrees(axis: AxisInKnee) -> str:
-    return f"{_with_error(math.degrees(axis.angle), math.degrees(axis.angle_error))}°"
 
 
 def _with_error(value: float, error: float) -> str:

@@ -26,7 +26,7 @@ from gaitcal.errors import InputError
 from gaitcal.explanations import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
-from gaitcal.gait.cycles import Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import GaitCycle, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import explained
 from gaitcal.gait.normal_bands import FREE_WORDS, Norm
 from gaitcal.gait.peaks import Figure, PeakMean, peak_means
@@ -347,6 +347,15 @@ def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
         for s in trial["strides"]
         if not s["turns"]
     )
+
+
+def page_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Side -> % of the stride at which stance ends, the mean over straight strides of trials of a page."""
+    found: dict[str, list[float]] = {side: [] for side in SIDES}
+    for s in (s for trial in trials for s in trial["strides"] if not s["turns"]):
+        if (stance := GaitCycle(s["start"], s["stop"], s["off"]).stance) is not None:
+            found[s["side"]].append(stance)
+    return {side: float(np.mean(percents)) for side, percents in found.items() if percents}
 
 
 def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:

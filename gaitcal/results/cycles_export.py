@@ -119,17 +119,15 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
         of_trial = None if frame is MomentFrame.COORDINATES else read_vectors(folder, name)
         if of_trial is not None:
             vectors[name] = of_trial
-        elif frame is not MomentFrame.COORDINATES and _has_moments(table, name):
+        elif frame is not MomentFrame.COORDINATES and any(
+            variable.endswith(MOMENT) for variable in table["variable"][table["trial"] == name].unique()
+        ):
             message = f"has no {VECTOR_FOLDER}/{name}.csv, which moments in this frame need; calibrate again"
             raise InputError(message, source=folder, code=Code.DAMAGED_RESULT)
     # the head of cycles.csv says how trials stand, and OpenSim's convention, which is no longer true
     told = (*(f"{name}: {VERDICT}" for name, _ in strides), *RELATIVE)
     kept = tuple(line for line in comments if line.startswith(told))
     return _Result(model, table, kept, strides, vectors)
-
-
-def _has_moments(table: pd.DataFrame, trial: str) -> bool:
-    return bool((table["trial"].eq(trial) & table["variable"].str.endswith(MOMENT)).any())
 
 
 def in_convention(found: _Result, convention: Convention) -> pd.DataFrame:

@@ -32,7 +32,7 @@ from gaitcal.io.toml import read_toml
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
-from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, page_peaks, person_facts, read_page_data
+from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, page_peaks, page_toe_offs, person_facts, read_page_data
 from gaitcal.page.summary import WIDE_LIMITS, StrideUse, reason_words, usable_words
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.cycles_export import strides_in_convention
@@ -188,15 +188,9 @@ def _activities(summary: Mapping[str, object], page: Mapping[str, Any]) -> Itera
         if table_of(table_of(summary, "trials"), trial["name"]).get("role") != "joint":
             of.setdefault(trial["activity"], []).append(trial)
     for name, trials in of.items():
-        known = [s for trial in trials for s in trial["strides"] if s["off"] is not None and not s["turns"]]
-        percents = {side: [_stance(s) for s in known if s["side"] == side] for side in SIDES}
-        toe_off = {side: float(np.mean(values)) for side, values in percents.items() if values}
-        yield _Activity(name, tuple(t["name"] for t in trials), any(t["repeats"] for t in trials), toe_off)
-
-
-def _stance(stride: Mapping[str, Any]) -> float:
-    """% of a stride at which stance ends."""
-    return float(100.0 * (stride["off"] - stride["start"]) / (stride["stop"] - stride["start"]))
+        yield _Activity(
+            name, tuple(t["name"] for t in trials), any(t["repeats"] for t in trials), page_toe_offs(trials)
+        )
 
 
 def _sheets(

@@ -216,8 +216,10 @@ def compare_with_shared_model(
     anew = []
     for k, (session, folder, study) in enumerate(zip((one, other), folders, read, strict=True)):
         progress(f"walks of {session.name} with the shared joints")
-        spread = load_uncertainty(folder / UNCERTAINTY).inertial
-        uncertainty = Uncertainty(_with_others(session.influence, shared.influences[k]), spread)
+        spread, errors = load_uncertainty(folder / UNCERTAINTY).inertial, shared.influences[k]
+        if (known := session.influence) is not None:  # of trunk and arms, errors stay as they were
+            errors = known.of([name for name in known.free if name in JP_INDEX]).updated(errors)
+        uncertainty = Uncertainty(errors, spread)
         anew.append(retracked(session, study, shared.names, (shared.a, shared.b)[k], uncertainty))
     now = Common.SHARED_FRAMES if common is Common.STATIC else Common.SHARED_JOINTS
     found = compare_sessions(anew[0], anew[1], common=now)
@@ -286,11 +288,6 @@ def retracked(
         measures=measures,
         influence=uncertainty.joint,
     )
-
-
-def _with_others(known: ErrorSources | None, errors: ErrorSources) -> ErrorSources:
-    """Errors of the shared parameters, beside those of trunk and arms as they were."""
-    return errors if known is None else known.of([name for name in known.free if name in JP_INDEX]).updated(errors)
 
 
 def _table(a: Session, b: Session, shared: SharedJoints) -> pd.DataFrame:

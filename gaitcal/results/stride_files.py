@@ -17,7 +17,7 @@ from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
 from gaitcal.gait.normal_bands import Norm
 from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, phase_peaks, stride_peaks
 from gaitcal.gait.profile_score import Score
-from gaitcal.gait.spatiotemporal import MEASURES, Average, MeasureMeans, counting, counts, measure_means
+from gaitcal.gait.spatiotemporal import MEASURES, Average, counting, counts, measure_means
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -96,20 +96,14 @@ def spatiotemporal(calibration: Calibration) -> pd.DataFrame:
     return spatiotemporal_table(calibration.model.subject, calibration.trials)
 
 
-def spatiotemporal_means(trials: Sequence[TrialResult]) -> tuple[MeasureMeans, ...]:
-    """Means of both legs over strides and trials, without strides that turn and legs that are refused."""
-    return measure_means({t.name: counting(t.strides, t.refused_legs) for t in walks_alone(trials)})
-
-
-def walks_alone(trials: Sequence[TrialResult]) -> Sequence[TrialResult]:
-    """The walks of some trials; one trial of another activity alone is told by itself."""
-    return trials if len(trials) == 1 else [t for t in trials if t.activity == WALKING]
-
-
 def means_summary(trials: Sequence[TrialResult]) -> dict[str, Json]:
-    """Measure -> unit; of each leg mean, SD and number of strides; symmetry index (%) and its error."""
+    """Measure -> unit; of each leg mean, SD and number of strides; symmetry index (%) and its error.
+
+    Over strides and trials, without strides that turn and legs that are refused.
+    """
     out: dict[str, Json] = {}
-    for found in spatiotemporal_means(trials):
+    walks = trials if len(trials) == 1 else [t for t in trials if t.activity == WALKING]  # one trial tells of itself
+    for found in measure_means({t.name: counting(t.strides, t.refused_legs) for t in walks}):
         entry: dict[str, Json] = {"unit": found.unit}
         entry |= {side: _entry(of) for side, of in (("r", found.right), ("l", found.left)) if of is not None}
         if found.symmetry is not None and found.symmetry_error is not None:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FORCES
@@ -313,7 +312,8 @@ def write_kinetics(trial: TrialResult, model: SubjectModel, out: Path) -> None:
     tables = ((POWER_FOLDER, of_powers, POWER_HEADER), (VECTOR_FOLDER, of_vectors, VECTOR_HEADER))
     for folder, table, header in tables:
         (out / folder).mkdir(exist_ok=True)
-        write_csv(_short(table), out / folder / f"{trial.name}.csv", (*refused_lines(trial), *header))
+        rounded = {name: v if name == "time" else np.round(v, DIGITS) for name, v in table.items()}
+        write_csv(rounded, out / folder / f"{trial.name}.csv", (*refused_lines(trial), *header))
 
 
 def read_vectors(folder: Path, trial: str) -> pd.DataFrame | None:
@@ -322,11 +322,6 @@ def read_vectors(folder: Path, trial: str) -> pd.DataFrame | None:
 
     path = folder / VECTOR_FOLDER / f"{trial}.csv"
     return pd.read_csv(path, comment="#") if path.exists() else None
-
-
-def _short(table: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Rounded, but for the time."""
-    return {name: values if name == "time" else np.round(values, DIGITS) for name, values in table.items()}
 
 
 SUMMARY = "summary.json"
