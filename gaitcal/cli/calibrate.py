@@ -162,9 +162,9 @@ def analyse_further(
         read = []
         for path in trials:
             step(f"{path.name}: reading and checking")
-            told: dict[str, object] = {"role": role, "plates": _plates_of(plates), "time": _time_of(time)}
-            told["filter_hz"] = _filter_of(filter_hz)
-            read.append(_read(path, forces, told, saved))
+            given: dict[str, object] = {"role": role, "plates": _plates_of(plates), "time": _time_of(time)}
+            given["filter_hz"] = _filter_of(filter_hz)
+            read.append(_read(path, forces, given, saved))
         evidence = [_evidence(trial, saved) for trial in read]
         checked = [finding for one in evidence for finding in check_further(one)]
         stop_on_errors([*saved.doubts, *checked], [trial.name for trial in read])
@@ -231,10 +231,10 @@ def _not_tracked(name: str) -> Finding:
     )
 
 
-def _read(path: Path, forces: Path | None, told: Mapping[str, object], saved: SavedResult) -> Trial:
+def _read(path: Path, forces: Path | None, given: Mapping[str, object], saved: SavedResult) -> Trial:
     """A recording as a study would have it: labels renamed, time cut out, plates given to feet."""
     trial = TrialTable(name="trial", role="gait", file=path, forces=forces).model_copy(
-        update={"name": path.stem, **told}
+        update={"name": path.stem, **given}
     )
     marker_set = saved.marker_set
     return cleaned_trial(read_trial(trial, saved.rename, marker_set), marker_set.segment_of, marker_set.noise)

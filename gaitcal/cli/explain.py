@@ -59,21 +59,21 @@ def code_named(name: str) -> Code:
 def listing() -> Iterator[str]:
     """All codes with their titles, under a heading for each series."""
     series = ""
-    for told in all_explanations():
-        if (own := told.code.value[3]) != series:
+    for explanation in all_explanations():
+        if (digit := explanation.code.value[3]) != series:
             yield from ([] if not series else [""])
-            yield f"{SERIES[own]}:"
-            series = own
-        yield f"  {told.code.value}  {told.title}"
+            yield f"{SERIES[digit]}:"
+            series = digit
+        yield f"  {explanation.code.value}  {explanation.title}"
     yield ""
     yield "The page of one: gaitcal explain GC-020"
 
 
-def page(told: Explanation, width: int) -> Iterator[str]:
+def page(explanation: Explanation, width: int) -> Iterator[str]:
     """The page of a code as lines of a terminal."""
-    yield from textwrap.wrap(f"{told.code.value}: {told.title}", width)
-    yield f"({told.severity.lower()})"
-    for heading, pieces in parts_of(told.text):
+    yield from textwrap.wrap(f"{explanation.code.value}: {explanation.title}", width)
+    yield f"({explanation.severity.lower()})"
+    for heading, pieces in parts_of(explanation.text):
         yield ""
         yield heading
         for piece in pieces:

@@ -174,9 +174,9 @@ _LENGTHS = {
 
 def osim_words(rows: Sequence[ComparisonRow]) -> tuple[str, ...]:
     """Sentences on what differs, the largest first; one that says so where nothing does."""
-    told = sorted(_told({row.quantity: row for row in rows}), key=lambda of: -of[0])
-    if told:
-        return tuple(text for _, text in told)
+    sentences = sorted(_told({row.quantity: row for row in rows}), key=lambda of: -of[0])
+    if sentences:
+        return tuple(text for _, text in sentences)
     return (f"no centre differs by {LEAST_MM:g} mm, no axis by {LEAST_DEG:g} deg, no mass by {LEAST_SHARE:.0%}",)
 
 

@@ -245,7 +245,7 @@ def _axis_points(
             continue
         if segment not in of_ours and any(other.ours == f"subtalar_{segment[-1]}" for other in legs):
             continue
-        own = axis_of_ours(leg.ours, model.nominal, of_ours.get(segment, False))
+        our_axis = axis_of_ours(leg.ours, model.nominal, of_ours.get(segment, False))
         in_parent = of_ours.get(segment, False)
         carrier = leg.theirs.parent if in_parent else leg.theirs.child
         frame = (peer.joint_pose(leg.theirs, {}) * leg.theirs.in_child) if in_parent else leg.theirs.in_child
@@ -253,14 +253,14 @@ def _axis_points(
         to_body = peer.body_pose(carrier, body) if peer.is_below(carrier, body) else pin.SE3.Identity()
         if hinge is None:
             theirs.append(to_body.act(frame.translation))
-            ours.append(own.point)
+            ours.append(our_axis.point)
             continue
         axis = Axis(to_body.act(hinge.translation), to_body.rotation @ hinge.rotation[:, 2])
         axis = Axis(axis.nearest(to_body.act(frame.translation)), axis.direction)
-        direction = own.direction * (1.0 if own.direction @ axis.direction >= 0 else -1.0)
+        direction = our_axis.direction * (1.0 if our_axis.direction @ axis.direction >= 0 else -1.0)
         for reach in (-_ARM, _ARM):
             theirs.append(axis.point + reach * axis.direction)
-            ours.append(own.point + reach * direction)
+            ours.append(our_axis.point + reach * direction)
     if theirs and segment.startswith(("pelvis", "foot")):
         a, b = np.mean(theirs, axis=0), np.mean(ours, axis=0)
         for direction in np.eye(3)[:2]:
@@ -335,7 +335,7 @@ def body_weights(
     if not any(arm in groups for arm in ARMS):
         mass["head_trunk"] += sum(mass[arm] for arm in ARMS)
     weights: dict[str, Weight] = {}
-    told = []
+    masses = []
     for segment, group in groups.items():
         theirs = sum(peer.masses[body] for body in group)
         if segment not in mass or theirs <= 0.0:
@@ -350,8 +350,8 @@ def body_weights(
             shift = main.pose.actInv(ours[segment].centre) - was
             moved = {b: centres[b] + poses[b].rotation.T @ shift for b in group}
         weights |= {b: Weight(share * peer.masses[b], moved.get(b), share) for b in group}
-        told.append(SegmentMass(segment=segment, bodies=tuple(group), theirs=theirs, ours=mass[segment]))
-    return weights, tuple(told)
+        masses.append(SegmentMass(segment=segment, bodies=tuple(group), theirs=theirs, ours=mass[segment]))
+    return weights, tuple(masses)
 
 
 def between_bodies(peer: PeerModel, body: str, main: str) -> pin.SE3:

@@ -140,8 +140,8 @@ def cycle_columns(
                 measured = {s.number: s for s in trial.strides if s.side == side}
                 for number, cycle in enumerate(cycles, start=1):
                     stride = measured.get(number)
-                    told = _against_line(trial, side, cycle, stride, shown)
-                    parts.append(_rows(model.subject, trial, side, number, cycle, told, stride))
+                    of_stride = _against_line(trial, side, cycle, stride, shown)
+                    parts.append(_rows(model.subject, trial, side, number, cycle, of_stride, stride))
     return {name: _joined([part[name] for part in parts]) for name in CYCLE_COLUMNS}
 
 
@@ -238,7 +238,7 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
         return xarray.Dataset()
     strides = typed(strides)
     require_once(strides)
-    told = conventions_of(strides)
+    conventions = conventions_of(strides)
     several = [name for name in DIMENSIONS if name not in ("person", "session") or strides[name].nunique() > 1]
     wide = strides.set_index([*several, "variable"])[list(COLUMNS.values())].unstack("variable")
     columns: dict[str, pd.Series] = {}
@@ -247,7 +247,7 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
     dataset = xarray.Dataset.from_dataframe(pd.DataFrame(columns))
     for name in dataset.data_vars:
         variable = str(name).removesuffix("_se").removesuffix("_valid")
-        unit, positive = told[variable]
+        unit, positive = conventions[variable]
         dataset[name].attrs["units"] = "1" if str(name).endswith("_valid") else unit
         if positive and str(name) == variable:
             dataset[name].attrs["positive"] = positive

@@ -125,8 +125,8 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
             message = f"has no {VECTOR_FOLDER}/{name}.csv, which moments in this frame need; calibrate again"
             raise InputError(message, source=folder, code=Code.DAMAGED_RESULT)
     # the head of cycles.csv says how trials stand, and OpenSim's convention, which is no longer true
-    told = (*(f"{name}: {VERDICT}" for name, _ in strides), *RELATIVE)
-    kept = tuple(line for line in comments if line.startswith(told))
+    kept_starts = (*(f"{name}: {VERDICT}" for name, _ in strides), *RELATIVE)
+    kept = tuple(line for line in comments if line.startswith(kept_starts))
     return _Result(model, table, kept, strides, vectors)
 
 
@@ -176,16 +176,16 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
         for stride, cycle in enumerate(cycles, start=1):
             told_of_stride = of_trial[of_trial["stride"] == str(stride)].iloc[:POINTS]
             for name in names:
-                own = leg_of(name)
-                column, counts = vector_column(name, frame), f"valid_{own}" if own else "valid"
+                leg = leg_of(name)
+                column, counts = vector_column(name, frame), f"valid_{leg}" if leg else "valid"
                 usable = np.where(table[counts].to_numpy() == 1, 1.0, np.nan)
-                told = (table.get(f"{column}{ending}", unknown) for ending in ("", "_se", "_se_stride"))
+                signals = (table.get(f"{column}{ending}", unknown) for ending in ("", "_se", "_se_stride"))
                 value, error, differing, valid = (
-                    normalise(time, np.asarray(values, dtype=np.float64), cycle) for values in (*told, usable)
+                    normalise(time, np.asarray(values, dtype=np.float64), cycle) for values in (*signals, usable)
                 )
                 parts.append(
                     told_of_stride.assign(
-                        variable=f"{name[:-2] if own else name}{MOMENT}",
+                        variable=f"{name[:-2] if leg else name}{MOMENT}",
                         value=value,
                         se=error,
                         valid=np.isfinite(valid).astype(int).astype(str),

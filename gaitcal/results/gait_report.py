@@ -144,11 +144,11 @@ def _fit(summary: Mapping[str, object]) -> Iterator[str]:
         legs = table_of(trial, "pelvis_and_legs_mm")
         rms = legs or table_of(trial, "rms_mm")
         best = rms.get("joint_floor") or rms.get("rigid_floor")
-        told = []
+        clauses = []
         if rms.get("calibrated"):
             of = "pelvis and legs" if legs else "the joint's segments"
-            told.append(f"marker fit of {of} {rms['calibrated']:.1f} mm")
-            told[-1] += f" (best possible {best:.1f})" if best else ""
+            clauses.append(f"marker fit of {of} {rms['calibrated']:.1f} mm")
+            clauses[-1] += f" (best possible {best:.1f})" if best else ""
         residual = next(reversed(table_of(trial, "pelvis_residual").values()), None)
         limit = table_of(trial, "pelvis_residual_limit")
         if residual:
@@ -156,9 +156,9 @@ def _fit(summary: Mapping[str, object]) -> Iterator[str]:
             parts = (w.format(residual[n]) + (f" (limit {limit[n]:{d}})" if limit else "") for n, w, d in units)
             high = limit and any(residual[name] > limit[name] for name, _, _ in units)
             wide = "" if trial.get("trunk_measured", True) else WIDE_LIMITS
-            told.append(f"unexplained {', '.join(parts)}{': too high' if high else ''}{wide}")
-        if told:
-            yield f"{name}: {'; '.join(told)}"
+            clauses.append(f"unexplained {', '.join(parts)}{': too high' if high else ''}{wide}")
+        if clauses:
+            yield f"{name}: {'; '.join(clauses)}"
 
 
 @dataclass(frozen=True)
@@ -328,8 +328,8 @@ def _panels(
         mean: dict[str, Array] = {}
         error: dict[str, Array] = {}
         for side in SIDES:
-            own = rows[rows["side"] == side]
-            values = np.where(own["valid"].to_numpy() == 1, factor * own["value"].to_numpy(dtype=float), np.nan)
+            of_side = rows[rows["side"] == side]
+            values = np.where(of_side["valid"].to_numpy() == 1, factor * of_side["value"].to_numpy(dtype=float), np.nan)
             curves[side] = tuple(values.reshape(-1, POINTS))
             of_mean = means[(means["variable"] == variable) & (means["side"] == side)] if len(means) else means
             known = len(of_mean) == POINTS
@@ -362,9 +362,9 @@ def _norm(
     """That of the user; else of the bands that the result was made with; else what gaitcal brings."""
     if named is not None:
         return own_norm(*named, subject)
-    made_with, told = str(table_of(manifest, "settings").get("normal", "")), table_of(summary, "norm")
-    if told and not told.get("words"):
-        return Norm(remark=str(told.get("remark", "")))
+    made_with, stored = str(table_of(manifest, "settings").get("normal", "")), table_of(summary, "norm")
+    if stored and not stored.get("words"):
+        return Norm(remark=str(stored.get("remark", "")))
     if not made_with:
         return norm_for(subject, mean_speed(table_of(summary, "spatiotemporal")))
     bands = {}

@@ -94,7 +94,7 @@ def _write(
     turn = _turn_to_file(trial.markers, original.places()[rows] / per_metre, paths["file"])
     kept = set(same.labels) if instead else set(original.labels)
     points, named = _points(trial, original, rows, turn, per_metre, kept)
-    events, told = _new_events(trial, recording, corrected="events" in paths)
+    events, event_notes = _new_events(trial, recording, corrected="events" in paths)
     group = {
         "VERSION": [f"gaitcal {package_version('gaitcal')}"],
         "TRIAL": [trial.name],
@@ -114,7 +114,7 @@ def _write(
     if gone := [point.name for point in points if point.name in original.labels]:
         rest = "what else it holds of another program's, also in other frames, is not ours"
         notes += (f"{counted(len(gone), 'point')} of the file replaced ({', '.join(gone)}); {rest}",)
-    return (*_said(trial, points), *notes, *told)
+    return (*_said(trial, points), *notes, *event_notes)
 
 
 def _as_c3d(recording: Recording, target: Path) -> tuple[str, ...]:
@@ -172,8 +172,8 @@ def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
 
     Told by the markers themselves: each has the same numbers in both, in another order and with other signs.
     """
-    seen = seen_mask(markers.markers)
-    frames = np.flatnonzero(seen.sum(axis=1) >= min(3, seen.sum(axis=1).max()))
+    visible = seen_mask(markers.markers)
+    frames = np.flatnonzero(visible.sum(axis=1) >= min(3, visible.sum(axis=1).max()))
     frames = frames[:: max(1, len(frames) // 5)]
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1, -1), repeat=3):
@@ -182,7 +182,7 @@ def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
             if np.linalg.det(matrix) < 0:
                 continue
             turn = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
-            if len(frames) and all(_found(turn.apply(markers.markers[i, seen[i]]), places[i]) for i in frames):
+            if len(frames) and all(_found(turn.apply(markers.markers[i, visible[i]]), places[i]) for i in frames):
                 return turn
     raise InputError("its markers are not those of the result", source=source, code=Code.CHANGED_FILE)
 

@@ -241,9 +241,9 @@ def our_trials(folder: Path) -> list[OurTrial]:
         saved = load_trial(folder, k, name)
         q = saved.motion.basis.evaluate(saved.motion.coefficients)
         placed, labels = saved.model.markers, saved.markers.labels
-        seen = [m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0]
-        worn = synthetic_markers(saved.model.parameters, placed, q)[:, seen]
-        apart = saved.markers.markers[:, [labels.index(placed.labels[m]) for m in seen]] - worn
+        compared = [m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0]
+        modelled = synthetic_markers(saved.model.parameters, placed, q)[:, compared]
+        apart = saved.markers.markers[:, [labels.index(placed.labels[m]) for m in compared]] - modelled
         missed = np.sqrt(np.nanmean(np.sum(apart**2, axis=2), axis=0))
         trial = OurTrial(
             name=name,
@@ -253,7 +253,7 @@ def our_trials(folder: Path) -> list[OurTrial]:
             valid=saved.valid,
             cutoff=float(cutoff) if isinstance(cutoff, int | float) else None,
             loads=folder / "forces" / f"{safe_name(name)}.xml",
-            missed={placed.labels[m]: float(e) for m, e in zip(seen, missed, strict=True)},
+            missed={placed.labels[m]: float(e) for m, e in zip(compared, missed, strict=True)},
         )
         out.append(trial)
     return out

@@ -75,8 +75,8 @@ def _cells(column: Column) -> list[str]:
     """Numbers in the shortest form that reads back the same, and text; empty where there is no value."""
     if isinstance(column, np.ndarray) and column.dtype.kind in "iuf":
         return ["" if value != value else repr(value) for value in column.tolist()]
-    told = {value: "" if value is None or value != value else _cell(value) for value in set(column)}
-    return [told[value] for value in column]  # text repeats itself: each is looked at once
+    text_of = {value: "" if value is None or value != value else _cell(value) for value in set(column)}
+    return [text_of[value] for value in column]  # text repeats itself: each is looked at once
 
 
 def _cell(value: object) -> str:
