@@ -1,6 +1,7 @@
 """The main job: from a study to a calibrated person, in five stages that hand on one `Session`.
 
-`session_of` has the nominal model of the static trial and the trials, cleaned, turned and with their problems;
+`examined` has cleaned the trials and made the nominal model of the static one (`faults/study.py`); `session_of` has
+the trials turned and with their problems;
 `fit_joints` finds joint parameters from the markers; `track` the motions with the nominal and the fitted model, the
 forces under the feet, and what is wrong with them; `fit_inertia` inertial parameters from the pelvis residual, on
 demand all parameters together; `judged` standard errors, torques, findings and the verdict.
@@ -41,7 +42,7 @@ from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.faults.study import check_study, placed_by_motion
+from gaitcal.faults.study import check_study, examined
 from gaitcal.faults.verdict import judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.anthropometry import table_spread
@@ -63,7 +64,7 @@ from gaitcal.session.warnings import (
     unmeasured_words,
 )
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Study
 
 Loaded: TypeAlias = tuple[MovingTrial, GroundReactions]
 
@@ -93,12 +94,12 @@ def calibrate(
         progress("checking the recordings")
         checked = check_study(study)
     progress("nominal model from the static trial")
-    study, _ = placed_by_motion(study)
-    session = session_of(study, nominal_of(study), tuple(checked))
+    clean = examined(study)
+    session = session_of(clean, checked)
     session = fit_joints(session, progress, leave_out=leave_out)
     session = track(session, progress)
     session = fit_inertia(session, progress)
-    return judged(session, study, progress)
+    return judged(session, clean.study, progress)
 
 
 def track(session: Session, progress: Progress) -> Session:
