@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.combined import CombinedProblem, CombinedSettings, combined_fit
+from gaitcal.calibration.combined import CombinedFit, CombinedProblem, CombinedSettings, combined_fit
 from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
@@ -204,14 +204,9 @@ def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> InertialFit:
     nominal, parameters, settings = session.model, session.parameters, session.settings
     motions = [
         LoadedMotion(
-            name=t.name,
-            q=t.motion.q,
-            velocity=t.motion.velocity,
-            acceleration=t.motion.acceleration,
-            wrench=r.wrench,
-            valid=r.valid,
+            name=t.name, q=m.q, velocity=m.velocity, acceleration=m.acceleration, wrench=r.wrench, valid=r.valid
         )
-        for t, r in loaded
+        for t, m, r in ((t, t.motion, r) for t, r in loaded)
     ]
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
     subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
@@ -288,32 +283,25 @@ def _inertial_spread(session: Session) -> Array | None:
 def phases_of(session: Session) -> tuple[Phase, ...]:
     """The fits that were made, those of the joint parameters first."""
     joint, inertial, combined = session.joint, session.inertial, session.combined
-    trials = tuple(t.name for t, _ in weighing(session))
-    phases = list(joint.phases) if joint else []
+    fits = list[tuple[str, InertialFit | CombinedFit, int, int, str]]()
     if inertial is not None:
-        phases.append(
-            Phase(
-                name="inertial",
-                trials=trials,
-                parameters=len(inertial.names),
-                iterations=inertial.iterations,
-                seconds=inertial.seconds,
-                converged=inertial.converged,
-                message=inertial.message,
-            )
-        )
+        fits.append(("inertial", inertial, len(inertial.names), inertial.iterations, inertial.message))
     if combined is not None and joint is not None and inertial is not None:
         text = "" if combined.converged else f"{combined.ending.value}; "
         text += f"marker sigma {1e3 * combined.marker_sigma:.2f} mm a coordinate, load share {combined.load_share:g}"
-        phases.append(
-            Phase(
-                name="joint and inertial",
-                trials=trials,
-                parameters=len(joint.free) + len(inertial.names),
-                iterations=combined.steps,
-                seconds=combined.seconds,
-                converged=combined.converged,
-                message=text,
-            )
+        count = len(joint.free) + len(inertial.names)
+        fits.append(("joint and inertial", combined, count, combined.steps, text))
+    trials = tuple(t.name for t, _ in weighing(session))
+    of_bodies = [
+        Phase(
+            name=name,
+            trials=trials,
+            parameters=count,
+            iterations=iterations,
+            seconds=fit.seconds,
+            converged=fit.converged,
+            message=message,
         )
-    return tuple(phases)
+        for name, fit, count, iterations, message in fits
+    ]
+    return (*(joint.phases if joint else ()), *of_bodies)
