@@ -214,10 +214,9 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
     same = joint is None and bandwidth.joints_hz == bandwidth.motion_hz
     fitted = joints = body if same else smoothed(body if joint is None else alone, bandwidth.joints_hz)
     if fits_legs_together(settings):
+        legs = LOWER_BODY[1:] if joint is None else LEGS[joint[-1]]
         try:
-            joints = smoothed(
-                part(("pelvis", *(LOWER_BODY[1:] if joint is None else LEGS[joint[-1]]))), bandwidth.joints_hz
-            )
+            joints = smoothed(part(("pelvis", *legs)), bandwidth.joints_hz)
         except InputError:  # the pelvis is not seen in an isolated trial
             if joint is None:
                 raise
