@@ -145,13 +145,6 @@ def test_a_missing_file_keeps_what_was_fetched_before(server: Served, tmp_path: 
     assert content(tmp_path / "small") == CONTENT
 
 
-def test_what_breaks_off_is_tried_again(server: Served, tmp_path: Path) -> None:
-    server.cut[path_of("walk.trc")] = [1000]
-    fetch(tmp_path / "small", server)
-    assert server.asked.count(path_of("walk.trc")) == 2
-    assert content(tmp_path / "small") == CONTENT
-
-
 @pytest.mark.parametrize(
     ("fault", "told", "times"),
     [
@@ -208,12 +201,6 @@ def test_a_folder_may_be_the_mirror(tmp_path: Path) -> None:
             connection,
             lambda size: None,
         )
-
-
-@pytest.mark.parametrize("mirror", ["copy", "ftp://host/x", "https:///x", "javascript:alert(1)"])
-def test_a_mirror_that_cannot_be_is_refused(mirror: str) -> None:
-    with pytest.raises(UsageError, match="--mirror: found .*; allowed: an address"):
-        Connection(mirror=mirror)
 
 
 def test_ctrl_c_keeps_what_is_complete(server: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

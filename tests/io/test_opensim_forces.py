@@ -1,6 +1,5 @@
 """MOT and STO tables, ground reactions in all their spellings, and OpenSim's external loads."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.export.other_formats import write_external_loads
 from gaitcal.io.axes import UP_TO_Y, Turn, turn_recording
 from gaitcal.io.csv import write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.force_tables import Forces
@@ -141,12 +139,6 @@ def test_table_header(tmp_path: Path, header: str, degrees: bool | None) -> None
     np.testing.assert_array_equal(found.column("b"), [2, 4.5])
 
 
-def test_table_parted_by_blanks(tmp_path: Path) -> None:
-    path = tmp_path / "t.sto"
-    path.write_text("x\nendheader\n\n  time   a  b\n 0.0  1 2\n 0.1  3 4\n")
-    np.testing.assert_array_equal(read_table(path).values, [[1, 2], [3, 4]])
-
-
 @pytest.mark.parametrize(
     "text, message",
     [
@@ -255,16 +247,6 @@ def test_the_real_file(data_dir: Path) -> None:
     assert walk.feet == {"right": "r", "left": "l"}
 
 
-def test_our_own_files_come_back(tmp_path: Path) -> None:
-    wrench = np.random.default_rng(3).normal(size=(5, 2, 6)) * 100
-    wrench[:, :, 1] = 700.0
-    _, xml = write_external_loads(tmp_path, np.arange(5) / 100, wrench, stem="walk")
-    found = read_forces(xml)
-    assert list(found.feet.values()) == ["r", "l"]
-    for k, plate in enumerate(found.plates):
-        np.testing.assert_allclose(plate.wrench(), wrench[:, k], atol=1e-9)
-
-
 def test_order_bodies_and_switches(tmp_path: Path) -> None:
     path = write(
         tmp_path,
@@ -286,12 +268,6 @@ def test_the_table_is_found_beside_it(tmp_path: Path, table: str) -> None:
     path = write(tmp_path, force(), table=table)
     assert loads_tables(path) == (tmp_path / "grf.mot",)
     assert read_forces(path).plates[0].force[0, 1] == 700
-
-
-def test_a_table_of_each_force(tmp_path: Path) -> None:
-    path = write(tmp_path, force(source="grf.mot"), force("two", "calcn_l", "b", source="other.mot"), table="")
-    shutil.copy(tmp_path / "grf.mot", tmp_path / "other.mot")
-    assert len(loads_tables(path)) == 2 and read_forces(path).feet == {"one": "r", "two": "l"}
 
 
 @pytest.mark.parametrize(

@@ -57,18 +57,6 @@ def names(folder: Path) -> list[str]:
 # ------------------------------------------------------------------------------------------- whole, or not at all
 
 
-def test_new_then_replaced(tmp_path: Path) -> None:
-    target = tmp_path / "deep" / "out"
-    write_result(target, "one")
-    (target / "motion" / ".DS_Store").touch()
-    write_result(target, "two")
-    assert result(target) == "two"
-    assert names(target) == ["manifest.json", "motion"]
-    assert names(target.parent) == ["out"]
-    (tmp_path / "plain").mkdir()
-    assert target.stat().st_mode == (tmp_path / "plain").stat().st_mode
-
-
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(2)], ids=repr)
 @pytest.mark.parametrize("write", [lambda path: atomic_directory(path, ResultKind.CALIBRATION), amended])
 def test_failure_leaves_the_old_or_none(tmp_path: Path, error: BaseException, write: object) -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
-from gaitcal.io.still import duration, marker_gaps, runs, spans, still_window
+from gaitcal.io.still import marker_gaps, runs, still_window
 from tests.io.recordings import LABELS, body
 
 
@@ -46,20 +46,6 @@ def test_noise_is_no_movement(noise: float) -> None:
     with pytest.raises(InputError, match="no still window"):
         moving = walk_stand_walk(noise)
         still_window(replace(moving, markers=moving.markers + [[[0.2, 0.0, 0.0]]] * moving.time[:, None, None]), LABELS)
-
-
-def test_gaps_beside_noise() -> None:
-    recording = walk_stand_walk(3e-3)
-    recording.markers[np.random.default_rng(1).random(recording.markers.shape[:2]) < 0.1] = np.nan
-    window = still_window(recording, LABELS)
-    assert 1.95 <= window.start < window.stop <= 3.05  # within what is averaged
-    assert window.speed < 0.02
-
-
-def test_a_restless_person_is_used_with_the_speed_told() -> None:
-    assert still_window(body(200, speed=0.08), LABELS).speed == pytest.approx(0.08)
-    with pytest.raises(InputError, match="0.12 m/s RMS; at most 0.1"):
-        still_window(body(200, speed=0.12), LABELS)
 
 
 def test_whoever_stands_still_somewhere_is_not_taken_from_where_they_are_restless() -> None:
@@ -112,17 +98,6 @@ def test_real_static_trials_hold_one(data_dir: Path, file: str) -> None:
     assert still_window(recording, recording.labels).speed < 0.01
 
 
-@pytest.mark.parametrize("frames", [2, 3, 5])
-def test_noise_of_a_few_frames_is_no_movement_but_a_walk_is(frames: int) -> None:
-    noisy = body(frames, speed=0.0)
-    noisy = replace(noisy, markers=noisy.markers + np.random.default_rng(3).normal(0, 5e-4, noisy.markers.shape))
-    window = still_window(noisy, LABELS)
-    assert window.frames == slice(0, frames)
-    assert 0.0 < window.scatter < 2e-3
-    with pytest.raises(InputError, match="no still window"):
-        still_window(body(frames, speed=1.0), LABELS)
-
-
 @pytest.mark.parametrize("frames", [2, 5])
 def test_one_marker_that_jumps_in_a_few_frames_is_no_walk(frames: int) -> None:
     """It stays in the scatter; the person has not moved."""
@@ -137,14 +112,6 @@ def test_one_marker_that_jumps_in_a_few_frames_is_no_walk(frames: int) -> None:
             still_window(walking, LABELS)
 
 
-def test_the_scatter_is_that_about_the_means_of_the_window() -> None:
-    recording = body(200, speed=0.08)
-    window = still_window(recording, LABELS)
-    path = recording.markers[window.frames][:, :3]
-    expected = np.sqrt(np.mean(np.sum((path - path.mean(axis=0)) ** 2, axis=2)))
-    assert window.scatter == pytest.approx(expected, rel=1e-6)
-
-
 @given(st.lists(st.booleans(), max_size=40), st.integers(1, 5))
 def test_runs_are_all_stretches_that_are_long_enough(marked: list[bool], shortest: int) -> None:
     found = runs(np.array(marked, dtype=bool), shortest)
@@ -156,14 +123,6 @@ def test_runs_are_all_stretches_that_are_long_enough(marked: list[bool], shortes
         assert run.stop == len(marked) or not marked[run.stop]
     if shortest == 1:
         assert frames == {k for k, mark in enumerate(marked) if mark}
-
-
-def test_stretches_as_times() -> None:
-    time = np.arange(8) / 10
-    stretches = [slice(0, 3), slice(4, 6)]
-    assert [duration(time, stretch) for stretch in stretches] == [0.2, 0.5 - 0.4]
-    assert spans(time, stretches) == "0.00-0.20, 0.40-0.50 s"
-    assert spans(time, stretches, most=1) == "0.00-0.20 s and 1 more"
 
 
 def test_seen_share_and_longest_gap() -> None:

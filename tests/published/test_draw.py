@@ -51,13 +51,6 @@ def test_a_disturbed_model_has_the_torques_of_a_model_built_anew(context: MonteC
         np.testing.assert_allclose(laboratory, whole_body(context, parameters, coefficients), rtol=0, atol=TORQUE)
 
 
-def test_both_frames_agree_where_nothing_is_disturbed(context: MonteCarloContext) -> None:
-    case = context.case
-    laboratory, carried = leg_torques(case.parameters, context.basis, case.coefficients, case.wrench, context.feet)
-    np.testing.assert_array_equal(laboratory, context.torques)
-    np.testing.assert_allclose(carried, laboratory, rtol=0, atol=TORQUE)
-
-
 def test_a_carried_wrench_is_constant_in_the_foot() -> None:
     rng = np.random.default_rng(7)
 
@@ -134,15 +127,6 @@ def _on_leg(context: MonteCarloContext, marker: int) -> bool:
     return segment in LOWER_BODY[1:]
 
 
-def test_inertial_draws_need_no_refit_and_move_no_marker(context: MonteCarloContext) -> None:
-    found = draw(context, Varied.IP, 100, 5)
-    assert found.evaluations == 0
-    assert found.values[-4:].tolist() == [0.0] * 4
-    laboratory, foot = (recorded(found.values, frame, "rms") for frame in ReactionFrame)
-    np.testing.assert_array_equal(laboratory, foot)
-    assert (laboratory > 0).all()
-
-
 def test_only_valid_frames_count(case: MonteCarloCase) -> None:
     valid = np.zeros(len(case.time), dtype=bool)
     valid[60:90] = True
@@ -206,25 +190,6 @@ def test_uniform_within_the_bounds_of_the_level(level: int) -> None:
     assert relative.std() == pytest.approx(level / 100 / np.sqrt(3), rel=0.02)
     assert abs(relative.mean()) < 0.02 * level / 100
     assert np.abs(np.corrcoef(relative.T) - np.eye(relative.shape[1])).max() < 0.25
-
-
-def test_bounds_are_published_and_configurable() -> None:
-    bounds = MonteCarloSettings().joint_bounds
-    assert sorted(set(bounds.tolist())) == pytest.approx([0.010, np.deg2rad(10.0)])
-    doubled = MonteCarloSettings(position_mm=20.0, orientation_deg=20.0)
-    np.testing.assert_allclose(doubled.joint_bounds, 2 * bounds)
-    fifty = sample(Varied.IP, 100, 3, MonteCarloSettings(inertial_percent=50.0)).inertial
-    ten = sample(Varied.IP, 100, 3).inertial
-    assert fifty is not None and ten is not None
-    np.testing.assert_allclose(fifty, 5 * ten)
-
-
-def test_noise_is_the_published_sinusoid() -> None:
-    waves = [sample(Varied.NOISE, 50, k).noise for k in range(20)]
-    noise = np.stack([w for w in waves if w is not None])
-    assert noise.shape == (20, 41, 3, 208)
-    assert np.abs(noise).max() <= 0.005
-    assert np.abs(noise).max() > 0.0045
 
 
 def test_a_stream_depends_on_seed_set_level_and_number() -> None:

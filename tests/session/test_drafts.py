@@ -203,26 +203,6 @@ def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
     assert "folders in it do: moving (2), standing (1)" in draft(tmp_path / "person").fault
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [({}, "is empty"), ({"a.png": b"x", "notes.txt": b"hello"}, "holds 2 files, but no recording")],
-)
-def test_folders_that_nobody_understands(tmp_path: Path, content: dict[str, bytes], words: str) -> None:
-    for name, data in content.items():
-        (tmp_path / name).write_bytes(data)
-    made = draft(tmp_path)
-    assert words in made.fault
-    assert len(made.seen) == len(content)
-
-
-def test_labels_that_no_set_knows(tmp_path: Path) -> None:
-    walk = recordings()["walk"]
-    strange = replace(walk, labels=tuple(f"M{i}" for i in range(len(walk.labels))))
-    made = draft(write(tmp_path / "x", {"walk": strange}))
-    assert "no marker set knows enough of the labels M0, M1" in made.fault
-    assert made.seen[0].labels.startswith(f"{len(walk.labels)}: M0")
-
-
 def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:
     files = recordings()
     for name, recording in files.items():
