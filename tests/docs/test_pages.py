@@ -88,6 +88,17 @@ def test_search_works_without_a_server_or_a_network(site: Path, tmp_path: Path) 
         assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
 
 
+def test_a_broken_link_is_told(tmp_path: Path) -> None:
+    from scripts.tools.documentation.links import check
+
+    text = '<a href="b.html#there">x</a><a href="c.html">y</a><img src="https://example.org/x.png">'
+    (tmp_path / "a.html").write_text(text, encoding="utf-8")
+    (tmp_path / "b.html").write_text('<p id="here">', encoding="utf-8")
+    found = check(tmp_path)
+    assert found.broken == ["a.html: b.html#there: no such place in it", "a.html: c.html"]
+    assert found.fetched == ["https://example.org/x.png"]
+
+
 @pytest.mark.slow
 @pytest.mark.browser
 def test_pictures_are_taken(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

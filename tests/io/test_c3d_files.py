@@ -115,19 +115,6 @@ def test_mips_encoding_is_refused_by_name(data_dir: Path, name: str) -> None:
         read_recording(data_dir / f"c3d_formats/{name}.c3d")
 
 
-def test_plug_in_gait_holds_only_the_35_markers(data_dir: Path) -> None:
-    recording = read_recording(data_dir / "pig_c3d/gait.c3d")
-    assert len(recording.labels) == 35
-    assert {"LASI", "RTOE", "LFIN", "C7"} <= set(recording.labels)
-    assert not {"CentreOfMass", "PELO", "LHipAngles", "RAnklePower"} & set(recording.labels)
-    note = next(n for n in recording.notes if "computed points" in n)
-    assert note.startswith("158 ")
-    assert "LTIP" in note
-    static = read_recording(data_dir / "pig_c3d/static.c3d")
-    assert static.labels == recording.labels
-    assert "66 unlabelled trajectories left out." in static.notes
-
-
 def test_plug_in_gait_forces_and_centres_of_pressure_fit_the_person(data_dir: Path) -> None:
     """66.5 kg, 1.79 m: the plates carry the person and push where the feet are."""
     static = read_recording(data_dir / "pig_c3d/static.c3d")

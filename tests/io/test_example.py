@@ -203,6 +203,12 @@ def test_a_folder_may_be_the_mirror(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.parametrize("mirror", ["copy", "ftp://host/x", "https:///x", "javascript:alert(1)"])
+def test_a_mirror_that_cannot_be_is_refused(mirror: str) -> None:
+    with pytest.raises(UsageError, match="--mirror: found .*; allowed: an address"):
+        Connection(mirror=mirror)
+
+
 def test_ctrl_c_keeps_what_is_complete(server: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(file: RemoteFile, *rest: object) -> None:
         if file.name == "forces.mot":

@@ -98,6 +98,13 @@ def test_type_2_takes_moments_from_the_sensor_origin_whatever_the_sign_of_origin
     require_truth(read_plate(tmp_path, 2, truth.sensor_channels(ARM), sign * 1e3 * ARM), truth)
 
 
+def test_type_2_with_moments_in_newton_metres(tmp_path: Path) -> None:
+    truth = Truth()
+    channels = truth.sensor_channels(ARM)
+    channels[3:] /= 1e3
+    require_truth(read_plate(tmp_path, 2, channels, 1e3 * ARM, ["N"] * 3 + ["Nm"] * 3), truth)
+
+
 def test_type_3_adds_up_its_eight_sensors(tmp_path: Path) -> None:
     truth = Truth()
     arm = np.array([0.0, 0.0, ARM[2]])
@@ -235,6 +242,13 @@ def test_three_decibels_at_the_stated_cutoff_after_both_passes_and_no_delay(cuto
     gain, delay = gain_and_delay(cutoff, cutoff)
     assert gain == pytest.approx(2**-0.5, abs=1e-6)
     assert delay == pytest.approx(0.0, abs=1e-6)
+
+
+def test_fourth_order_slope() -> None:
+    """24 dB an octave of the warped frequency tan(pi f / fs)."""
+    octaves = np.log2(np.tan(np.pi * 0.16) / np.tan(np.pi * 0.08))
+    fall = 20 * np.log10(gain_and_delay(80.0, 10.0)[0] / gain_and_delay(160.0, 10.0)[0])
+    assert fall == pytest.approx(24 * octaves, rel=0.01)
 
 
 @pytest.mark.parametrize("cutoff", [0.0, -5.0, 500.0, float("nan")])

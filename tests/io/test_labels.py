@@ -7,6 +7,7 @@ import ezc3d
 import numpy as np
 import pytest
 
+from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import Facts, FootEvent, FootMoment, common_prefix, computed_points, events_of, facts_of, unique
 from tests.io.recordings import standing_points_mm, write_raw_c3d
@@ -53,6 +54,11 @@ def test_marker_names_of_real_sets_are_never_taken_for_computed_points() -> None
         "LASI RASI SACR LTHI LKNE LTIB LANK LHEE LTOE RMED R.Knee.Lat V.Sacral L_Toe R_Shank_Superior LFHD LRAR LPSI"
     )
     assert computed_points(names.split()) == set()
+
+
+def test_only_computed_points_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="computed ones; markers are needed"):
+        read(tmp_path, ["LKneeAngles", "RKneeAngles"])
 
 
 def test_unique_never_makes_a_name_that_is_taken() -> None:
@@ -155,17 +161,6 @@ def test_forms_that_nobody_filled_in_say_nothing(value: Any) -> None:
 @pytest.mark.parametrize("given, height", [(1780.0, 1.78), (1.78, 1.78), (0.9, 0.9), (178.0, None)])
 def test_heights_in_millimetres_or_metres(given: float, height: float | None) -> None:
     assert facts_of({"PROCESSING": {"HEIGHT": [given]}}).height == (None if height is None else pytest.approx(height))
-
-
-def test_real_files_say_who_and_when(data_dir: Path) -> None:
-    gait = read_recording(data_dir / "pig_c3d/gait.c3d")
-    assert (gait.facts.mass, gait.facts.height) == pytest.approx((66.5, 1.79))
-    assert len(gait.events) == 8 and gait.events[0] == FootEvent(FootMoment.STRIKE, "l", pytest.approx(3.43))  # type: ignore[arg-type]
-    child = read_recording(data_dir / "children/HC002D/straight.c3d")
-    assert (child.facts.mass, child.facts.height) == pytest.approx((32.1, 1.45))
-    assert len(child.events) == 12 and {e.side for e in child.events} == {"r", "l"}
-    static = read_recording(data_dir / "labs_c3d/kad/static.c3d")
-    assert static.facts.mass == pytest.approx(79.25) and set(static.facts.knee_width) == {"r", "l"}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """MOT and STO tables, ground reactions in all their spellings, and OpenSim's external loads."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -139,6 +140,12 @@ def test_table_header(tmp_path: Path, header: str, degrees: bool | None) -> None
     np.testing.assert_array_equal(found.column("b"), [2, 4.5])
 
 
+def test_table_parted_by_blanks(tmp_path: Path) -> None:
+    path = tmp_path / "t.sto"
+    path.write_text("x\nendheader\n\n  time   a  b\n 0.0  1 2\n 0.1  3 4\n")
+    np.testing.assert_array_equal(read_table(path).values, [[1, 2], [3, 4]])
+
+
 @pytest.mark.parametrize(
     "text, message",
     [
@@ -268,6 +275,12 @@ def test_the_table_is_found_beside_it(tmp_path: Path, table: str) -> None:
     path = write(tmp_path, force(), table=table)
     assert loads_tables(path) == (tmp_path / "grf.mot",)
     assert read_forces(path).plates[0].force[0, 1] == 700
+
+
+def test_a_table_of_each_force(tmp_path: Path) -> None:
+    path = write(tmp_path, force(source="grf.mot"), force("two", "calcn_l", "b", source="other.mot"), table="")
+    shutil.copy(tmp_path / "grf.mot", tmp_path / "other.mot")
+    assert len(loads_tables(path)) == 2 and read_forces(path).feet == {"one": "r", "two": "l"}
 
 
 @pytest.mark.parametrize(

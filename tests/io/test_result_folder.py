@@ -54,6 +54,18 @@ def names(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir())
 
 
+def test_new_then_replaced(tmp_path: Path) -> None:
+    target = tmp_path / "deep" / "out"
+    write_result(target, "one")
+    (target / "motion" / ".DS_Store").touch()
+    write_result(target, "two")
+    assert result(target) == "two"
+    assert names(target) == ["manifest.json", "motion"]
+    assert names(target.parent) == ["out"]
+    (tmp_path / "plain").mkdir()
+    assert target.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
 # ------------------------------------------------------------------------------------------- whole, or not at all
 
 

@@ -39,6 +39,12 @@ def test_quoted_names_columns_in_any_order_and_foreign_line_ends(tmp_path: Path)
     np.testing.assert_array_equal(recording.markers[0], [[1, 2, 3], [4, 5, 6]])
 
 
+def test_repeated_columns_are_further_markers(tmp_path: Path) -> None:
+    recording = read_recording(write(tmp_path, "time,A_x,A_y,A_z,A_x,A_y,A_z\n0,1,2,3,4,5,6\n"))
+    assert recording.labels == ("A", "A#2")
+    np.testing.assert_array_equal(recording.markers[0, 1], [4, 5, 6])
+
+
 @pytest.mark.parametrize(
     "text, message",
     [
@@ -60,12 +66,6 @@ def test_faults(tmp_path: Path, text: str, message: str) -> None:
         read_recording(write(tmp_path, text))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_forces(tmp_path: Path) -> None:
-    (plate,) = read_forces(write(tmp_path, FORCES + "\n0,1,700,3,4,5,6,7,8,9\n")).plates
-    assert plate.name == "1"
-    assert np.hstack([plate.force, plate.point, plate.moment])[0].tolist() == [1, 700, 3, 4, 5, 6, 7, 8, 9]
 
 
 @pytest.mark.parametrize(

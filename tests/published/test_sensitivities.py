@@ -1,11 +1,12 @@
 """Sensitivities: p values, trials of another length, absorbed noise; draws stopped early, other centres."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from gaitcal.model.linkage import LEGS
+from gaitcal.model.linkage import COORDINATES, LEGS
 from gaitcal.model.parameters import gait_parameters
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.case import MonteCarloCase, nominal_case
@@ -37,11 +38,13 @@ from gaitcal.published.noise_sensitivity import (
     Absorbed,
     LengthDraws,
     Place,
+    absorbed,
     absorbed_claims,
     absorbed_squares,
     any_motion_share,
     joint_p,
     low_p,
+    place,
     trial_length_claims,
     trial_length_rows,
     trial_lengths,
@@ -68,6 +71,15 @@ def test_p_of_a_further_draw_is_uniform_whatever_the_distribution() -> None:
     assert ((counts - expected) ** 2 / expected).sum() < 60.0
 
 
+def test_a_figure_against_the_correlation_is_no_ordinary_draw() -> None:
+    rng = np.random.default_rng(2)
+    common = rng.normal(size=(100, 1))
+    draws = np.exp(common + 0.1 * rng.normal(size=(100, 3)))
+    assert joint_p(draws, np.exp([1.0, 1.0, 1.0])) > 0.1
+    assert joint_p(draws, np.exp([1.0, 1.0, -1.0])) == pytest.approx(1 / 101)
+    assert joint_p(draws, np.ones(3)) > 0.9
+
+
 def test_too_few_draws_tell_nothing() -> None:
     rng = np.random.default_rng(4)
     assert np.isnan(joint_p(rng.lognormal(size=(19, 3)), np.full(3, 1e6)))
@@ -86,6 +98,15 @@ def test_a_rank_sum_is_low_where_every_figure_is() -> None:
     assert low_p(draws, np.full(7, np.exp(1.0))) > 0.98
     ps = [low_p(*np.split(rng.lognormal(size=(40, 5)), [39])) for _ in range(2000)]
     assert np.mean(np.array(ps) <= 0.1) == pytest.approx(0.1, abs=0.03)
+
+
+@pytest.mark.parametrize(("test", "size"), [(joint_p, 1.2), (low_p, 0.8)])
+def test_the_error_is_that_of_other_draws(test: Callable[[Array, Array], float], size: float) -> None:
+    rng = np.random.default_rng(6)
+    printed = np.exp(-np.full(5, size))
+    places = [place(test, rng.lognormal(size=(120, 5)), printed) for _ in range(25)]
+    scatter = np.std([found.p for found in places])
+    assert 0.5 < np.mean([found.error for found in places]) / scatter < 2.0
 
 
 @pytest.fixture(scope="module")
@@ -166,6 +187,16 @@ def test_a_dense_projection_gives_the_same(free: tuple[str, ...]) -> None:
         any_motion_share(problem, true_model().parameters, coefficients)
         == len(problem.chain.coordinates) / noise[..., 0].size
     )
+
+
+def test_coordinates_absorb_at_most_their_part_of_the_marker_coordinates() -> None:
+    found = absorbed("full leg", 0, draws=40)
+    assert found.any_motion == pytest.approx(len(COORDINATES) / 123)
+    assert found.motion <= found.any_motion + 3 * found.standard_error
+    assert found.motion < found.whole < found.motion + 0.05
+    # 20 nodes follow half a second of noise below 4 Hz, but not six seconds
+    assert found.motion > 0.9 * found.any_motion
+    assert absorbed("hip", 0, draws=5).motion < 0.6 * found.any_motion
 
 
 def test_a_fit_leaves_what_is_told() -> None:
@@ -327,6 +358,13 @@ def test_the_sum_stays_and_the_centres_meet() -> None:
     np.testing.assert_allclose(per_newton[:, 0], per_newton[:, 1], atol=1e-9)
     again = with_shared_centre(replace(case, wrench=shared)).wrench
     np.testing.assert_allclose(again, shared, atol=1e-9)
+
+
+def test_a_frame_without_ground_is_divided_evenly() -> None:
+    case = nominal_case()
+    wrench = case.wrench.copy()
+    wrench[5] = 0.0
+    assert not with_shared_centre(replace(case, wrench=wrench)).wrench[5].any()
 
 
 def _centres(change: float, scatter: float = 0.0) -> PressureCentres:

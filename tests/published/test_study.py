@@ -268,6 +268,11 @@ def test_who_kills_every_process_is_given_up_and_the_others_go_on() -> None:
     assert sorted(map(str, found)) == ["0", "1", "2: ended by SIGKILL, 3 times", "3", "4"]
 
 
+def test_processes_are_replaced() -> None:
+    found = list(LocalProcesses(1, each=2).run(process, range(6), no_loss))
+    assert len(set(found)) == 3
+
+
 def test_what_costs_no_work_makes_no_process_old() -> None:
     found = list(LocalProcesses(1, each=2, ages=lambda result: 0).run(process, range(6), no_loss))
     assert len(set(found)) == 1

@@ -177,19 +177,6 @@ def test_of_two_statics_the_one_that_shows_more_gives_the_model(tmp_path: Path) 
     assert [t.name for t in made.trials] == ["static_cal", "a_static", "walk"]
 
 
-def test_labels_spelt_otherwise_are_renamed(tmp_path: Path) -> None:
-    def spelt(label: str) -> str:
-        return label.replace(".", "_")
-
-    files = {name: replace(r, labels=tuple(map(spelt, r.labels))) for name, r in recordings().items()}
-    folder = write(tmp_path / "person", files)
-    made = draft(folder)
-    assert made.choice is not None and made.choice.rename["R_ASIS"] == "R.ASIS"
-    study = study_of(made)
-    assert set(study.static.recording.labels) == set(recordings()["static"].labels)
-    assert not any(trial.certain is False for trial in made.trials)
-
-
 def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
     files = recordings()
     write(tmp_path / "person/standing", {"static": files["static"]})
@@ -201,6 +188,18 @@ def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
     assert 'file = "moving/' in draft_text(made, tmp_path / "person")
     write_trc(tmp_path / "person/moving/other.trc", other_person(files["walk"], 1.2))
     assert "folders in it do: moving (2), standing (1)" in draft(tmp_path / "person").fault
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [({}, "is empty"), ({"a.png": b"x", "notes.txt": b"hello"}, "holds 2 files, but no recording")],
+)
+def test_folders_that_nobody_understands(tmp_path: Path, content: dict[str, bytes], words: str) -> None:
+    for name, data in content.items():
+        (tmp_path / name).write_bytes(data)
+    made = draft(tmp_path)
+    assert words in made.fault
+    assert len(made.seen) == len(content)
 
 
 def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:

@@ -36,6 +36,11 @@ def test_measured_markers_of_opencap_are_not_its_video_points() -> None:
     assert "RKnee" in best.clashes
 
 
+def test_own_set_before_a_built_in_one() -> None:
+    own = load_marker_set("rcnl")
+    assert choose_set([own.labels], [("here/own.toml", own)])[0].entry == "here/own.toml"
+
+
 def test_files_of_two_protocols_are_kept_apart() -> None:
     one, other = load_marker_set("rcnl").labels, load_marker_set("conventional73").labels
     best, second = choose_set([one, other, one])[:2]

@@ -28,6 +28,11 @@ def test_the_user_before_the_static_before_the_others() -> None:
     assert said["mass_kg"].value == 75.0 and "but static 70 kg" in said["mass_kg"].reason
 
 
+def test_lengths_that_the_clinic_measured_are_drafted() -> None:
+    found = person_of("x", Options(), [("static", Facts(asis_distance=0.245, marker_diameter=0.014))], None)
+    assert (found["asis_distance_mm"].value, found["marker_diameter_mm"].value) == (245.0, 14.0)
+
+
 def test_plates_weigh_where_no_file_says_and_contradict_where_one_does() -> None:
     weighed_here = person_of("x", Options(), [("static", Facts())], ("static", 66.04))
     assert weighed_here["mass_kg"].value == 66.0 and not weighed_here["mass_kg"].certain

@@ -81,6 +81,11 @@ def test_reads_everything_and_resolves_paths_from_its_own_folder(
     assert study.calibration.force_filter_hz == 50.0
 
 
+def test_byte_order_mark_windows_line_ends_and_no_calibration(folder: Path) -> None:
+    text = STUDY.split("[calibration]")[0].replace("\n", "\r\n")
+    assert load(folder, b"\xef\xbb\xbf" + text.encode()).calibration == CalibrationSettings()
+
+
 def test_own_marker_set_is_a_path(folder: Path) -> None:
     assert load(folder, STUDY).markers.set_path is None
     own = load(folder, STUDY.replace('"gait2354"', '"./own_set.toml"'))
@@ -94,17 +99,6 @@ def test_written_study_is_read_back_the_same(folder: Path, relative: bool) -> No
     text = study.to_toml(folder if relative else None)
     assert load(folder, text) == study
     assert (str(folder) in text) is not relative
-
-
-def test_plate_errors_are_an_inline_table_that_is_written_and_read_back(folder: Path) -> None:
-    study = load(folder, STUDY.replace("nodes = 20", "plate_error = { place_mm = 0, clock_ms = 1.5 }"))
-    plates = study.calibration.plate_error
-    assert (plates.place_mm, plates.turn_deg, plates.gain_percent, plates.clock_ms) == (0.0, 1.0, 1.0, 1.5)
-    assert load(folder, study.to_toml(folder)) == study
-    line = message(folder, STUDY.replace("nodes = 20", "plate_error = { place_mm = -1 }"))
-    assert "calibration.plate_error.place_mm" in line and "found -1" in line
-    line = message(folder, STUDY.replace("nodes = 20", "plate_error = { place = 1 }"))
-    assert "calibration.plate_error" in line and "'place_mm'" in line
 
 
 def test_a_study_made_in_python_is_written_and_read_back(folder: Path) -> None:

@@ -52,11 +52,11 @@ def test_the_study_comes_first() -> None:
     assert subject.marker_diameter == pytest.approx(0.009)
 
 
-def test_the_session_is_what_the_study_says() -> None:
-    assert subject_of(TABLE, []).session == ""
-    assert subject_of(TABLE.model_copy(update={"session": "2026-03-01"}), []).session == "2026-03-01"
-    with pytest.raises(ValidationError, match="allowed: up to 200 printable characters"):
-        SubjectTable(**{**TABLE.model_dump(), "session": "a\nb"})
+def test_the_distance_between_the_asis() -> None:
+    files = [told(name="P1"), told(name="P1", asis_distance=0.245)]
+    assert subject_of(TABLE, files).asis_distance == 0.245
+    said = TABLE.model_copy(update={"asis_distance_mm": 230.0})
+    assert subject_of(said, files).asis_distance == pytest.approx(0.230)
 
 
 def test_dates_come_from_the_study_else_from_the_files_and_give_the_age() -> None:
