@@ -21,13 +21,39 @@ from tests.kept import copied_person
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    "demo example init check calibrate cohort dynamics convert synthesize montecarlo reproduce export figures "
-    "view report"
-).split()
+    "demo",
+    "example",
+    "init",
+    "check",
+    "calibrate",
+    "cohort",
+    "dynamics",
+    "convert",
+    "synthesize",
+    "montecarlo",
+    "reproduce",
+    "export",
+    "figures",
+    "view",
+    "report",
+)
 FILES = (
-    "summary.json parameters.csv model.toml model.osim model.urdf model.xml motion/walk.mot motion/walk.csv "
-    "moments/walk.sto moments/walk.csv marker_errors/walk.csv result.html page.json scene.npz manifest.json"
-).split()
+    "summary.json",
+    "parameters.csv",
+    "model.toml",
+    "model.osim",
+    "model.urdf",
+    "model.xml",
+    "motion/walk.mot",
+    "motion/walk.csv",
+    "moments/walk.sto",
+    "moments/walk.csv",
+    "marker_errors/walk.csv",
+    "result.html",
+    "page.json",
+    "scene.npz",
+    "manifest.json",
+)
 
 
 def test_help_shows_the_commands_in_order() -> None:
