@@ -43,7 +43,7 @@ ROLLS = 1e-3  # m; a joint that leaves the hinge nearest to it by more is told: 
 
 
 @dataclass(frozen=True, kw_only=True)
-class OurTrial:
+class OurMotion:
     """One moving trial as our model has it."""
 
     name: str
@@ -92,7 +92,7 @@ class MotionComparison:
     notes: tuple[str, ...]  # What explains differences, a sentence each
 
 
-def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurTrial]) -> MotionComparison:
+def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurMotion]) -> MotionComparison:
     """Run OpenSim's inverse kinematics and, where there are forces, inverse dynamics of every trial.
 
     Raises InputError: OpenSim is not installed, or cannot use the model; or the model shares too few markers.
@@ -158,7 +158,7 @@ def _of_opensim(
     peer: PeerModel,
     legs: Sequence[LegJoint],
     model: SubjectModel,
-    trial: OurTrial,
+    trial: OurMotion,
     folder: Path,
 ) -> tuple[dict[str, Array], dict[str, Array], float]:
     """Coordinate -> (nf,) rad (m), and N·m in frames with forces, else NaN; and by how much markers are missed, m."""
@@ -212,7 +212,7 @@ def _of_opensim(
 
 
 def _moments(
-    opensim: Any, loaded: Any, legs: Sequence[LegJoint], trial: OurTrial, folder: Path, motion: StorageTable
+    opensim: Any, loaded: Any, legs: Sequence[LegJoint], trial: OurMotion, folder: Path, motion: StorageTable
 ) -> dict[str, Array]:
     """Coordinate -> (nf,) N·m, NaN where there are no forces."""
     (folder / "motion.mot").write_text(motion.text("Coordinates"), encoding="utf-8")
