@@ -72,7 +72,8 @@ class Feet:
                 self.seen[:, k] = np.isfinite(heel).all(axis=1) & np.isfinite(toe).all(axis=1)
         points = np.concatenate([self.heel, self.toe], axis=1)
         velocity = np.gradient(points, self.time, axis=0)
-        speed = np.linalg.norm(velocity - np.tile(belts(points, velocity), (2, 1)), axis=2)
+        self.belts = belts(points, velocity)
+        speed = np.linalg.norm(velocity - np.tile(self.belts, (2, 1)), axis=2)
         self.heel_speed, self.toe_speed = speed[:, :2], speed[:, 2:]
         self.resting: BoolArray = np.fmin(self.heel_speed, self.toe_speed) < RESTING
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
@@ -117,8 +118,7 @@ def feet_of(trial: MarkerEvidence) -> Feet | None:
     """The feet of a gait trial; None in another, or where no foot is seen."""
     if not trial.is_gait or len(trial.recording.time) < 3:
         return None
-    feet = Feet(trial)
-    return feet if feet.seen.any() else None
+    return feet if (feet := Feet(trial)).seen.any() else None
 
 
 @remembered
@@ -253,13 +253,11 @@ def _clocks(trial: MarkerEvidence, feet: Feet, steps: Sequence[Step]) -> Iterato
     late: list[float] = []
     for step in steps:
         loaded, frames = step.frames, len(feet.time)
-        common = {
-            (run.start, run.stop): min(run.stop, loaded.stop) - max(run.start, loaded.start)
-            for run in runs(feet.resting[:, step.foot])
-        }
-        start, stop = max(common, key=lambda run: common[run], default=(0, 0))
-        if common.get((start, stop), 0) <= 0:
+        down = runs(feet.resting[:, step.foot])
+        common = [min(run.stop, loaded.stop) - max(run.start, loaded.start) for run in down]
+        if max(common, default=0) <= 0:
             continue
+        start, stop = (run := down[int(np.argmax(common))]).start, run.stop
         if start > 0 and loaded.start > 0:
             late.append(float(feet.time[loaded.start] - feet.time[start]))
         if stop < frames and loaded.stop < frames:

@@ -25,7 +25,9 @@ from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import SITTING_DEG
 from gaitcal.errors import InputError
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
+from gaitcal.faults.foot_on_plate import feet_of
 from gaitcal.findings import Finding, Severity, listed
+from gaitcal.io.axes import PROGRESSION_M
 from gaitcal.io.still import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.body_plan import body_axes
@@ -123,10 +125,8 @@ def length(trial: MarkerEvidence) -> Iterator[Finding]:
     if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
         return
     if len(time) == 1:  # landmarks of one moment: however the person moves, nothing blurs them
-        found = (
-            "one frame is the whole static trial: noise of the cameras is not averaged, some tenths of a millimetre "
-        )
-        found += "beside the 5 to 10 mm of palpation; whether the person stood still cannot be told"
+        found = "one frame is the whole static trial: noise of the cameras is not averaged, some tenths of a "
+        found += "millimetre beside the 5 to 10 mm of palpation; whether the person stood still cannot be told"
         yield trial.info("still window", found, code=Code.SHORT_STATIC)
         return
     yield trial.warning(
@@ -158,21 +158,25 @@ def stillness(trial: MarkerEvidence) -> Iterator[Finding]:
 
 
 def heading(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Whether the person goes where the pelvis faces, and is not carried along sideways."""
+    """Whether the person goes where the pelvis faces, over the floor or a belt, and is not carried along sideways."""
     if trial.facing is None or not trial.is_gait:
         return
-    length = float(np.linalg.norm(trial.way))
+    way, over = trial.way, ""
     if trial.on_the_spot:
-        found = f"the body moves {length:.2f} m (treadmill?): x is where the pelvis faces"
+        found = f"the body moves {np.linalg.norm(way):.2f} m (treadmill?): x is where the pelvis faces"
         yield trial.info("heading", found, code=Code.ON_THE_SPOT)
+        if (feet := feet_of(trial)) is not None:
+            way, over = way - np.ptp(trial.recording.time) * feet.belts.mean(axis=0)[[0, 2]], " over the belt"
+    if (length := float(np.linalg.norm(way))) < PROGRESSION_M:
         return
-    cosine = float(trial.facing @ trial.way) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
+    cosine = float(trial.facing @ way) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
     angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
     if angle > ALONG_DEG:
         yield trial.warning(
             "heading",
-            f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves",
-            "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or sides)",
+            f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves{over}",
+            "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or "
+            "sides), or time runs backwards",
             code=Code.HEADING,
         )
 
