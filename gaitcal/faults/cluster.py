@@ -29,7 +29,6 @@ from gaitcal.model.chain import Chain, forward, segment_poses
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, across, lower_body, sign
 from gaitcal.model.subject_model import SubjectModel
@@ -115,11 +114,8 @@ class Stance:
         above = {"hip": ("hip", "pelvis"), "knee": ("knee", "thigh"), "ankle": ("talocrural", "shank")}
         for name, (joint, part) in above.items():
             for side in SIDES:
-                segment, local = part if part == "pelvis" else f"{part}_{side}", np.zeros(3)
-                for p in JOINT_PARAMETERS:
-                    if (p.joint, p.segment, p.kind) == (f"{joint}_{side}", segment, Kind.POSITION):
-                        local[p.axis] = parameters.joint[JP_INDEX[p.name]]
-                centres[f"{name}_{side}"] = frames[segment].point(local)
+                segment = part if part == "pelvis" else f"{part}_{side}"
+                centres[f"{name}_{side}"] = frames[segment].point(parameters.centre(f"{joint}_{side}", segment))
         return cls(
             points=points,
             centres=centres,

@@ -324,8 +324,8 @@ def _scale_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
     nominal, motions = calibration.nominal, []
     for trial, loads in _loaded(calibration):
         body, forces = trial.body, loads.reactions
-        state = {"q": body.q, "velocity": body.velocity, "acceleration": body.acceleration}
-        motions.append(LoadedMotion(name=trial.name, **state, wrench=forces.wrench, valid=forces.valid))
+        state = body.q, body.velocity, body.acceleration
+        motions.append(LoadedMotion(state=state, wrench=forces.wrench, valid=forces.valid))
     for scale, (_, divisor) in SCALES.items() if motions else ():
         parameters, width = calibration.model.parameters, pelvis_width(nominal)
         equations = equations_of(motions, parameters, nominal.subject, scale, width)
