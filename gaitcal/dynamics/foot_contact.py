@@ -392,10 +392,10 @@ def _away(wrench: Array, stretch: slice, feet: FootPoints, foot: int) -> Array:
 
 
 def distance_to_line(point: Array, a: Array, b: Array) -> Array:
-    """(n,) m, from points (n, 2) to the stretches from a to b (n, 2)."""
+    """(...) m, from points (..., k) to the stretches from a to b (..., k)."""
     along = b - a
-    t = np.clip(np.sum((point - a) * along, axis=1) / np.maximum(np.sum(along * along, axis=1), 1e-12), 0.0, 1.0)
-    return np.linalg.norm(a + t[:, None] * along - point, axis=1)
+    t = np.clip(np.sum((point - a) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-12), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(a + t[..., None] * along - point, axis=-1))
 
 
 def _under_neither(plate: ForcePlate, span: str, seat: bool) -> Finding:

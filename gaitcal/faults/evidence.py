@@ -20,7 +20,7 @@ from gaitcal.model.linkage import joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.rebuilt_markers import Outlier, Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.motion.rigid import RigidFit, rigid_fit
+from gaitcal.motion.rigid import RigidFit, segment_fit
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial
 
@@ -254,14 +254,7 @@ class MarkerEvidence:
     @cached_property
     def pelvis(self) -> RigidFit | None:
         """Rigid fit of the pelvis markers; None with fewer than three, or where they never show its turn."""
-        labels, local = self.templates.get("pelvis", ((), np.empty((0, 3))))
-        if len(labels) < 3:
-            return None
-        columns = [self.place[label] for label in labels]
-        measured = self.recording.markers[:, columns].transpose(1, 2, 0)
-        seen = self.seen[:, columns].T
-        fit = rigid_fit(local, np.where(seen[:, None], measured, 0.0), seen.astype(float))
-        return fit if fit.determined.any() else None
+        return None if self.model is None else segment_fit(self.model.markers, "pelvis", self.recording)
 
     @cached_property
     def way(self) -> Array:

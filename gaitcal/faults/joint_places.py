@@ -177,7 +177,8 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
 
 
 def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
-    gap, nominal = (1e3 * _distance(p, "hip_r.pelvis", "hip_l.pelvis") for p in (fitted, model.nominal))
+    hips = [[p.centre(f"hip_{side}", "pelvis") for side in SIDES] for p in (fitted, model.nominal)]
+    gap, nominal = (1e3 * float(np.linalg.norm(right - left)) for right, left in hips)
     deviation, error = (1e3 * float(np.sqrt(of[0, 0])) for of in (place.scatter, place.error))
     others = f"{'further apart' if place.offset[0] > 0 else 'nearer together'} than"
     return Finding(
@@ -212,12 +213,6 @@ def _odds(probability: float) -> str:
     if probability < 1e-6:
         return "fewer than 1 person in a million lie"
     return f"1 person in {float(f'{1 / probability:.1g}'):.0f} lies"
-
-
-def _distance(parameters: Parameters, one: str, other: str) -> float:
-    """M between two centres."""
-    ends = [[JP_INDEX[f"{name}.{way}"] for way in _WAYS] for name in (one, other)]
-    return float(np.linalg.norm(parameters.joint[ends[0]] - parameters.joint[ends[1]]))
 
 
 def _size(name: str, value: float) -> float:

@@ -30,6 +30,7 @@ from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.joint_link import CHAIN, angle_of
 from gaitcal.faults.static_consistency import contradictions_in
 from gaitcal.findings import STUDY, Finding, Severity, listed
+from gaitcal.model.linkage import of_side
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.segment_frames import rigid_motions
 from gaitcal.study.study import Study
@@ -120,7 +121,7 @@ def _local(trial: MarkerEvidence, segment: str, labels: Sequence[str]) -> Array 
     points, paths = list[Array](), list[Array]()
     for joint, pair in joints:
         other = pair[1 - pair.index(part)]
-        neighbour = trial.clusters.get(other if other == "pelvis" else f"{other}_{side}")
+        neighbour = trial.clusters.get(of_side(other, side))
         if neighbour is None or neighbour.borrowed:
             return None
         ends = (axis, -axis) if joint.startswith("knee") else (0.0 * axis,)

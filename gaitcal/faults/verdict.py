@@ -243,7 +243,7 @@ def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
     groups: dict[tuple[str, str], list[Finding]] = {}
     for f in findings:
         if f.severity is not Severity.INFO:
-            groups.setdefault((f.topic, f.cause or _without_numbers(f.found)), []).append(f)
+            groups.setdefault((f.topic, f.cause or re.sub(r"[\d.,+-]+", "#", f.found)), []).append(f)
     for group in groups.values():
         group.sort(key=_rank)
     return tuple(_reason(group) for group in sorted(groups.values(), key=lambda group: _rank(group[0])))
@@ -251,10 +251,6 @@ def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
 
 def _rank(finding: Finding) -> tuple[int, float]:
     return finding.severity.rank, -finding.weight
-
-
-def _without_numbers(text: str) -> str:
-    return re.sub(r"[\d.,+-]+", "#", text)
 
 
 def _reason(group: Sequence[Finding]) -> Reason:

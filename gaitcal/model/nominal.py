@@ -308,11 +308,7 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
     }
     for joint in JOINTS:
         if joint.name in CENTRE_OF:
-            centre = np.zeros(3)
-            for p in JOINT_PARAMETERS:
-                if (p.joint, p.segment, p.kind) == (joint.name, joint.parent, Kind.POSITION):
-                    centre[p.axis] = parameters.joint[JP_INDEX[p.name]]
-            landmarks[CENTRE_OF[joint.name]] = (joint.parent, centre)
+            landmarks[CENTRE_OF[joint.name]] = (joint.parent, parameters.centre(joint.name, joint.parent))
     return SubjectModel(
         subject=PUBLISHED,
         parameters=parameters,

@@ -245,6 +245,14 @@ class Parameters:
             return element.sign * float(self.joint[JP_INDEX[element.name]])
         return element.sign * float(self.zero_angles[ZERO_ANGLES.index(element.name)])
 
+    def centre(self, joint: str, segment: str) -> Array:
+        """(3,) m, a joint's centre in the frame of a segment beside it; zero along axes without a joint parameter."""
+        out = np.zeros(3)
+        for p in JOINT_PARAMETERS:
+            if (p.joint, p.segment, p.kind) == (joint, segment, Kind.POSITION):
+                out[p.axis] = self.joint[JP_INDEX[p.name]]
+        return out
+
     @property
     def mass(self) -> float:
         """Total mass, kg."""

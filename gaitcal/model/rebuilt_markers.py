@@ -43,7 +43,7 @@ from gaitcal.model.linkage import JOINTS, LOWER_BODY, segment_kind
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.point_noise import PointNoise
 from gaitcal.model.present_markers import path_of
-from gaitcal.model.segment_frames import HipCentre, hip_centre, off_line, pelvis_frame, rigid_motions
+from gaitcal.model.segment_frames import HipCentre, hip_centre, off_line, pelvis_frame, place_variance, rigid_motions
 
 FEWEST = 3  # points that tell how a segment is turned
 FLAT_M = 0.012  # RMS distance from their line that companions must have: the turn about a line is not told by less
@@ -191,7 +191,7 @@ def _attempt(
         companions=tuple(names),
         trial=trial,
         frames=len(frames),
-        uncertainty=float(np.sqrt(scatter + differs * _lever(at, place))),
+        uncertainty=float(np.sqrt(scatter + differs * place_variance(at, place))),
     )
 
 
@@ -224,14 +224,6 @@ def _carried(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
     rotation, origin = rigid_motions(at, ways[seen])
     out[seen] = rotation @ place + origin
     return out
-
-
-def _lever(points: Array, place: Array) -> float:
-    """1/n + trace([r] I^-1 [r]^T) / 3: variance of a place (3,) for one of every point (n, 3) that carries it."""
-    away, r = points - points.mean(axis=0), place - points.mean(axis=0)
-    inertia = np.eye(3) * (away**2).sum() - away.T @ away
-    cross = np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
-    return 1.0 / len(points) + float(np.trace(cross @ np.linalg.pinv(inertia) @ cross.T)) / 3.0
 
 
 def _joint_above(
