@@ -35,6 +35,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.joint_calibration import ending
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.parameters import (
     IP_NAMES,
@@ -46,6 +47,7 @@ from gaitcal.model.parameters import (
     table,
 )
 from gaitcal.model.subject_model import Subject
+from gaitcal.motion.motion import Motion
 
 RESEED_CHANGE = 1e-3
 """The published stop: RMS residuals change by less than 0.1 %."""
@@ -176,7 +178,6 @@ def root_equations(regressor: Array, ground: Array, weight: float, length: float
 class LoadedMotion:
     """A motion with ground reactions on the feet, for the frames that are valid."""
 
-    name: str
     q: Array
     """(nf, 27) m, rad."""
     velocity: Array
@@ -185,6 +186,12 @@ class LoadedMotion:
     """(nf, 2, 6) about the laboratory origin."""
     valid: BoolArray
     """(nf,)."""
+
+    @staticmethod
+    def of(motion: Motion, reactions: GroundReactions) -> LoadedMotion:
+        """A tracked motion, and the ground reactions on it."""
+        state = {"q": motion.q, "velocity": motion.velocity, "acceleration": motion.acceleration}
+        return LoadedMotion(**state, wrench=reactions.wrench, valid=reactions.valid)
 
 
 def torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float) -> float:

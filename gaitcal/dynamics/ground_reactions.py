@@ -307,20 +307,11 @@ def _seated(missing: Array, lying: BoolArray) -> BoolArray:
 
 def _seat(seated: BoolArray, time: Array) -> list[Finding]:
     """That a seat bears part of the body, and when."""
-    if not seated.any():
-        return []
-    return [
-        Finding(
-            severity=Severity.INFO,
-            topic="forces",
-            where="",
-            cause="a seat bears part of the body",
-            found=f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less than the "
-            "body weighs; where the seat pushes is not known, so that torques are not valid then",
-            cure="",
-            code=Code.SEATED,
-        )
-    ]
+    found = f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less than the "
+    found += "body weighs; where the seat pushes is not known, so that torques are not valid then"
+    cause, note = "a seat bears part of the body", Severity.INFO
+    seat = Finding(severity=note, topic="forces", cause=cause, found=found, code=Code.SEATED)
+    return [seat] if seated.any() else []
 
 
 def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Finding]:
@@ -339,7 +330,6 @@ def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Findi
         Finding(
             severity=Severity.WARNING,
             topic="forces",
-            where="",
             cause=CONTRADICTED,
             found=f"{spans(time, runs(apart), most=len(apart))}: it differs by up to {most:.0f} % of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
@@ -412,7 +402,6 @@ def _unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Fi
             Finding(
                 severity=Severity.WARNING if whole else Severity.INFO,
                 topic="markers",
-                where="",
                 cause=f"no marker of {', '.join(segments)} with weight is seen",
                 found=found,
                 cure="label them, or leave the trial out" if whole else "fill short gaps when labelling",

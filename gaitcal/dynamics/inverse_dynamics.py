@@ -25,7 +25,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray, IntArray, cross
+from gaitcal.arrays import Array, BoolArray, IntArray, cross, stretches
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model import linkage
@@ -232,7 +232,7 @@ class Dynamics:
         Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
         """
         parts = []
-        for part in _blocks(len(q)):
+        for part in stretches(len(q), BLOCK) or [slice(0)]:
             placed = self.placed(q[part])
             unloaded = placed.unloaded_forces(self.dynamic, v[part], a[part])[:, self._rows]
             parts.append(unloaded + self._of_ground(placed, wrenches[part, ..., None])[..., 0])
@@ -264,10 +264,6 @@ class Dynamics:
         """
         rows = self.placed(q).regressor(self._rows[:6], v, a)
         return root_wrench(q, rows.reshape(len(q), 6, -1)).reshape(rows.shape)
-
-
-def _blocks(frames: int) -> list[slice]:
-    return [slice(k, k + BLOCK) for k in range(0, max(frames, 1), BLOCK)]
 
 
 def paths(chain: Chain) -> tuple[Array, Array]:

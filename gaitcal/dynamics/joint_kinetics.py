@@ -47,7 +47,7 @@ from enum import Enum
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray, cross
+from gaitcal.arrays import Array, BoolArray, cross, stretches
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, PlacedLinkage
 from gaitcal.errors import nearest
 from gaitcal.model.chain import chain_of
@@ -246,11 +246,8 @@ def kinetics_of(parameters: Parameters, motion: Motion, wrenches: Array) -> Join
 def kinetic_values(parameters: Parameters, q: Array, v: Array, a: Array, wrenches: Array) -> tuple[Array, Array]:
     """(nf, 28) W and (nf, 3, 21) N·m at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6)."""
     forces = Dynamics(parameters, HELD).forces(q, v, a, wrenches)
-    moment = np.empty((len(q), len(VECTOR_FRAMES), len(COMPONENTS)))
-    for start in range(0, len(q), BLOCK):
-        part = slice(start, start + BLOCK)
-        moment[part] = _by_frame(moment_slopes(parameters, q[part], forces[part]).values)
-    return powers(forces[:, : len(COORDINATES)], v), moment
+    parts = [moment_slopes(parameters, q[part], forces[part]).values for part in stretches(len(q), BLOCK)]
+    return powers(forces[:, : len(COORDINATES)], v), _by_frame(np.concatenate(parts))
 
 
 @with_one_blas_thread

@@ -279,9 +279,7 @@ def _stand(fit: _Fit) -> str:
 
 
 def _warning(cause: str, found: str, cure: str, severity: Severity = Severity.WARNING) -> Finding:
-    return Finding(
-        severity=severity, topic="events", where="", cause=cause, found=found, cure=cure, code=Code.FILE_EVENTS
-    )
+    return Finding(severity=severity, topic="events", cause=cause, found=found, cure=cure, code=Code.FILE_EVENTS)
 
 
 def _info(cause: str, found: str) -> Finding:

@@ -185,21 +185,14 @@ RAISED = np.deg2rad(45.0)
 BENT = 1.5  # distance of the elbow marker from the line shoulder-wrist, in half elbow widths, for the plane to be used
 
 
-@dataclass(frozen=True)
-class ArmJoints:
-    """What the arms' frames alone do not tell of their joints."""
-
-    shoulder_turn: dict[str, float]  # side -> `shoulder.upperarm.trans`, rad
-    elbow_axis: dict[str, Array]  # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
-
-
 @dataclass(frozen=True, kw_only=True)
 class UpperBody:
     """Frames and joint centres of trunk and arms, laboratory."""
 
     frames: dict[str, Frame]
     centres: dict[str, Array]  # `sjc ejc wjc` of both sides, (3,) m
-    arms: ArmJoints
+    shoulder_turn: dict[str, float]  # side -> `shoulder.upperarm.trans`, rad
+    elbow_axis: dict[str, Array]  # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
     raised: tuple[str, ...]  # sides whose arm is raised sideways in the static trial
     frozen_segments: tuple[str, ...]
     notes: tuple[str, ...]
@@ -248,7 +241,8 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
     return UpperBody(
         frames=frames,
         centres=centres,
-        arms=ArmJoints(turn, axis),
+        shoulder_turn=turn,
+        elbow_axis=axis,
         raised=tuple(raised),
         frozen_segments=tuple(frozen),
         notes=tuple(notes),

@@ -74,9 +74,7 @@ def loaded(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> LoadedProblem
 
 def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
     q, v, a = (trial.problem.basis.evaluate(trial.coefficients, k) for k in range(3))
-    motion = LoadedMotion(
-        name="walk", q=q, velocity=v, acceleration=a, wrench=trial.reactions.wrench, valid=trial.reactions.valid
-    )
+    motion = LoadedMotion(q=q, velocity=v, acceleration=a, wrench=trial.reactions.wrench, valid=trial.reactions.valid)
     return equations_of([motion], parameters, SUBJECT, TorqueScale.BODY_HEIGHT, 0.2)
 
 

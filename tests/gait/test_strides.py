@@ -121,9 +121,8 @@ def numbers(by_cycle: bool) -> MomentNumbers:
 
 def test_peaks_of_a_moment_over_the_drawn_stride() -> None:
     knee = numbers(by_cycle=True)
-    assert knee.highest is not None and knee.lowest is not None
+    assert knee.highest is not None
     assert (knee.highest.value, knee.highest.at) == pytest.approx((1.0, 25.0))
-    assert (knee.lowest.value, knee.lowest.at) == pytest.approx((-1.0, 75.0))
     assert knee.highest.error == pytest.approx(4.0 / MASS)
     assert knee.highest.bwh == pytest.approx(100.0 / (9.81 * HEIGHT), rel=1e-3)
     against_time = numbers(by_cycle=False)
