@@ -20,8 +20,9 @@ derivatives; the squares of what the sources do sum to its variance.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -193,6 +194,18 @@ class MotionSensitivity(_NodeMoves):
             out[source] = found + _product_squares(by_unknown, self.shift[:, shared]).reshape(nf, m)
         return out
 
+    def whole_and_own(self, moved: Array) -> tuple[Array, Array]:
+        """(frames, m) variance by all sources together, and by the trial's own markers; `moved` as for `variances`."""
+        (nf, m, _), count = moved.shape, self.coefficients.shape[1]
+        by_own, by_unknown = moved[:, :, :count], moved[:, :, count:].reshape(nf * m, -1)
+        own = squares(by_own[:, :, [k for k, of in enumerate(self.own) if of is ErrorSource.MOTION]])
+        return squares(by_own) + _product_squares(by_unknown, self._root).reshape(nf, m), own
+
+    @cached_property
+    def _root(self) -> Array:
+        """(np, np or fewer) R with R R^T = shift shift^T, the covariance of the unknowns by all sources."""
+        return np.asarray(np.linalg.qr(self.shift.T, mode="r")).T
+
 
 def squares(moves: Array) -> Array:
     """(nf, m) variance from what independent sources (nf, m, k) make."""
@@ -332,8 +345,8 @@ def marker_moves(
 
 def coordinate_variances(
     problem: MotionProblem, moves: MotionSensitivity, more: Array | None = None
-) -> dict[ErrorSource, Array]:
-    """ErrorSource -> (nf, nq) m^2, rad^2: variance that it leaves in the coordinates of one whole-body trial.
+) -> tuple[Array, Array]:
+    """(nf, nq) m^2, rad^2: variances of the coordinates of one whole-body trial by all sources, and by its own markers.
 
     `more`: (nf, m, nq) m quantities' derivatives by coordinates; their variances follow, (nf, nq + m).
     """
@@ -343,20 +356,18 @@ def coordinate_variances(
         return found if more is None else np.concatenate([found, more[part] @ found], axis=1)
 
     basis = problem.basis
-    parts = [moves.variances(moved(part)) for part in stretches(len(basis.time), BLOCK)]
-    return {source: np.concatenate([part[source] for part in parts]) for source in parts[0]}
+    parts = [moves.whole_and_own(moved(part)) for part in stretches(len(basis.time), BLOCK)]
+    whole, own = (np.concatenate(of) for of in zip(*parts, strict=True))
+    return whole, own
 
 
 def coordinate_standard_errors(
-    problem: MotionProblem,
-    moves: MotionSensitivity,
-    turned: Array | None = None,
-    variances: Mapping[ErrorSource, Array] | None = None,
+    problem: MotionProblem, moves: MotionSensitivity, turned: Array | None = None, variances: Array | None = None
 ) -> Array:
     """(nf, nq) m, rad: standard errors of the coordinates of one whole-body trial.
 
     `turned`: (nf, nq) those that errors of the segments' axes make (`AxisErrors.coordinate_errors`); a coordinate that
-    no marker moves with is held at zero, and has none. `variances`: of `coordinate_variances`, where known already.
+    no marker moves with is held at zero, and has none. `variances`: by all sources, where known already.
     """
-    out: Array = np.sqrt(sum((variances or coordinate_variances(problem, moves)).values()))
+    out: Array = np.sqrt(coordinate_variances(problem, moves)[0] if variances is None else variances)
     return out if turned is None else np.hypot(out, np.where(problem.active, turned, 0.0))

@@ -20,6 +20,7 @@ what the trials do not tell stays where the prior holds it, with the prior's spr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -58,6 +59,7 @@ from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_pa
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior
 
 LEARNT = 0.9
@@ -336,14 +338,16 @@ def calibrate_by_evidence(
     ]
     free = free_of([t.fitted for t in legs], [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
     done, tissue = list[FittedPhase](), dict[str, SoftTissue]()
-    if free:
-        soft = task_tissue({t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal)
-        plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(soft)
-        found = fit_phase(plan, nominal, how)
-        errors, notes = _with_found_tissue(found), _tissue_notes(soft.scales, found.estimate)
-        done.append(replace(found, errors=errors, notes=notes))
-        tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
-    done += _trunk_and_arms(trials, nominal, how)
+    with ThreadPoolExecutor(1) as pool:
+        upper = pool.submit(with_one_blas_thread(_trunk_and_arms), trials, nominal, how)
+        if free:
+            soft = task_tissue({t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal)
+            plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(soft)
+            found = fit_phase(plan, nominal, how)
+            errors, notes = _with_found_tissue(found), _tissue_notes(soft.scales, found.estimate)
+            done.append(replace(found, errors=errors, notes=notes))
+            tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
+    done += upper.result()
     known = nominal_errors(prior=prior)
     return replace(_calibration_of(done, nominal, prior, bounds, known, [t.fitted for t in legs]), tissue=tissue)
 

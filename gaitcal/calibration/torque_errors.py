@@ -94,9 +94,8 @@ class ErringForces:
         )
         by_parameter = through @ slopes.by_parameter + kinetic.by_parameter
         every = self.moves.through(self.problem.basis, part, by_state, by_parameter)
-        of_torques, of_kinetics = slice(len(FORCES)), slice(len(FORCES), None)
-        torques, kinetics = (self.moves.variances(every[:, rows]) for rows in (of_torques, of_kinetics))
-        found = Variances(torques, np.asarray(sum(kinetics.values())), kinetics[ErrorSource.MOTION])
+        torques, kinetics = every[:, : len(FORCES)], every[:, len(FORCES) :]
+        found = Variances(self.moves.variances(torques), *self.moves.whole_and_own(kinetics))
         if self.inertial is not None:
             heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
             found.add(ErrorSource.INERTIA, squares(through @ heavier))

@@ -39,7 +39,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import lapack
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.codes import Code
@@ -242,6 +241,8 @@ def _pass(values: Array, warped: float) -> Array:
     right[1] -= a2 * values[0]
     band = np.empty((3, len(values)))
     band[:] = np.array([[1.0], [a1], [a2]])
+    from scipy.linalg import lapack  # only filters ask for it: the process that parses C3D files is ready sooner
+
     out: Array = lapack.dtbtrs(band, right, uplo="L")[0]
     return out
 

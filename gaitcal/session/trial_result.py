@@ -30,7 +30,7 @@ from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
 from gaitcal.codes import Code
-from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, ErrorSource, TorqueErrors
+from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import FEET, moments_of
@@ -106,9 +106,9 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
     if erring is None:
         return _without_torque_errors(trial, session, axes, moves)
     with ThreadPoolExecutor() as pool:  # products of large matrices, which let other threads compute meanwhile
-        parts = list(pool.map(with_one_blas_thread(erring.variances), erring.parts))
-    result = _without_torque_errors(trial, session, axes, moves)
-    return _with_torque_errors(result, joined(parts), session.model.subject.weight)
+        parts = pool.map(with_one_blas_thread(erring.variances), erring.parts)
+        result = _without_torque_errors(trial, session, axes, moves)
+    return _with_torque_errors(result, joined(list(parts)), session.model.subject.weight)
 
 
 def _without_torque_errors(
@@ -125,10 +125,8 @@ def _without_torque_errors(
     strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
     lines = stride_lines(strides, body.time)
     long_axes, by_coordinate = foot_axes(body, final, lines)
-    every = {} if moves is None else coordinate_variances(trial.body, moves, by_coordinate)
+    variances = None if moves is None else coordinate_variances(trial.body, moves, by_coordinate)
     count = body.q.shape[1]
-    variances = {source: of[:, :count] for source, of in every.items()}
-    of_feet = {source: of[:, count:] for source, of in every.items()}
     loads = None
     if reactions is not None:
         moments = {
@@ -153,10 +151,10 @@ def _without_torque_errors(
         body=body,
         loads=loads,
         coordinate_errors=None
-        if moves is None
-        else coordinate_standard_errors(trial.body, moves, axes.coordinate_errors(body.q), variances),
-        own_coordinate_errors=None if ErrorSource.MOTION not in variances else np.sqrt(variances[ErrorSource.MOTION]),
-        foot_axes=None if trial.joint else _foot_axes(long_axes, lines, of_feet, axes.segment_turns(body.q)),
+        if moves is None or variances is None
+        else coordinate_standard_errors(trial.body, moves, axes.coordinate_errors(body.q), variances[0][:, :count]),
+        own_coordinate_errors=None if variances is None else np.sqrt(variances[1][:, :count]),
+        foot_axes=None if trial.joint else _foot_axes(long_axes, lines, variances, axes.segment_turns(body.q)),
         held_out=trial.held_out,
         bandwidth=trial.bandwidth,
         events=events,
@@ -196,24 +194,23 @@ def _crouch_findings(trial: str, body: Motion, events: GaitEvents, *, activity: 
 
 
 def _foot_axes(
-    long_axes: Array, lines: Array, variances: Mapping[ErrorSource, Array], turned: Mapping[str, Array]
+    long_axes: Array, lines: Array, variances: tuple[Array, Array] | None, turned: Mapping[str, Array]
 ) -> FootAxes:
     """With errors: what markers leave, and by how much the foot's own axes may point elsewhere.
 
     `long_axes`: (nf, 2, 3).
     `lines`: (nf, 2) rad.
-    `variances`: source -> (nf, 2) rad^2; none: not known.
+    `variances`: rad^2, of the feet in the last columns, by all sources and by own markers; None: not known.
     `turned`: segment -> (nf, k, 3) rad.
     """
-    if not variances:
+    if variances is None:
         return FootAxes(long_axes)
     _, about = out_of_plane(long_axes, lines)
-    variance = np.asarray(sum(variances.values()))
+    variance, own = (of[:, -len(FEET) :].copy() for of in variances)
     for k, foot in enumerate(FEET):
         if foot in turned:
             variance[:, k] += np.square(np.einsum("fki,fi->fk", turned[foot], about[:, k])).sum(axis=1)
-    own = variances.get(ErrorSource.MOTION)
-    return FootAxes(long_axes, np.sqrt(variance), None if own is None else np.sqrt(own))
+    return FootAxes(long_axes, np.sqrt(variance), np.sqrt(own))
 
 
 def axis_deviations(
