@@ -82,18 +82,6 @@ class Moments:
     bwh: float
     """Body weight times height, N·m."""
 
-    def percent_bwh(self, coordinate: str) -> Array:
-        """(nf,) torque of a coordinate in percent of body weight times height.
-
-        Raises
-        ------
-        ValueError
-            The coordinate is a translation of the pelvis (a force), or none of the 27.
-        """
-        if linkage.is_translation(coordinate):
-            raise ValueError(f"'{coordinate}' is a force, not a torque")
-        return 100.0 * self.tau[:, self.coordinates.index(coordinate)] / self.bwh
-
     def residual_rms(self, valid: BoolArray) -> tuple[float, float]:
         """RMS pelvis residual over valid frames and three components: force (N), torque about the pelvis (N·m)."""
         force, moment = (np.sqrt(np.mean(r[valid] ** 2)) for r in (self.residual_force, self.residual_moment))

@@ -37,7 +37,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, seen_mask, seen_means
 from gaitcal.io.still import runs, spans, still_window
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, segment_kind
 from gaitcal.model.marker_set import MarkerSet
@@ -111,7 +111,8 @@ def rebuild_lost(
     except InputError:
         return Rebuilding(static=static)  # told where the model is made
     sources = [(name, static), *others]
-    standing, known = _means(static, window), set(marker_set.labels)
+    standing = seen_means({label: static.markers[window, k] for k, label in enumerate(static.labels)})
+    known = set(marker_set.labels)
     found, left = list[RebuiltMarker](), dict[str, str]()
     for label in _wanted(marker_set):
         showing = [(trial, recording) for trial, recording in sources if _shows(recording, label)]
@@ -149,13 +150,6 @@ def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:
 
 def _shows(recording: Recording, label: str) -> bool:
     return label in recording.labels and bool(np.isfinite(path_of(recording, label)).any())
-
-
-def _means(recording: Recording, window: slice) -> dict[str, Array]:
-    """Label -> (3,) m, mean over the window, of the markers seen there."""
-    seen = seen_mask(recording.markers[window])
-    tracks = {label: recording.markers[window, k][seen[:, k]] for k, label in enumerate(recording.labels)}
-    return {label: track.mean(axis=0) for label, track in tracks.items() if len(track)}
 
 
 def _attempt(
