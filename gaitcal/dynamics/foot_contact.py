@@ -85,8 +85,8 @@ def belts(points: Array, velocity: Array) -> Array:
     if set(lowest % len(SIDES)) != set(range(len(SIDES))):
         return out
     under = velocity[whole, lowest]
-    own = np.array([np.median(under[lowest % len(SIDES) == foot], axis=0) for foot in range(len(SIDES))])
-    return own if np.linalg.norm(own[0] - own[1]) > 2.0 * SLOWEST_BELT else out
+    by_foot = np.array([np.median(under[lowest % len(SIDES) == foot], axis=0) for foot in range(len(SIDES))])
+    return by_foot if np.linalg.norm(by_foot[0] - by_foot[1]) > 2.0 * SLOWEST_BELT else out
 
 
 def ground_velocity(points: Array, velocity: Array) -> Array:

@@ -377,9 +377,9 @@ def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
     out: dict[str, BoolArray] = {}
     for segment in LEG_SEGMENTS:
         weighted = (names == segment) & (errors.weight > 0)
-        seen = np.isfinite(errors.distance[:, weighted]).any(axis=1)
-        if not seen.all():
-            out[segment] = np.asarray(~seen)
+        visible = np.isfinite(errors.distance[:, weighted]).any(axis=1)
+        if not visible.all():
+            out[segment] = np.asarray(~visible)
     return out
 
 

@@ -127,8 +127,8 @@ def _stretches(distance: Array, baseline: float, limit: float) -> Iterator[slice
     for run in runs(excess > limit, SHORTEST_FRAMES):
         peak = float(excess[run].max())
         ends = [abs(excess[e] - excess[e - 1]) for e in (run.start, run.stop) if 0 < e < len(excess)]
-        seen = [np.isfinite(distance[e - 1 : e + 1]).all() for e in (run.start, run.stop) if 0 < e < len(excess)]
-        if any(jump > JUMP * peak and known for jump, known in zip(ends, seen, strict=True)):
+        known_ends = [np.isfinite(distance[e - 1 : e + 1]).all() for e in (run.start, run.stop) if 0 < e < len(excess)]
+        if any(jump > JUMP * peak and known for jump, known in zip(ends, known_ends, strict=True)):
             yield run
 
 
@@ -286,8 +286,8 @@ def _angles(motion: Motion, side: str) -> Iterator[_Broken]:
             yield _Broken(f"{coordinate} {worst:.0f} deg (allowed: {low:.0f} to {high:.0f})", times, beyond)
         limit = SPEEDS_DEG_S[name]
         if (speed > limit).any():
-            words = f"{coordinate} changes by {speed.max():.0f} deg/s (allowed: {limit:.0f})"
-            yield _Broken(words, float(speed.max()) / limit, speed > limit)
+            message = f"{coordinate} changes by {speed.max():.0f} deg/s (allowed: {limit:.0f})"
+            yield _Broken(message, float(speed.max()) / limit, speed > limit)
 
 
 def _torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Broken]:

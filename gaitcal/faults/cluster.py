@@ -277,13 +277,13 @@ def clusters_of(
 
 def _fitted(static: Array, paths: Array) -> tuple[Array, RigidFit, Array] | None:
     """Shape, motion and ways away of points with paths (nf, n, 3); None where no frame shows three of them."""
-    seen = seen_mask(paths)
-    enough = np.flatnonzero(seen.sum(axis=1) >= FEWEST)
+    visible = seen_mask(paths)
+    enough = np.flatnonzero(visible.sum(axis=1) >= FEWEST)
     if len(enough) < min(SEEN_FRAMES, len(paths)):
         return None
     some = enough[:: max(1, len(enough) // MOST_FRAMES)]
-    measured, weight = np.where(seen[:, :, None], paths, 0.0).transpose(1, 2, 0), seen.T.astype(float)
-    shape = _mean_shape(static, paths[some], seen[some], measured[:, :, some], weight[:, some])
+    measured, weight = np.where(visible[:, :, None], paths, 0.0).transpose(1, 2, 0), visible.T.astype(float)
+    shape = _mean_shape(static, paths[some], visible[some], measured[:, :, some], weight[:, some])
     if shape is None:
         return None
     turn, shift = alignment(shape, static)

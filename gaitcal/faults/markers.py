@@ -201,13 +201,13 @@ def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
     """Segments of the legs, and others that the model tracks, that show no marker with weight in a trial."""
     if not trial.is_whole_body or trial.model is None:
         return
-    seen = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
+    visible = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
     markers = trial.model.markers
     wanted: dict[str, list[str]] = {segment: [] for segment in LEG_SEGMENTS}
     for label, segment, weight in zip(markers.labels, markers.segments, markers.weight, strict=True):
         if weight > 0:
             wanted.setdefault(segment, []).append(label)
-    bare = [segment for segment, labels in wanted.items() if seen.isdisjoint(labels)]
+    bare = [segment for segment, labels in wanted.items() if visible.isdisjoint(labels)]
     if bare:
         sides = {segment[-1] for segment in bare if segment in LEG_SEGMENTS}
         torques = f"; no torque{' of this leg' if len(sides) == 1 else ''} is valid" if sides else ""
@@ -252,13 +252,13 @@ def _pelvis_lost(trial: MarkerEvidence) -> Iterator[Finding]:
         return
     lost = ~trial.pelvis.determined
     share = float(np.mean(lost))
-    words = f"fewer than three pelvis markers in {100 * share:.0f} % of the frames"
+    message = f"fewer than three pelvis markers in {100 * share:.0f} % of the frames"
     if share > HALF:
-        words += f" ({spans(trial.recording.time, runs(lost))})"
-        yield trial.warning("gaps", words, cure, code=Code.PELVIS_LOST)
+        message += f" ({spans(trial.recording.time, runs(lost))})"
+        yield trial.warning("gaps", message, cure, code=Code.PELVIS_LOST)
     else:
-        words += f", never for longer than {BRIDGED_S:g} s: these are bridged"
-        yield trial.info("gaps", words, code=Code.PELVIS_LOST)
+        message += f", never for longer than {BRIDGED_S:g} s: these are bridged"
+        yield trial.info("gaps", message, code=Code.PELVIS_LOST)
 
 
 def rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -341,9 +341,9 @@ def followed(trial: MarkerEvidence) -> Iterator[Finding]:
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
     unsure = _undetermined(trial, trial.model) if trial.is_whole_body and single else {}
     for segment in single:
-        side, seen = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
+        side, labels = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
         share = 100 * np.mean(counts[segment] >= TWO)
-        found = f"{segment} shows two markers with weight in {share:.0f} % of the frames ({seen})"
+        found = f"{segment} shows two markers with weight in {share:.0f} % of the frames ({labels})"
         cure = "label its other markers, here and in the static trial, or add them to this segment in the marker set"
         if along := listed([f"'{label}'" for label in moving_along(trial, segment)]):
             cure = f"{along} of the file moves with it: add it to this segment in the marker set, or rename it"
@@ -409,9 +409,9 @@ def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:
 def _keeps(trial: MarkerEvidence, label: str, segment: str) -> bool:
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
-    own = {m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place}
-    own |= dict.fromkeys(trial.weighed(segment), KEEPS_M)
-    spread = [(_spread(trial, label, other), most) for other, most in own.items()]
+    near_joint = {m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place}
+    near_joint |= dict.fromkeys(trial.weighed(segment), KEEPS_M)
+    spread = [(_spread(trial, label, other), most) for other, most in near_joint.items()]
     others = [_spread(trial, label, m) for s in SIDES for m in trial.weighed(f"foot_{s}") + trial.weighed(f"thigh_{s}")]
     moved = max((s for s in others if s is not None), default=0.0)
     return bool(spread) and all(s is not None and s < most for s, most in spread) and moved > MOVES_M

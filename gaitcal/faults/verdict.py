@@ -188,9 +188,9 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
     spoilt = {f.where for f in findings if f.where in walks and f.severity is Severity.ERROR and touches_model(f.topic)}
     trials: dict[str, WalkVerdict] = {}
     for walk in walks:
-        own = _of_legs([f for f in findings if f.where == walk])
-        legs = {side: Judgement.worst((own[side], of_all[side])) for side in SIDES}
-        whole = Judgement.worst((own[""], of_all[""]))
+        of_walk = _of_legs([f for f in findings if f.where == walk])
+        legs = {side: Judgement.worst((of_walk[side], of_all[side])) for side in SIDES}
+        whole = Judgement.worst((of_walk[""], of_all[""]))
         legs = {side: Judgement.worst((leg, whole)) for side, leg in legs.items()}
         if spoilt - {walk}:
             legs = {side: Judgement.worst((leg, Judgement.DOUBTFUL)) for side, leg in legs.items()}

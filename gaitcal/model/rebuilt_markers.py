@@ -214,9 +214,9 @@ def _carried(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
     """(nf, 3) path of a place (3,) fixed to points, each a place (3,) and a path (nf, 3); NaN where one is not seen."""
     at, ways = np.array([point for point, _ in points]), np.stack([path for _, path in points], axis=1)
     out = np.full((len(ways), 3), np.nan)
-    seen = np.isfinite(ways).all(axis=(1, 2))
-    rotation, origin = rigid_motions(at, ways[seen])
-    out[seen] = rotation @ place + origin
+    visible = np.isfinite(ways).all(axis=(1, 2))
+    rotation, origin = rigid_motions(at, ways[visible])
+    out[visible] = rotation @ place + origin
     return out
 
 
@@ -294,18 +294,18 @@ def without_outliers(recording: Recording, segment_of: Mapping[str, str]) -> tup
     found, away = _outliers(recording, segment_of)
     if not found.any():
         return recording, ()
-    seen = seen_mask(recording.markers)
+    visible = seen_mask(recording.markers)
     outliers = tuple(
         Outlier(
             label=recording.labels[k],
             frames=int(found[:, k].sum()),
-            of=int(seen[:, k].sum()),
+            of=int(visible[:, k].sum()),
             farthest=float(away[found[:, k], k].max()),
             when=spans(recording.time, runs(found[:, k])),
         )
         for k in np.flatnonzero(found.any(axis=0))
     )
-    kept = [k for k in range(len(recording.labels)) if not found[:, k].any() or (seen[:, k] & ~found[:, k]).any()]
+    kept = [k for k in range(len(recording.labels)) if not found[:, k].any() or (visible[:, k] & ~found[:, k]).any()]
     masked = np.where(found[:, :, None], np.nan, recording.markers)
     note = f"Markers left out where they are metres away from the body: {'; '.join(o.words for o in outliers)}."
     labels = tuple(recording.labels[k] for k in kept)
@@ -314,8 +314,8 @@ def without_outliers(recording: Recording, segment_of: Mapping[str, str]) -> tup
 
 def _outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[BoolArray, Array]:
     """(nf, nm) where a marker is out of reach, and how far (m) each is from the median of the markers around it."""
-    x, seen = recording.markers, seen_mask(recording.markers)
-    out, away = np.zeros_like(seen), np.full(seen.shape, np.nan)
+    x, visible = recording.markers, seen_mask(recording.markers)
+    out, away = np.zeros_like(visible), np.full(visible.shape, np.nan)
     of_marker = np.array([segment_of.get(label, "") for label in recording.labels])
     known = np.flatnonzero(of_marker != "")
     if len(known) < FEWEST_AROUND:
@@ -326,7 +326,7 @@ def _outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[Bool
         centre = _median(x[:, known if few else around])
         away[:, on] = np.linalg.norm(x[:, on] - centre[:, None], axis=2)
         out[:, on] = away[:, on] > (REACH_BODY_M if few else REACH_M)
-    out[out.sum(axis=1) > MOST_SHARE * np.maximum(seen[:, known].sum(axis=1), 1)] = False
+    out[out.sum(axis=1) > MOST_SHARE * np.maximum(visible[:, known].sum(axis=1), 1)] = False
     return out, away
 
 
@@ -386,6 +386,6 @@ def without_spikes(recording: Recording, noise: PointNoise | None = None) -> tup
         return recording, {}
     farthest = np.where(out[2:-2], away, 0.0).max(axis=0)
     found = {recording.labels[k]: (int(out[:, k].sum()), float(farthest[k])) for k in np.flatnonzero(out.any(axis=0))}
-    words = (f"{label} {n} frames, up to {1e3 * far:.0f} mm" for label, (n, far) in found.items())
-    note = f"Single positions out of line with their neighbours are left out: {'; '.join(words)}."
+    entries = (f"{label} {n} frames, up to {1e3 * far:.0f} mm" for label, (n, far) in found.items())
+    note = f"Single positions out of line with their neighbours are left out: {'; '.join(entries)}."
     return replace(recording, markers=np.where(out[:, :, None], np.nan, x)).with_notes(note), found

@@ -348,10 +348,10 @@ def centre_notes(posture: StaticPosture, widths: JointWidths) -> list[str]:
             notes.append(f"{joint}, {where}: no medial marker; its centre is assumed {at}, and {along}")
     for (joint, side), width in widths.measured.items():
         if not widths.is_measured(joint, side):
-            usual = 2e3 * half_width(joint, widths.height)
+            expected_mm = 2e3 * half_width(joint, widths.height)
             notes.append(
                 f"{joint}, {SIDE_WORDS[side]}: a width of {1e3 * width:.0f} mm is not used: found, that is, "
-                f"{1e3 * width / usual:.1f} times the {usual:.0f} mm of a person of this height; allowed: "
+                f"{1e3 * width / expected_mm:.1f} times the {expected_mm:.0f} mm of a person of this height; allowed: "
                 f"{PLAUSIBLE_WIDTH[0]:g} to {PLAUSIBLE_WIDTH[1]:g} times"
             )
     return notes

@@ -96,12 +96,12 @@ def trunk_of(posture: StaticPosture, marker_set: MarkerSet, pelvis: Frame, lumba
     `pelvis`, `lumbar`: frame of the pelvis and (3,) m lumbar joint in the static posture.
     `subject`: whose height and sex give the proportions where no acromion is known.
     """
-    seen = any(m in posture.markers and marker_set.weight(m) > 0 for m in marker_set.tracking.get("head_trunk", ()))
+    shown = any(m in posture.markers and marker_set.weight(m) > 0 for m in marker_set.tracking.get("head_trunk", ()))
     shoulders, z, notes = _shoulders(posture, pelvis, lumbar, subject)
     y = unit(0.5 * (shoulders["sjc_r"] + shoulders["sjc_l"]) - lumbar)
-    if not seen:
+    if not shown:
         notes = ("head and trunk are taken to stand upright, as no marker with weight shows them",)
-    return Trunk(frame=frame_yz(lumbar, y, z), shoulders=shoulders, seen=seen, notes=notes)
+    return Trunk(frame=frame_yz(lumbar, y, z), shoulders=shoulders, seen=shown, notes=notes)
 
 
 def _shoulders(
@@ -210,8 +210,8 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
         """Why a segment of an arm cannot be measured; nothing where it can."""
         if not posture.has(landmark):
             return posture.why_not(landmark)
-        seen = any(label in posture.markers for label in marker_set.tracking.get(segment, ()))
-        return "" if seen else "no tracking marker was seen"
+        shown = any(label in posture.markers for label in marker_set.tracking.get(segment, ()))
+        return "" if shown else "no tracking marker was seen"
 
     for side in SIDES:
         upper_arm, forearm = f"upper_arm_{side}", f"forearm_hand_{side}"

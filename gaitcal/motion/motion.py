@@ -152,9 +152,9 @@ class MarkerErrors:
 
     def kept(self, *segments: str) -> BoolArray:
         """(nm,) markers with weight that were seen at all, of some segments or all."""
-        seen = np.isfinite(self.distance).any(axis=0)
+        visible = np.isfinite(self.distance).any(axis=0)
         here = np.array([not segments or s in segments for s in self.segments], dtype=bool)
-        return (self.weight > 0) & seen & here
+        return (self.weight > 0) & visible & here
 
     def largest(self) -> tuple[float, str] | None:
         """Largest distance (m) over markers with weight, and which marker."""
