@@ -43,7 +43,7 @@ from gaitcal.study.joint_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import Side, TrialTable, load_study_file
-from gaitcal.study.study_trial import Role, Trial, cleaned_trial, read_trial
+from gaitcal.study.study_trial import Role, Trial, read_trial
 from gaitcal.synthetic.subject import synthesize
 from gaitcal.synthetic.truth import CURVES, PARAMETERS
 
@@ -169,9 +169,9 @@ def analyse_further(
         stop_on_errors([*saved.doubts, *checked], [trial.name for trial in read])
         findings = [*saved.doubts, *checked]
         done = []
-        for trial, one in zip(read, evidence, strict=True):
-            step(f"{trial.name}: tracking and inverse dynamics")
-            done.append(analyse(saved.model, trial, saved.settings, saved.uncertainty, further_moves(one)))
+        for one in evidence:
+            step(f"{one.name}: tracking and inverse dynamics")
+            done.append(analyse(saved.model, one.trial, saved.settings, saved.uncertainty, further_moves(one)))
         late = [trial.name for trial in done if not trial.calibrated.converged]
         findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
         verdict = judge(without_consequences(findings), [trial.name for trial in done])
@@ -235,8 +235,7 @@ def _read(path: Path, forces: Path | None, told: Mapping[str, object], saved: Sa
     trial = TrialTable(name="trial", role="gait", file=path, forces=forces).model_copy(
         update={"name": path.stem, **told}
     )
-    marker_set = saved.marker_set
-    return cleaned_trial(read_trial(trial, saved.rename, marker_set), marker_set.segment_of, marker_set.noise)
+    return read_trial(trial, saved.rename, saved.marker_set)
 
 
 def _evidence(trial: Trial, saved: SavedResult) -> MarkerEvidence:

@@ -44,7 +44,7 @@ ROLLS = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class OurTrial:
+class OurMotion:
     """One moving trial as our model has it."""
 
     name: str
@@ -102,7 +102,7 @@ class MotionComparison:
     """What explains differences, a sentence each."""
 
 
-def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurTrial]) -> MotionComparison:
+def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurMotion]) -> MotionComparison:
     """Run OpenSim's inverse kinematics and, where there are forces, inverse dynamics of every trial.
 
     Raises InputError: OpenSim is not installed, or cannot use the model; or the model shares too few markers.
@@ -168,7 +168,7 @@ def _of_opensim(
     peer: PeerModel,
     legs: Sequence[LegJoint],
     model: SubjectModel,
-    trial: OurTrial,
+    trial: OurMotion,
     folder: Path,
 ) -> tuple[dict[str, Array], dict[str, Array], float]:
     """Coordinate -> (nf,) rad (m), and N·m in frames with forces, else NaN; and by how much markers are missed, m."""
@@ -222,7 +222,7 @@ def _of_opensim(
 
 
 def _moments(
-    opensim: Any, loaded: Any, legs: Sequence[LegJoint], trial: OurTrial, folder: Path, motion: StorageTable
+    opensim: Any, loaded: Any, legs: Sequence[LegJoint], trial: OurMotion, folder: Path, motion: StorageTable
 ) -> dict[str, Array]:
     """Coordinate -> (nf,) N·m, NaN where there are no forces."""
     (folder / "motion.mot").write_text(motion.text("Coordinates"), encoding="utf-8")

@@ -156,9 +156,7 @@ def contacts(trial: MarkerEvidence) -> Iterator[Finding]:
         return
     steps = steps_of(trial)
     if not steps:
-        most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in trial.recording.plates)
-        cure = "no stance will have torques, only the swing; are these the forces of this trial?"
-        yield trial.warning("plates", f"no plate is stepped on: at most {most:.0f} N", cure, code=Code.NO_STEP_ON_PLATE)
+        yield _no_step(trial, feet)
     for step in steps:
         far = step.distance > UNDER_FOOT
         # a total force that was divided, told in `outside_sole`, may be far from both feet
@@ -223,6 +221,25 @@ def _height(trial: MarkerEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
             "check the height of the plate's corners, or the origin of the markers",
             code=Code.PLATE_HEIGHT,
         )
+
+
+def _no_step(trial: MarkerEvidence, feet: Feet) -> Finding:
+    """No plate is loaded: a fault where a foot stands on one or outlines are missing, else the walk has missed them."""
+    plates, points = trial.recording.plates, feet.points(trial.subject.height)
+    most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in plates)
+    found, severity = f"no plate is stepped on: at most {most:.0f} N", Severity.INFO
+    outlined = [plate for plate in plates if plate.corners is not None]
+    if len(outlined) < len(plates):
+        severity = Severity.WARNING
+    for foot, name in enumerate(FEET):
+        sole = sole_of(points, foot, slice(None))
+        on_plate = sole.share_of_halves(sole.beside(outlined)).max(axis=1) <= MOST_BESIDE
+        stands = sole.resting.all(axis=1) & on_plate & feet.seen[:, foot]
+        if long := [run for run in runs(stands, 2) if duration(feet.time, run) > SHORTEST]:
+            found += f", though the {name} foot stands on them ({spans(feet.time, long)})"
+            severity = Severity.WARNING
+    cure = "no stance will have torques, only the swing; are these the forces of this trial, and were the plates on?"
+    return trial.finding(severity, "plates", found, cure, code=Code.NO_STEP_ON_PLATE)
 
 
 def overhang(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:

@@ -33,9 +33,7 @@ from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import ISOLATED_JOINTS, SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import REQUIRED
 from gaitcal.model.segment_frames import HipCentre, JointWidths, lower_body
-from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import rigid_fit
-from gaitcal.study.study import Study, nominal_of
 
 FEWEST_FRAMES, SHORTEST_S = 3, LAG_S
 """Of a static trial: speed is told over that time."""
@@ -70,14 +68,6 @@ DISAGREE_M = 0.008
 their shape to 5 mm (p99 over pelvis, thigh, shank and foot, standing against moving)."""
 GROSS_M = 0.020
 """From here it moves a joint by more than nominal joints are uncertain: an error."""
-
-
-def nominal_model_of(study: Study) -> tuple[SubjectModel | None, tuple[Finding, ...]]:
-    """The nominal model, or what keeps the static trial from giving one."""
-    try:
-        return nominal_of(study), ()
-    except InputError as fault:
-        return None, (Finding.of_fault(fault, study.static.name, study.static.recording.source, "static trial"),)
 
 
 def upright(trial: MarkerEvidence) -> Iterator[Finding]:

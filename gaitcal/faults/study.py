@@ -1,9 +1,13 @@
-"""All checks over a whole study: reads everything, solves nothing."""
+"""A study examined: its trials clean, its static trial whole, and all checks over them; solves nothing.
+
+`examined` is the one place where a study becomes a clean one. Checks, calibration and comparisons with a shared model
+read what it gives.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -32,10 +36,11 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind
+from gaitcal.model.rebuilt_markers import Rebuilding
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import remembered, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, cleaned, completed_static, marker_set_of
+from gaitcal.study.study import Study, cleaned, completed_static, marker_set_of, nominal_of
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from gaitcal.study.study_trial import Trial, read_trial
 
@@ -138,57 +143,109 @@ def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[Trial, ...], tu
 @with_one_blas_thread
 def check_study(study: Study) -> tuple[Finding, ...]:
     """All findings on a study whose files could be read, the worst first within each trial."""
-    study, placed = placed_by_motion(study)
-    _, faults, trials = _looked_at(study)
-    findings: list[Finding] = [one.finding for one in placed]
+    of, static = examined(study), study.static.name
+    findings: list[Finding] = [one.finding for one in of.placed]
     measured: list[MarkerEvidence] = []
-    for trial in trials:
+    for trial in of.trials:
         found = _check_trial(trial)
-        findings += _worst_first(without_consequences([*(faults if trial.name == study.static.name else ()), *found]))
+        findings += _worst_first(without_consequences([*(of.faults if trial.name == static else ()), *found]))
         if not any(f.topic in SPOILS_BODY and f.severity is Severity.ERROR for f in found):
             measured.append(trial)
-    if study.static.name in [trial.name for trial in measured] and study.marker_set.noise is None:
+    if static in [trial.name for trial in measured] and study.marker_set.noise is None:
         findings += static_consistency.static_consistency(measured)
     return (
         *findings,
         *(knee_line.knee_lines(measured, findings) if study.marker_set.noise is None else ()),
-        *plates.body_mass(trials),
-        *sampling.rates_differ(trials),
-        *sampling.same_recording(trials),
-        *role.statics_agree(trials),
+        *plates.body_mass(of.trials),
+        *sampling.rates_differ(of.trials),
+        *sampling.same_recording(of.trials),
+        *role.statics_agree(of.trials),
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Examined:
+    """A study with clean trials, and what they are measured against."""
+
+    study: Study
+    """As it was read, but for knocked clusters of its static trial, which are where the moving trials have them."""
+    completed: Rebuilding
+    """The static trial, with what the other trials give back to it."""
+    model: SubjectModel | None
+    """Nominal; None where the static trial gives none, or its unit is wrong."""
+    faults: tuple[Finding, ...]
+    """What keeps the static trial from giving a model."""
+    trials: tuple[MarkerEvidence, ...]
+    """Every trial without markers metres away and positions out of line, cut to what shows the pelvis."""
+    placed: tuple[knocked.Placement, ...]
+    """The clusters that were put back."""
+
+    @property
+    def moving(self) -> tuple[MarkerEvidence, ...]:
+        """The trials in which the person moves."""
+        return tuple(trial for trial in self.trials if not trial.is_static)
+
+    @property
+    def nominal(self) -> SubjectModel:
+        """The nominal model, also of a static trial in a wrong unit; InputError where there is none."""
+        return self.model or nominal_of(self.study, self.completed)
+
+    def moves(self) -> dict[str, dict[str, PossibleMove]]:
+        """Trial -> segment that it is fitted by -> what its markers may have done since the static trial; a cluster
+        that was put back is as uncertain as its place.
+        """
+        out, loosened = dict[str, dict[str, PossibleMove]](), self.study.loosened
+        placed = {p.segment: loosened.get(p.name, 0.0) for p in JOINT_PARAMETERS if p.kind is Kind.ORIENTATION}
+        for t in self.trials if self.study.marker_set.noise is None else ():
+            fitted = SEGMENTS if t.trial.joint is None else joint_segments(t.trial.joint)
+            moves = {s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted}
+            out[t.name] = {s: replace(m, turn=np.hypot(m.turn, placed.get(s, 0.0))) for s, m in moves.items()}
+        return out
+
+
 @remembered
-def placed_by_motion(study: Study) -> tuple[Study, tuple[knocked.Placement, ...]]:
-    """The study with knocked clusters where its moving trials have them, and which these are; as it is where one that
-    was placed still does not agree with some trial.
+@np.errstate(all="ignore")
+def examined(study: Study) -> Examined:
+    """The study with clean trials, and with knocked clusters where its moving trials have them; these are as they were
+    where one that was placed still does not agree with some trial.
     """
-    placed, found = study, tuple[knocked.Placement, ...]()
-    while len(found) < MOST_PLACED:
-        static, moving = (tuple(t for t in _looked_at(placed)[2] if t.is_static is still) for still in (True, False))
-        causes = {cause.segment for t in moving for cause in static_consistency.contradictions_in(t)}
-        if not causes.isdisjoint(one.segment for one in found) or len(static) != 1:
-            return study, ()
-        one = knocked.placement(moving)
+    first = found = _examined(study, ())
+    while len(found.placed) < MOST_PLACED:
+        causes = {cause.segment for t in found.moving for cause in static_consistency.contradictions_in(t)}
+        static = [trial for trial in found.trials if trial.is_static]
+        if not causes.isdisjoint(one.segment for one in found.placed) or len(static) != 1:
+            return first
+        one = knocked.placement(found.moving)
         if one is None:
             break
-        placed, found = knocked.with_placement(placed, static[0], one), (*found, one)
-    return placed, found
+        found = _examined(knocked.with_placement(found.study, static[0], one), (*found.placed, one))
+    return found
 
 
-@remembered
-def moves_since_static(study: Study) -> dict[str, dict[str, PossibleMove]]:
-    """Trial -> segment that it is fitted by -> what its markers may have done since the static trial; a cluster that
-    was put back is as uncertain as its place.
-    """
-    out = dict[str, dict[str, PossibleMove]]()
-    placed = {p.segment: study.loosened.get(p.name, 0.0) for p in JOINT_PARAMETERS if p.kind is Kind.ORIENTATION}
-    for t in _looked_at(study)[2] if study.marker_set.noise is None else ():
-        fitted = SEGMENTS if t.trial.joint is None else joint_segments(t.trial.joint)
-        moves = {s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted}
-        out[t.name] = {s: replace(m, turn=np.hypot(m.turn, placed.get(s, 0.0))) for s, m in moves.items()}
-    return out
+def _examined(study: Study, placed: tuple[knocked.Placement, ...]) -> Examined:
+    """Its trials cleaned, its static trial completed, its nominal model."""
+    clean, marker_set = cleaned(study), study.marker_set.with_weights(study.weights)
+    static, completed = clean.static, completed_static(clean)
+    trials = [MarkerEvidence.of(trial, marker_set, study.subject, study.settings, None) for trial in clean.trials]
+    model, faults, stance = None, tuple[Finding, ...](), None
+    if not any(finding for t in trials if t.trial is static for finding in static_consistency.size(t)):
+        try:
+            model = nominal_of(clean, completed)
+        except InputError as fault:
+            faults = (Finding.of_fault(fault, static.name, static.recording.source, "static trial"),)
+    if model is not None:
+        whole = Stance.of_recording(completed.static, study.marker_set, model, study.hip_centre)
+        stance = whole.without(completed.labels)
+    return Examined(
+        study=study,
+        completed=completed,
+        model=model,
+        faults=faults,
+        trials=tuple(
+            replace(t, model=model, stance=stance, rebuilding=completed if t.trial is static else None) for t in trials
+        ),
+        placed=placed,
+    )
 
 
 def further_evidence(
@@ -200,18 +257,9 @@ def further_evidence(
 
 @np.errstate(all="ignore")
 def further_moves(evidence: MarkerEvidence) -> dict[str, PossibleMove]:
-    """What markers may have done, as `moves_since_static`, of one further trial."""
+    """What markers may have done, as `Examined.moves`, of one further trial."""
     of_markers = evidence.model is not None and evidence.model.noise is None
     return possible_moves(evidence.clusters, evidence.links) if of_markers else {}
-
-
-@remembered
-def _looked_at(study: Study) -> tuple[SubjectModel | None, tuple[Finding, ...], tuple[MarkerEvidence, ...]]:
-    """The nominal model, or what keeps the static trial from giving one, and what the checks look at."""
-    model, faults = None, tuple[Finding, ...]()
-    if not any(static_consistency.size(_evidence(study, cleaned(study).static, None))):
-        model, faults = role.nominal_model_of(study)
-    return model, faults, evidence_of(study, model)
 
 
 @np.errstate(all="ignore")
@@ -220,22 +268,6 @@ def check_further(evidence: MarkerEvidence) -> tuple[Finding, ...]:
     found = without_consequences(_check_trial(evidence))
     of_body = (*plates.body_mass((evidence,)), *static_consistency.static_consistency((evidence,)))
     return tuple(_worst_first([*found, *of_body]))
-
-
-def evidence_of(study: Study, model: SubjectModel | None) -> tuple[MarkerEvidence, ...]:
-    """What the checks look at, trial by trial, with the nominal model if there is one."""
-    stance, completed = None, completed_static(study)
-    if model is not None:
-        rule = study.hip_centre
-        whole = Stance.of_recording(completed.static, study.marker_set, model, rule)
-        stance = whole.without(completed.labels)
-    trials = [replace(_evidence(study, trial, model), stance=stance) for trial in cleaned(study).trials]
-    return tuple(replace(t, rebuilding=completed) if t.name == study.static.name else t for t in trials)
-
-
-def _evidence(study: Study, trial: Trial, model: SubjectModel | None) -> MarkerEvidence:
-    marker_set = study.marker_set.with_weights(study.weights)
-    return MarkerEvidence.of(trial, marker_set, study.subject, study.settings, model)
 
 
 def _check_trial(trial: MarkerEvidence) -> list[Finding]:

@@ -191,7 +191,7 @@ def _header(lines: list[str]) -> tuple[list[str], int]:
         raise FileFault(f"damaged header ({error})", f"line {start + 1}") from None
     if not cells or cells[0].strip().lower() != "time":
         hint = " (this one is separated by ';')" if ";" in lines[start] else ""
-        needed = f"a header 'time,NAME_x,NAME_y,...' with commas is needed{hint}"
+        needed = f"a header 'time,NAME_x,NAME_y,...' with commas is needed{hint}, or the C3D or TRC of it"
         raise FileFault(f"found '{lines[start][:40]}'; {needed}", f"line {start + 1}")
     return [cell.strip() for cell in cells[1:]], start + 1
 

@@ -221,7 +221,7 @@ _ASIS = _Figure(("InterAsisDistance",), (_MM,), (0.08, 0.5))
 _SIDED = {
     "knee_width": _Figure(("KneeWidth",), (_MM,), (0.02, 0.3), "width in mm", {"cm": _CM}, (0.05, 0.2)),
     "ankle_width": _Figure(("AnkleWidth",), (_MM,), (0.02, 0.3), "width in mm", {"cm": _CM}, (0.03, 0.15)),
-    "leg_length": _Figure(("LegLength",), (_MM,), (0.1, 1.5)),
+    "leg_length": _Figure(("LegLength",), (_MM,), (0.15, 1.5), "length in mm", {"cm": _CM}, (0.3, 1.3)),
     "static_plantarflexion": _Figure(("StaticPlantFlex",), (1.0,), (-1.5, 1.5)),
 }
 

@@ -14,7 +14,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.codes import Code
-from gaitcal.compare.opensim_motion import OurTrial
+from gaitcal.compare.opensim_motion import OurMotion
 from gaitcal.errors import InputError
 from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Judgement
@@ -235,7 +235,7 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
     )
 
 
-def our_trials(folder: Path) -> list[OurTrial]:
+def our_trials(folder: Path) -> list[OurMotion]:
     """Moving trials, as they are set beside another model's; isolated ones, in which one joint moves, only where there
     are no others.
     """
@@ -254,7 +254,7 @@ def our_trials(folder: Path) -> list[OurTrial]:
         worn = synthetic_markers(saved.model.parameters, placed, q)[:, seen]
         apart = saved.markers.markers[:, [labels.index(placed.labels[m]) for m in seen]] - worn
         missed = np.sqrt(np.nanmean(np.sum(apart**2, axis=2), axis=0))
-        trial = OurTrial(
+        trial = OurMotion(
             name=name,
             motion=saved.motion,
             markers=saved.markers,

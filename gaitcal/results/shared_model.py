@@ -36,7 +36,7 @@ from gaitcal.compare.difference import own_causes, told_parameters
 from gaitcal.compare.sessions import SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Common, NotComparableError, Session, common_to
 from gaitcal.errors import ConvergenceError
-from gaitcal.faults.study import moves_since_static
+from gaitcal.faults.study import examined
 from gaitcal.gait.cycles import typed
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.model.linkage import LEG_JOINTS
@@ -54,8 +54,7 @@ from gaitcal.session.result import Uncertainty
 from gaitcal.session.session import session_of
 from gaitcal.session.trial_result import analyse, counted_from_static
 from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.study import Study, completed_static, nominal_of
-from gaitcal.study.study_trial import Role
+from gaitcal.study.study import Study
 
 SAME = 1e-9  # What is the same in both sessions is it but for rounding
 RANK = 1e-6  # Part of the largest standard error, in units of the prior, below which a direction would be known exactly
@@ -236,7 +235,7 @@ def fitted_together(a: Study, b: Study) -> SharedJoints:
     new = [t for t in b.moving if b.inputs[b.input_names(t)["file"]] not in files]
     named = [replace(t, name=f"{t.name}, second" if t.name in read else t.name) for t in new]
     whole = replace(a, trials=(*a.trials, *named))
-    joint = fit_joints(session_of(whole, nominal_of(whole))).joint
+    joint = fit_joints(session_of(examined(whole))).joint
     if joint is None:
         raise NotComparableError("its settings leave joint parameters alone (jp = false)", source=a.source)
     if late := [phase for phase in joint.phases if not phase.converged]:
@@ -267,15 +266,13 @@ def retracked(
     session: Session, study: Study, names: Sequence[str], values: np.ndarray, uncertainty: Uncertainty
 ) -> Session:
     """The session with other joint parameters `names`: every walk tracked anew."""
-    model, settings = session.model, study.settings
+    model, settings, clean = session.model, study.settings, examined(study)
     joints = model.parameters.with_joint(tuple(names), values)
     if settings.keeps_ankle_zero:
         begun = Parameters(joints.joint, joints.inertial, model.nominal.zero_angles)
-        static = completed_static(study).static
-        joints = counted_from_static(model.with_parameters(model.nominal), begun, static).parameters
+        joints = counted_from_static(model.with_parameters(model.nominal), begun, clean.completed.static).parameters
     fitted: SubjectModel = model.with_parameters(joints)
-    walks = [t for t in study.trials if t.role is Role.GAIT]
-    moves = moves_since_static(study)
+    walks, moves = [t.trial for t in clean.trials if t.is_gait], clean.moves()
     results = [analyse(fitted, trial, settings, uncertainty, moves.get(trial.name, {})) for trial in walks]
     strides = cycle_table(fitted, results)
     measures = spatiotemporal_table(fitted.subject, results)

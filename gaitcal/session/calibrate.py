@@ -1,6 +1,7 @@
 """The main job: from a study to a calibrated person, in five stages that hand on one `Session`.
 
-`session_of` has the nominal model of the static trial and the trials, cleaned, turned and with their problems;
+`examined` has cleaned the trials and made the nominal model of the static one (`faults/study.py`); `session_of` has
+the trials turned and with their problems;
 `fit_joints` finds joint parameters from the markers; `track` the motions with the nominal and the fitted model, the
 forces under the feet, and what is wrong with them; `fit_inertia` inertial parameters from the pelvis residual, on
 demand all parameters together; `judged` standard errors, torques, findings and the verdict.
@@ -16,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.combined import CombinedProblem, CombinedSettings, combined_fit
+from gaitcal.calibration.combined import CombinedFit, CombinedProblem, CombinedSettings, combined_fit
 from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
@@ -41,7 +42,7 @@ from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.plate_errors import PlateErrors
-from gaitcal.faults.study import check_study, placed_by_motion
+from gaitcal.faults.study import check_study, examined
 from gaitcal.faults.verdict import judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.anthropometry import table_spread
@@ -63,7 +64,7 @@ from gaitcal.session.warnings import (
     unmeasured_words,
 )
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Study
 
 Loaded: TypeAlias = tuple[MovingTrial, GroundReactions]
 
@@ -93,12 +94,12 @@ def calibrate(
         progress("checking the recordings")
         checked = check_study(study)
     progress("nominal model from the static trial")
-    study, _ = placed_by_motion(study)
-    session = session_of(study, nominal_of(study), tuple(checked))
+    clean = examined(study)
+    session = session_of(clean, checked)
     session = fit_joints(session, progress, leave_out=leave_out)
     session = track(session, progress)
     session = fit_inertia(session, progress)
-    return judged(session, study, progress)
+    return judged(session, clean.study, progress)
 
 
 def track(session: Session, progress: Progress) -> Session:
@@ -277,32 +278,25 @@ def _inertial_spread(session: Session) -> Array | None:
 def phases_of(session: Session) -> tuple[Phase, ...]:
     """The fits that were made, those of the joint parameters first."""
     joint, inertial, combined = session.joint, session.inertial, session.combined
-    trials = tuple(t.name for t, _ in weighing(session))
-    phases = list(joint.phases) if joint else []
+    fits = list[tuple[str, InertialFit | CombinedFit, int, int, str]]()
     if inertial is not None:
-        phases.append(
-            Phase(
-                name="inertial",
-                trials=trials,
-                parameters=len(inertial.names),
-                iterations=inertial.iterations,
-                seconds=inertial.seconds,
-                converged=inertial.converged,
-                message=inertial.message,
-            )
-        )
+        fits.append(("inertial", inertial, len(inertial.names), inertial.iterations, inertial.message))
     if combined is not None and joint is not None and inertial is not None:
         text = "" if combined.converged else f"{combined.ending.value}; "
         text += f"marker sigma {1e3 * combined.marker_sigma:.2f} mm a coordinate, load share {combined.load_share:g}"
-        phases.append(
-            Phase(
-                name="joint and inertial",
-                trials=trials,
-                parameters=len(joint.free) + len(inertial.names),
-                iterations=combined.steps,
-                seconds=combined.seconds,
-                converged=combined.converged,
-                message=text,
-            )
+        count = len(joint.free) + len(inertial.names)
+        fits.append(("joint and inertial", combined, count, combined.steps, text))
+    trials = tuple(t.name for t, _ in weighing(session))
+    of_bodies = [
+        Phase(
+            name=name,
+            trials=trials,
+            parameters=count,
+            iterations=iterations,
+            seconds=fit.seconds,
+            converged=fit.converged,
+            message=message,
         )
-    return tuple(phases)
+        for name, fit, count, iterations, message in fits
+    ]
+    return (*(joint.phases if joint else ()), *of_bodies)

@@ -165,7 +165,7 @@ def _understood(path: Path) -> FolderFile:
         return _toml(file)
     if ending == ".xml":
         return _xml(file)
-    return replace(file, reason=f"a file ending in '{ending}' holds no recording")
+    return replace(file, reason=f"gaitcal reads no file ending in '{ending}'")
 
 
 def _csv(file: FolderFile) -> FolderFile:
@@ -405,4 +405,5 @@ def nothing_here(folder: Folder) -> str:
         return f"holds no recording that can be read; folders in it do: {below}; name one of them, one person a folder"
     if not folder.files:
         return "is empty; .c3d, .trc or .csv files of one person are needed"
-    return f"holds {len(folder.files)} files, but no recording that can be read (.c3d, .trc or .csv)"
+    files = "1 file" if len(folder.files) == 1 else f"{len(folder.files)} files"
+    return f"holds {files}, but no recording that can be read (.c3d, .trc or .csv)"

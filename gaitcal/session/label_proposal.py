@@ -167,14 +167,14 @@ def place_strangers(
     found = _read_off(labels, placed, scatter)
     lies = _lying_at(lacking, at, view, points[known], replace(placed, places=placed.places[known]))
     near_two = {m for m, ahead in zip(labels, placed.ahead, strict=True) if ahead < BEYOND_DOUBT}
-    why |= dict.fromkeys(near_two, "moves with two segments about as well") | dict(found.unused)
+    why |= dict.fromkeys(sorted(near_two), "moves with two segments about as well") | dict(found.unused)
     why |= {m: "never seen with the others" for m in every if m not in labels and m not in why}
     place = segments[placed.places]
     same = beside.known & (place[:, None] == place)
     loose = {m for m, t, mates in zip(labels, beside.moves, same, strict=True) if mates.any() and t[mates].mean() < 0}
-    why |= dict.fromkeys(loose - near_two, "does not keep its distance from the segment on which it stands")
+    why |= dict.fromkeys(sorted(loose - near_two), "does not keep its distance from the segment on which it stands")
     alone = {m for s, group in found.tracking.items() if s not in own for m in group}
-    why |= dict.fromkeys(alone - near_two - loose, "on a segment of which the set knows no marker")
+    why |= dict.fromkeys(sorted(alone - near_two - loose), "on a segment of which the set knows no marker")
     out = {*segment_of, *near_two, *loose, *alone}
     apart = {s: tuple(m for m in group if m not in out) for s, group in found.tracking.items()}
     tracking = {segment: group for segment, group in apart.items() if group}

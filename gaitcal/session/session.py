@@ -21,10 +21,9 @@ from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
 from gaitcal.errors import InputError
 from gaitcal.faults.contradiction import PossibleMove
-from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import exchanged_back
 from gaitcal.faults.force_diagnosis import ForceDiagnosis
-from gaitcal.faults.study import moves_since_static
+from gaitcal.faults.study import Examined
 from gaitcal.findings import Finding
 from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording
@@ -42,7 +41,6 @@ from gaitcal.session.bandwidth import Bandwidth, bandwidth_of
 from gaitcal.session.result import HeldOut, Stage, Uncertainty
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Protocol
-from gaitcal.study.study import Study, cleaned, completed_static
 from gaitcal.study.study_trial import Trial
 
 
@@ -144,26 +142,25 @@ class Session:
         return tuple(trial for trial in self.trials if trial.joint is None)
 
 
-def session_of(study: Study, model: SubjectModel, checked: tuple[Finding, ...] = ()) -> Session:
-    """The cleaned trials of a study, prepared for its nominal model."""
-    settings, findings, trials = study.settings, list[Finding](), []
-    for trial in cleaned(study).moving:
-        if settings.robust != "none":
-            marker_set = study.marker_set.with_weights(study.weights)
-            evidence = MarkerEvidence.of(trial, marker_set, study.subject, settings, model)
-            recording, found = exchanged_back(evidence)
+def session_of(of: Examined, checked: Sequence[Finding] = ()) -> Session:
+    """The moving trials of an examined study, prepared for its nominal model; InputError where there is none."""
+    study, model, findings, trials = of.study, of.nominal, list[Finding](), []
+    for evidence in of.moving:
+        trial = evidence.trial
+        if study.settings.robust != "none":
+            recording, found = exchanged_back(replace(evidence, model=model))
             trial, findings = replace(trial, recording=recording), [*findings, *found]
-        trials.append(prepare_trial(trial, model, settings))
-    prior, moves = prior_of_study(settings.joint_prior, study.joint_prior, model.noise), moves_since_static(study)
+        trials.append(prepare_trial(trial, model, study.settings))
+    prior, moves = prior_of_study(study.settings.joint_prior, study.joint_prior, model.noise), of.moves()
     return Session(
         model=model,
-        settings=settings,
+        settings=study.settings,
         parameters=model.parameters,
         trials=tuple(trials),
-        static=completed_static(study).static,
+        static=of.completed.static,
         prior=replace(prior.loosened(study.loosened), doubted=_doubted(moves, study.moving)),
         possible_moves=moves,
-        checked=checked,
+        checked=tuple(checked),
         findings=tuple(findings),
     )
 
@@ -217,10 +214,9 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
     same = joint is None and bandwidth.joints_hz == bandwidth.motion_hz
     fitted = joints = body if same else smoothed(body if joint is None else alone, bandwidth.joints_hz)
     if fits_legs_together(settings):
+        legs = LOWER_BODY[1:] if joint is None else LEGS[joint[-1]]
         try:
-            joints = smoothed(
-                part(("pelvis", *(LOWER_BODY[1:] if joint is None else LEGS[joint[-1]]))), bandwidth.joints_hz
-            )
+            joints = smoothed(part(("pelvis", *legs)), bandwidth.joints_hz)
         except InputError:  # the pelvis is not seen in an isolated trial
             if joint is None:
                 raise

@@ -57,7 +57,7 @@ from gaitcal.session.result import Loads, Stage, TrialResult, Uncertainty
 from gaitcal.session.session import MovingTrial, Session, prepare_trial, standing_problem, tracked
 from gaitcal.session.warnings import diagnose_forces, is_trunk_unmeasured, trial_findings
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import Role, Trial, cleaned_trial
+from gaitcal.study.study_trial import Role, Trial
 
 
 def analyse(
@@ -70,13 +70,12 @@ def analyse(
     """Track one further trial of the whole body with a calibrated model and compute its torques.
 
     `model`: calibrated, as `gaitcal.load_model` returns it.
-    `trial`: markers named as in the model; with force plates if torques are wanted.
+    `trial`: clean (`faults.study.further_evidence`), markers named as in the model; with plates if torques are wanted.
     `settings`: of the calibration (splines, force filter and errors of force plates).
     `uncertainty`: of the calibration, for standard errors.
     `moves`: segment -> what its markers may have done since the static trial (`faults.study.further_moves`).
     """
-    segment_of = dict(zip(model.markers.labels, model.markers.segments, strict=True))
-    prepared = prepare_trial(cleaned_trial(trial, segment_of, model.noise), model, settings)
+    prepared = prepare_trial(trial, model, settings)
     if uncertainty.joint is not None:
         tissue = tissue_of_walk(prepared.body, model.nominal, uncertainty.joint.free)
         prepared = replace(prepared, tissue=tissue)

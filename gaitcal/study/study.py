@@ -25,7 +25,7 @@ from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import PatientRecord, Subject, SubjectModel
-from gaitcal.runtime import remembered, with_one_blas_thread
+from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
@@ -36,17 +36,14 @@ AGES_DIFFER = 1.0
 """Years, from which an age and the dates contradict each other."""
 
 
-@remembered
 def cleaned(study: Study) -> Study:
     """The study without markers metres away from the body in its trials."""
     segment_of, noise = study.marker_set.segment_of, study.marker_set.noise
     return replace(study, trials=tuple(cleaned_trial(t, segment_of, noise) for t in study.trials))
 
 
-@remembered
 def completed_static(study: Study) -> Rebuilding:
-    """The first static trial, cleaned, and with what the study's other trials give back to it."""
-    study = cleaned(study)
+    """The first static trial of a cleaned study, with what its other trials give back to it."""
     others = [(t.name, t.recording) for t in (*study.further_statics, *study.moving)]
     marker_set = study.marker_set.with_weights(study.weights)
     return rebuild_lost(study.static.recording, marker_set, others, study.static.name)
@@ -360,12 +357,12 @@ def _require_labels(file: StudyFile, marker_set: MarkerSet, trials: Sequence[Tri
             raise fault(f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, present)}", "rename")
 
 
-@remembered
-def nominal_of(study: Study) -> SubjectModel:
+def nominal_of(study: Study, completed: Rebuilding | None = None) -> SubjectModel:
     """The nominal model of a study: its static trial, marker set and anthropometry; where the static trial lacks the
-    markers of the trunk, the walks place them.
+    markers of the trunk, the walks place them. `completed`: the static trial of a cleaned study, where it is known.
     """
-    completed = completed_static(study)
+    study = cleaned(study)
+    completed = completed or completed_static(study)
     model_of = partial(
         nominal_model,
         marker_set=study.marker_set,
@@ -374,7 +371,7 @@ def nominal_of(study: Study) -> SubjectModel:
         ankle_zero=AnkleZero(study.settings.ankle_rule),
         weights=study.weights,
     )
-    walks = [trial.recording for trial in cleaned(study).trials if trial.role is Role.GAIT]
+    walks = [trial.recording for trial in study.trials if trial.role is Role.GAIT]
     try:
         return model_with_trunk(model_of, completed.static, study.marker_set, walks)
     except InputError as fault:

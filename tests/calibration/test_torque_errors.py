@@ -71,7 +71,7 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
     plates = PlateErrors(place=0.003, gain=0.01, clock=0.002)
 
     def change(by_nodes: Array, by_joint: Array, by_inertial: Array, by_wrench: Array) -> Array:
-        """(nf, 29 + 28 + 63)."""
+        """(nf, forces + powers + moments)."""
 
         def values(step: float) -> Array:
             moved = parameters.with_joint(free, start + step * by_joint)
@@ -101,7 +101,8 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
     known = ErrorSources(free, moves.shift, tuple(f"source {k}" for k in range(others)))
     found = ErringForces(problem, coefficients, parameters, wrench, known, spread, moves, plates).errors()
     power, moment = found.kinetics.power, found.kinetics.moment.reshape(FRAMES, -1)
-    for part, errors in zip(np.split(dense, [29, 29 + 28], axis=1), (found.every, power, moment), strict=True):
+    ends = np.cumsum([found.every.shape[1], power.shape[1]])
+    for part, errors in zip(np.split(dense, ends, axis=1), (found.every, power, moment), strict=True):
         np.testing.assert_allclose(errors, part, rtol=0, atol=DIFFERENCES * part.max())
     assert set(found.by_source) == set(variances)
     torques = slice(len(FORCES))

@@ -152,7 +152,7 @@ def test_every_failure_has_a_code(tmp_path: Path) -> None:
     run(lab, out)
     found = {row["cause"]: (row["code"], bool(row["what_to_do"])) for row in rows(out / FAILURES)}
     assert found == {
-        "holds 1 files, but no recording that can be read (.c3d, .trc or .csv)": ("GC-223", True),
+        "holds 1 file, but no recording that can be read (.c3d, .trc or .csv)": ("GC-223", True),
         "no file says subject.mass_kg": ("GC-211", True),
     }
 

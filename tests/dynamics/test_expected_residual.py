@@ -50,7 +50,7 @@ def loads() -> Loads:
 def held(residual: Array, bar: Array, wrench: Array | None = None) -> ExpectedResidual:
     """Of residuals (nf, 6), with standard errors (6,)."""
     known = loads()
-    tau = np.zeros((len(residual), 27))
+    tau = np.zeros((len(residual), len(COORDINATES)))
     tau[:, PELVIS] = bar
     moments = replace(known.final, residual_force=residual[:, :3], residual_moment=residual[:, 3:])
     reactions = known.reactions if wrench is None else replace(known.reactions, wrench=wrench)
@@ -109,7 +109,7 @@ def test_nothing_is_held_without_errors_or_valid_frames() -> None:
     known = loads()
     nothing = replace(known.reactions, valid=np.zeros_like(known.reactions.valid))
     assert expected_residual(known.final, known.errors, nothing, walk().body, WEIGHT) is None
-    unknown = known.errors.only(np.zeros(27, dtype=bool))
+    unknown = known.errors.only(np.zeros(len(COORDINATES), dtype=bool))
     assert expected_residual(known.final, unknown, known.reactions, walk().body, WEIGHT) is None
 
 

@@ -278,3 +278,24 @@ def test_forces_that_come_late_are_a_matter_of_clocks(data_dir: Path) -> None:
         (found,) = told(late)
         assert found.cause == "plates are loaded while the foot that stood on them is in the air"
         assert "clocks" in found.cure
+
+
+@pytest.mark.parametrize(
+    ("corners", "severity", "words"),
+    [
+        (0.0, Severity.WARNING, "though the right foot stands on them (0.00-1.00 s)"),
+        (5.0, Severity.INFO, ""),
+        (None, Severity.WARNING, ""),
+    ],
+    ids=["dead", "missed", "no outline"],
+)
+def test_plates_that_nobody_loads_are_a_fault_only_where_a_foot_stands_on_them(
+    corners: float | None, severity: Severity, words: str
+) -> None:
+    square = np.array([[-0.5, 0.0, -0.5], [0.5, 0.0, -0.5], [0.5, 0.0, 0.5], [-0.5, 0.0, 0.5]])
+    outline = None if corners is None else square + [corners, 0.0, 0.0]
+    plate = pressed(np.zeros((61, 2)), np.zeros(61), corners=outline)
+    recording = replace(standing(np.array([1.0, 0.0])), plates=(plate,))
+    (found,) = contacts(evidence(recording))
+    assert (found.code, found.severity) == (Code.NO_STEP_ON_PLATE, severity)
+    assert found.found == "no plate is stepped on: at most 0 N" + (f", {words}" if words else "")

@@ -5,10 +5,10 @@ import pytest
 
 from gaitcal.faults.knee_line import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
 from gaitcal.faults.static_landmarks import landmarks
-from gaitcal.faults.study import check_study, evidence_of
+from gaitcal.faults.study import check_study, examined
 from gaitcal.findings import Finding, Severity
 from gaitcal.model.body_plan import body_axes
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Study
 from tests.faults.spoilt import Array, moved, with_trial
 
 
@@ -17,7 +17,7 @@ def told(study: Study) -> list[Finding]:
 
 
 def seen(study: Study) -> tuple[dict[str, Array], dict[str, float]]:
-    trials = evidence_of(study, nominal_of(study))
+    trials = examined(study).trials
     return landmarks(next(t for t in trials if t.is_static)), bending(trials)
 
 
@@ -47,8 +47,7 @@ def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
     p, turns = seen(left)
     (one,) = odd_lines(p, turns)
     assert one.sides == ("l",) and one.turn == pytest.approx(25.0, abs=8.0)
-    trials = evidence_of(left, nominal_of(left))
-    (said,) = knee_lines(trials, ())
+    (said,) = knee_lines(examined(left).trials, ())
     assert said.leg == "l" and "the left knee" in said.cause
 
 

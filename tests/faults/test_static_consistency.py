@@ -15,8 +15,7 @@ from gaitcal.faults.contradiction import contradictions, offset_limit, possible_
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import by_lengths
 from gaitcal.faults.joint_link import links_of
-from gaitcal.faults.role import nominal_model_of
-from gaitcal.faults.study import check_further, check_study, evidence_of, further_evidence, placed_by_motion
+from gaitcal.faults.study import check_further, check_study, examined, further_evidence
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import root_angles
@@ -37,8 +36,7 @@ ROUNDING = 1e-9
 
 @pytest.fixture(scope="module")
 def trials(sound: Study) -> dict[str, MarkerEvidence]:
-    model, _ = nominal_model_of(sound)
-    return {t.name: t for t in evidence_of(sound, model)}
+    return {t.name: t for t in examined(sound).trials}
 
 
 def told(study: Study) -> list[Finding]:
@@ -153,7 +151,8 @@ def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
     found = [f for f in check_study(spoilt) if f.code is Code.CLUSTER_SLID]
     assert [f.severity for f in found] == [Severity.INFO] and "which the error bars count" in found[0].found
     assert [f.line for f in check_study(spoilt) if f.severity is not Severity.INFO] == []
-    placed, (one,) = placed_by_motion(spoilt)
+    of = examined(spoilt)
+    placed, (one,) = of.study, of.placed
     away = (placed.static.recording.markers - static.markers)[:, at]
     assert np.linalg.norm(away, axis=2).max() < PLACED_M < one.shift_spread
     assert {parameter for parameter in placed.loosened if "hip_r" in parameter} == {
@@ -162,7 +161,7 @@ def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
     prior = ANATOMY.loosened(placed.loosened)
     k = prior.names.index("hip_r.thigh.sup")
     more = prior.covariance[k, k] - ANATOMY.covariance[k, k]
-    assert more == pytest.approx(one.shift_spread**2) and placed_by_motion(study)[0] is study
+    assert more == pytest.approx(one.shift_spread**2) and examined(study).study is study
 
 
 def test_a_mirrored_cluster_is_an_error(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
@@ -285,8 +284,7 @@ def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: di
 
 def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
     tall = replace(sound, subject=replace(sound.subject, height=2.1))
-    model, _ = nominal_model_of(tall)
-    walk = next(t for t in evidence_of(tall, model) if t.name == "walk")
+    walk = next(t for t in examined(tall).trials if t.name == "walk")
     for segment, cluster in walk.clusters.items():
         assert offset_limit(cluster) == pytest.approx(1.2 * offset_limit(trials["walk"].clusters[segment]))
     for joint, link in walk.links.items():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.faults.role import nominal_model_of, standing_legs, standing_straight
+from gaitcal.faults.role import standing_legs, standing_straight
 from gaitcal.faults.static_landmarks import (
     Displaced,
     Exchange,
@@ -20,7 +20,7 @@ from gaitcal.faults.static_landmarks import (
     landmarks,
     proportions,
 )
-from gaitcal.faults.study import check_study, evidence_of
+from gaitcal.faults.study import check_study, examined
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
@@ -270,8 +270,7 @@ def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Pat
     write_c3d(tmp_path / "static.c3d", recording_of("static", standing, model, model.markers.labels))
     (tmp_path / "study.toml").write_text(STANDS.format(mass=model.subject.mass), encoding="utf-8")
     study = Study.load(tmp_path / "study.toml")
-    model, _ = nominal_model_of(study)
-    (static,) = (trial for trial in evidence_of(study, model) if trial.is_static)
+    (static,) = examined(study).trials
     assert list(proportions(static)) == []
     p, height = landmarks(static), study.subject.height
     assert cost_of_build(p, height) < 0.8 * cost(measures(p, height))

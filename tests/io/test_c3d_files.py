@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+import ezc3d
 import numpy as np
 import pytest
 
@@ -207,3 +208,17 @@ def test_a_file_of_unlabelled_trajectories_says_so(data_dir: Path) -> None:
         pytest.skip("not among the files that users may download")
     with pytest.raises(InputError, match="47 trajectories, none with a name"):
         read_recording(file)
+
+
+@pytest.mark.parametrize(("channels", "found"), [(3, "no marker, only 3 analog channels"), (0, "no marker")])
+def test_a_file_without_points_is_told_as_such_and_not_by_its_rate(tmp_path: Path, channels: int, found: str) -> None:
+    """As programs of force plates and inertial sensors write it: no POINT:RATE either."""
+    file = ezc3d.c3d()
+    file["data"]["points"] = np.zeros((4, 0, 50))
+    if channels:
+        file["parameters"]["ANALOG"]["RATE"]["value"] = [100.0]
+        file["parameters"]["ANALOG"]["LABELS"]["value"] = [f"Fz{k}" for k in range(channels)]
+        file["data"]["analogs"] = np.ones((1, channels, 50))
+    file.write(str(tmp_path / "forces.c3d"))
+    with pytest.raises(InputError, match=f"found {found}; labelled markers are needed"):
+        read_recording(tmp_path / "forces.c3d")

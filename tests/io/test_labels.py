@@ -229,13 +229,14 @@ def test_strikes_of_real_files_lie_on_the_clock_of_the_plates(data_dir: Path, fi
         ("Height", 70.0, "height", "0.7 m if cm or 1.778 m if inches", None),
         ("Bodymass", 652.4, "mass", "no mass in kg; 66.53 kg if N", 66.53),
         ("RKneeWidth", 12.0, "knee_width_r", "no width in mm; 0.12 m if cm", 0.12),
+        ("LLegLength", 100.0, "leg_length_l", "no length in mm; 1 m if cm", 1.0),  # the study file refuses 100 mm
     ],
 )
 def test_figures_in_other_units_are_kept_and_told(
     name: str, value: float, fact: str, words: str, meant: float | None
 ) -> None:
     facts = facts_of({"PROCESSING": {name: [value]}})
-    assert facts.height is facts.mass is None and facts.knee_width == {}
+    assert facts.height is facts.mass is None and facts.knee_width == facts.leg_length == {}
     told, guess = facts.doubtful[fact]
     assert told.startswith(f"{name} = {value:g}: ") and words in told
     assert guess == (None if meant is None else pytest.approx(meant, rel=1e-3))

@@ -51,7 +51,7 @@ def test_every_joint_finds_its_own_place() -> None:
     assert (start.errors.rms() or 0.0) > 100 * EXACT
     floor = joint_floor(problem, published_subject(), start.q)
     sides = [f"{joint}_{side}" for joint in ("hip", "knee", "ankle", "shoulder", "elbow") for side in "rl"]
-    assert set(floor.joints) == {*sides, "back"}
+    assert set(floor.joints) >= {*sides, "back"}
     assert max(floor.joints.values()) < EXACT
     assert (floor.rms() or 1.0) < EXACT
 
@@ -160,9 +160,10 @@ def test_a_segment_without_markers_has_no_joint() -> None:
     floor = joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
     assert not {"knee_r", "ankle_r", "shoulder_l", "elbow_l"} & set(floor.joints)
     assert {"hip_r", "hip_l", "back", "elbow_r"} <= set(floor.joints)
-    assert "foot_r" not in floor.segments and floor.rms("foot_r") is None
-    rigid, foot = rigid_floor(problem), np.array([s == "foot_r" for s in floor.errors.segments])
-    np.testing.assert_allclose(floor.errors.distance[:, foot], rigid.distance[:, foot], rtol=ROUNDING, atol=0)
+    hand = "forearm_hand_l"
+    assert hand not in floor.segments and floor.rms(hand) is None
+    rigid, at = rigid_floor(problem), np.array([s == hand for s in floor.errors.segments])
+    np.testing.assert_allclose(floor.errors.distance[:, at], rigid.distance[:, at], rtol=ROUNDING, atol=0)
     alone = replace(problem, data=replace(problem.data, weight=np.where(problem.data.segment[:, None] == 0, weight, 0)))
     assert joint_floor(alone, parameters, problem.basis.evaluate(coefficients)) is None
 

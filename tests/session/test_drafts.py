@@ -56,7 +56,7 @@ file = "walk.csv"  # 208 frames at 200 Hz
 forces = "grf.csv"  # sure: covers the time, and under load acts 4 cm from the feet
 
 # Not used:
-#   photo.png: a file ending in '.png' holds no recording
+#   photo.png: gaitcal reads no file ending in '.png'
 """
 
 

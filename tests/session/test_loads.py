@@ -10,7 +10,7 @@ from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.plate_errors import DEFAULT
-from gaitcal.faults.study import moves_since_static
+from gaitcal.faults.study import examined
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
@@ -66,7 +66,7 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
     spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0
     plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
     problem = replace(with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"])
-    turned = axis_deviations(study.settings, done.nominal, moves_since_static(study)["walk"])
+    turned = axis_deviations(study.settings, done.nominal, examined(study).moves()["walk"])
     errors = ErringForces(
         problem,
         trial.body.coefficients,

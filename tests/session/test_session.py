@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitcal.faults.contradiction import PossibleMove
-from gaitcal.faults.study import check_study
+from gaitcal.faults.study import check_study, examined
 from gaitcal.runtime import silent
 from gaitcal.session.calibrate import calibrate, fit_inertia, track
 from gaitcal.session.joint_parameters import fit_joints
@@ -14,7 +14,7 @@ from gaitcal.session.result import Stage
 from gaitcal.session.session import _doubted, session_of
 from gaitcal.study import study_trial
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from tests.faults.spoilt import sound_study
 
@@ -36,7 +36,7 @@ def test_every_trial_is_cleaned_once(study: Study, monkeypatch: pytest.MonkeyPat
 
 
 def test_a_stage_changes_nothing_of_the_one_before(study: Study) -> None:
-    prepared = session_of(study, nominal_of(study))
+    prepared = session_of(examined(study))
     (walk,) = prepared.trials
     assert walk.stages == {} and walk.reactions is None and walk.outliers == ()
     moved = track(fit_joints(prepared), silent)

@@ -224,9 +224,12 @@ def read_c3d(path: Path) -> Recording:
 
 def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recording:
     parameters: Mapping[str, Mapping[str, Any]] = raw["parameters"]
-    rate = _rate(parameters, float(raw["rate"]))
     points: Array = raw["points"]
     analogs: Array = raw["analogs"]
+    if not points.shape[1] and not raw["poses"].shape[2]:
+        found = f"found no marker, only {len(analogs)} analog channels" if len(analogs) else "found no marker"
+        raise FileFault(f"{found}; labelled markers are needed, the plates in the same file")
+    rate = _rate(parameters, float(raw["rate"]))
     per_metre, notes = _unit(parameters)
     if is_askew(header, points, analogs):
         points, analogs = read_samples(path, header, parameters)

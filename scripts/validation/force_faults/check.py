@@ -28,6 +28,7 @@ from gaitcal.errors import InputError
 from gaitcal.faults.force_causes import Kind
 from gaitcal.faults.force_choice import ForceFit, Named, choose, fits, told_size
 from gaitcal.faults.force_evidence import ForceEvidence, ForceResidual, force_evidence
+from gaitcal.faults.study import examined
 from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import Parameters
@@ -36,7 +37,7 @@ from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.session import MovingTrial, forward_direction, measured_reactions, prepare_trial, session_of
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.subject import synthesize
 from scripts.validation.force_faults.faults import FAULTS, Fault
@@ -88,8 +89,8 @@ def evidence_of(
 
 def person(name: str, study: Study) -> Person:
     """Joint stage and clean evidence of a study."""
-    model = nominal_of(study)
-    parameters = fit_joints(session_of(study, model)).parameters
+    session = fit_joints(session_of(examined(study)))
+    model, parameters = session.model, session.parameters
     found = []
     for trial in (t for t in study.moving if t.role is Role.GAIT and t.recording.plates):
         prepared = prepare_trial(trial, model, study.settings)

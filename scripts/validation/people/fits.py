@@ -9,12 +9,12 @@ import numpy as np
 from gaitcal import Study, SubjectModel
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
+from gaitcal.faults.study import examined
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Parameters, leg_parameters
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.session import session_of
 from gaitcal.study.joint_prior import JointPrior
-from gaitcal.study.study import nominal_of
 
 LEG = tuple(name.replace("_r", "", 1) for name in leg_parameters("r"))
 """The 27 joint parameters of a leg without its side: `hip.pelvis.ant`."""
@@ -74,15 +74,14 @@ def wide_hips(study: Study, deviation_mm: float) -> Study:
 
 def fitted(name: str, study: Study) -> Fit:
     """The joint stage of a calibration."""
-    nominal = nominal_of(study)
-    stage = fit_joints(session_of(study, nominal))
+    stage = fit_joints(session_of(examined(study)))
     if stage.joint is None:
         raise RuntimeError(f"{name}: no joint parameters were fitted")
     known = stage.joint.errors.standard_errors
     errors = np.array([known.get(jp, np.nan) for jp in JP_NAMES])
     return Fit(
         name=name,
-        nominal=nominal,
+        nominal=stage.model,
         parameters=stage.parameters,
         errors=np.where(errors > 0, errors, np.nan),
         influence=stage.joint.errors,

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.faults.study import examined
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
 from gaitcal.session.session import MovingTrial, session_of
-from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.recordings import changed, study_of_person
@@ -83,8 +83,8 @@ def path_of(trial: MovingTrial, model: SubjectModel, side: str) -> tuple[Array, 
 def knees_of(name: str, settings: Mapping[str, object]) -> Iterator[Knee]:
     """Both knees of a person; none without a marker on the epicondyle that moves with three markers of the shank."""
     study = changed(study_of_person(name), settings)
-    nominal = nominal_of(study)
-    walks = [trial for trial in session_of(study, nominal).trials if trial.role is Role.GAIT]
+    session = session_of(examined(study))
+    nominal, walks = session.model, [trial for trial in session.trials if trial.role is Role.GAIT]
     fit: Fit | None = None
     for side in SIDES:
         found = [path_of(walk, nominal, side) for walk in walks]
