@@ -72,18 +72,7 @@ def test_usage_errors_end_with_2() -> None:
     assert gaitcal("no-such-command").returncode == 2
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("montecarlo", ".", "--levels", "abc"),
-        ("montecarlo", ".", "--vary", "foo"),
-        ("montecarlo", ".", "--jobs", "0"),
-        ("montecarlo", ".", "--parameters", "20"),
-        ("montecarlo", ".", "--grf", "x"),
-        ("export", ".", "--format", "foo"),
-        ("export", ".", "--format", ","),
-    ],
-)
+@pytest.mark.parametrize("words", [("montecarlo", ".", "--levels", "abc"), ("export", ".", "--format", "foo")])
 def test_options_that_we_refuse_end_with_2_too(words: tuple[str, ...]) -> None:
     done = gaitcal(*words)
     assert done.returncode == 2, done.stderr

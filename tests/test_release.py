@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import tarfile
 import zipfile
 from pathlib import Path
 from types import ModuleType
@@ -14,7 +13,6 @@ from types import ModuleType
 import pytest
 
 import gaitcal
-from gaitcal.errors import GaitcalError
 from gaitcal.io import toml
 from scripts.tools import release
 
@@ -26,40 +24,8 @@ else:
 ROOT = Path(__file__).parents[1]
 PACKAGING = ROOT / "scripts/tools/packaging"
 
-CHANGELOG = """# Changelog
-
-## [Unreleased]
-
-## [1.1.0] - 2026-02-03
-
-### Added
-
-- A thing ([the paper]).
-
-## [1.0.0] - 2026-01-02
-
-- The first.
-
-[the paper]: https://example.org/paper
-[1.1.0]: https://example.org/1.1.0
-"""
 ON_CONDA = {"pin": "pinocchio", "meshcat": "meshcat-python", "matplotlib": "matplotlib-base"}
 """Names of packages that conda-forge calls otherwise."""
-
-
-def test_notes_are_the_section_of_the_version() -> None:
-    assert release.notes(CHANGELOG, "1.1.0") == (
-        "### Added\n\n- A thing ([the paper]).\n\n[the paper]: https://example.org/paper\n"
-    )
-    assert release.notes(CHANGELOG, "1.0.0") == "- The first.\n"
-
-
-@pytest.mark.parametrize(
-    "section, told", [("2.0.0", "has no section .2.0.0.; it has Unreleased"), ("Unreleased", "nothing")]
-)
-def test_a_section_that_tells_nothing_stops_the_release(section: str, told: str) -> None:
-    with pytest.raises(SystemExit, match=told):
-        release.notes(CHANGELOG, section)
 
 
 def test_notes_of_our_own_changelog(capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,28 +47,6 @@ def test_versions_that_differ_stop_the_release(tmp_path: Path) -> None:
     )
     with pytest.raises(SystemExit, match="not one version: .*CITATION.cff says 9.9.9"):
         release.version_of(tmp_path)
-
-
-def test_a_package_without_its_data_stops_the_release(tmp_path: Path) -> None:
-    wheel, sdist = tmp_path / "gaitcal-1-py3-none-any.whl", tmp_path / "gaitcal-1.tar.gz"
-    for packed in (release.PACKED, release.PACKED[1:]):
-        with zipfile.ZipFile(wheel, "w") as archive:
-            for name in packed:
-                archive.writestr(f"gaitcal/{name}", "x")
-        with tarfile.open(sdist, "w:gz") as tar:
-            for name in ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md"):
-                tar.add(ROOT / name, f"gaitcal-1/{name}")
-        if packed is release.PACKED:
-            release.check_content(wheel, sdist)
-        else:
-            with pytest.raises(SystemExit, match="missing .*models/nominal_subject.json"):
-                release.check_content(wheel, sdist)
-
-
-def test_a_release_starts_from_an_empty_folder(tmp_path: Path) -> None:
-    (tmp_path / "old.whl").touch()
-    with pytest.raises(SystemExit, match="is not empty"):
-        release.main(["--allow-changes", "--out", str(tmp_path)])
 
 
 def test_conda_asks_for_what_pip_asks_for() -> None:
@@ -169,12 +113,6 @@ def test_what_contributors_are_told_is_there() -> None:
     assert {path for path in named if not (ROOT / path.rstrip(".")).exists()} == set()
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py"))
     assert {name for name in re.findall(r"`(test_\w+)`", text) if f"def {name}(" not in tests} == set()
-
-
-def test_an_incomplete_installation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(toml, "files", lambda package: tmp_path / package)
-    with pytest.raises(GaitcalError, match="install gaitcal again"):
-        toml.models_path()
 
 
 def test_import_loads_no_viewer_plots_cluster_or_command_line(tmp_path: Path) -> None:

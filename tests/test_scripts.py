@@ -15,7 +15,6 @@ import pytest
 import gaitcal as gc
 from scripts.tools import compare_results
 from scripts.tools.benchmark import __main__ as benchmark
-from scripts.tools.benchmark import figure, references
 from tests.kept import copied_person, kept_calibration
 
 ROOT = Path(__file__).parents[1]
@@ -37,12 +36,6 @@ def test_benchmark_runs_a_section_and_writes_its_figures(tmp_path: Path, capsys:
     assert figures["machine"]["blas_threads"] == 1
     assert all(f["seconds"] > 0 for section in ("ip", "inverse-dynamics") for f in figures[section].values())
     assert "physically consistent" in capsys.readouterr().out
-
-
-def test_benchmark_refuses_an_unknown_section() -> None:
-    with pytest.raises(SystemExit) as stopped:
-        benchmark.main(["nonsense"])
-    assert stopped.value.code == 2
 
 
 @pytest.fixture
@@ -120,31 +113,6 @@ def test_notebook_runs_from_top_to_bottom(kept: Path, tmp_path: Path, monkeypatc
     assert any("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
     said = "".join(output.get("text", "") for cell in code for output in cell.outputs)
     assert float(re.findall(r"it differs by (\S+) N·m", said)[0]) < 1.0
-
-
-def test_benchmark_tells_how_a_series_grows(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    clock = iter(float(t) for t in (0, 6, 0, 12, 0, 24))  # start and end of three single runs
-    monkeypatch.setattr(benchmark, "perf_counter", lambda: next(clock))
-    parts = [
-        figure.Timing(f"task {n}", lambda: None, lambda s: f"{s:g} s in all", 1, "time", n, lambda n=n: n)
-        for n in (1, 2, 4)
-    ]
-    parts += [figure.Amount(f"amount {n}", lambda n=n: 3.0 * n**1.5, "GiB", "", "memory", n) for n in (1, 2, 4)]
-    figures = benchmark._section(parts, 5)
-    assert figures["task 4"]["seconds"] == figures["task 4"]["least"] == 24.0
-    assert (figures["task 4"]["runs"], figures["task 4"]["note"]) == (1, "24 s in all")
-    assert figures["task 4"]["processor_seconds"] < 1.0  # of a task that does nothing
-    assert figures["exponent: time"]["value"] == pytest.approx(0.0, abs=1e-12)  # twice the time, but twice the shares
-    assert figures["exponent: memory"]["value"] == pytest.approx(1.5)
-    assert "exponent: memory" in capsys.readouterr().out
-
-
-def test_benchmark_counts_the_passes_that_its_lower_bound_is_for() -> None:
-    matrices, gradients = references.passes(figure.problem("gait"))
-    assert matrices >= 2
-    assert gradients >= 1
 
 
 ROWS = "time,knee_angle_r\n0.0,10.0\n0.1,{}\n"

@@ -106,9 +106,9 @@ def find_vertical(markers: Array, plates: tuple[ForcePlate, ...]) -> Vertical | 
         if spread is None or not spread.max() > 0:
             return None
         axis = int(np.argmax(spread))
-    seen = markers[..., axis][np.isfinite(markers[..., axis])]
+    heights = markers[..., axis][np.isfinite(markers[..., axis])]
     floors = [float(p.corners[:, axis].mean()) for p in plates if p.corners is not None]
-    above = float(np.median(seen)) - (floors[0] if floors else 0.0) if len(seen) else 0.0
+    above = float(np.median(heights)) - (floors[0] if floors else 0.0) if len(heights) else 0.0
     return Vertical(axis, -1 if above < 0 else 1, evidence)
 
 
@@ -137,11 +137,11 @@ def _spread(markers: Array, fewest: int) -> Array | None:
 
     Of frames with at least `fewest` markers; None where there is none.
     """
-    seen = seen_mask(markers)
-    frames = np.flatnonzero(seen.sum(axis=1) >= fewest)
+    visible = seen_mask(markers)
+    frames = np.flatnonzero(visible.sum(axis=1) >= fewest)
     if not len(frames):
         return None
-    spread = [np.std(markers[i][seen[i]], axis=0) for i in frames[:: max(1, len(frames) // 200)]]
+    spread = [np.std(markers[i][visible[i]], axis=0) for i in frames[:: max(1, len(frames) // 200)]]
     return np.asarray(np.median(spread, axis=0))
 
 
@@ -189,10 +189,10 @@ def turn_up(recording: Recording, vertical: Vertical) -> Recording:
 
 def net_progression(recording: Recording) -> Array:
     """(3,) m, horizontal way of the body from first to last sight: median over the markers seen most of the time."""
-    seen = seen_mask(recording.markers)
+    visible = seen_mask(recording.markers)
     ways = []
-    for marker in np.flatnonzero(seen.sum(axis=0) > 0.5 * len(recording.time)):
-        frames = np.flatnonzero(seen[:, marker])
+    for marker in np.flatnonzero(visible.sum(axis=0) > 0.5 * len(recording.time)):
+        frames = np.flatnonzero(visible[:, marker])
         ways.append(recording.markers[frames[-1], marker] - recording.markers[frames[0], marker])
     way = np.median(ways, axis=0) if ways else np.zeros(3)
     way[1] = 0.0

@@ -311,7 +311,7 @@ def _fetch_rest(example: Example, content: Path, connection: Connection, progres
 
 def source_text(example: Example) -> str:
     """Whose the recordings are, and under which licence."""
-    words = (
+    paragraphs = (
         f"{example.title}. Fetched by 'gaitcal example {example.name}'; the recordings are no part of gaitcal.",
         f"From: {example.of}",
         f"Repository: {example.repository}, commit {example.commit}",
@@ -320,5 +320,5 @@ def source_text(example: Example) -> str:
         f"Note: {example.remark}",
     )
     files = "\n".join(f"{file.name}\n  {file.url}\n  SHA-256 {file.sha256}" for file in example.files)
-    wrapped = (textwrap.fill(line, 100, break_long_words=False, break_on_hyphens=False) for line in words)
+    wrapped = (textwrap.fill(line, 100, break_long_words=False, break_on_hyphens=False) for line in paragraphs)
     return "\n".join(wrapped) + f"\n\n{files}\n"

@@ -118,11 +118,11 @@ def _speed_of_few(time: Array, markers: Array) -> float:
 
 def _scatter(markers: Array) -> float:
     """m, RMS distance of markers (nf, nm, 3) from their means over the frames; those seen once say nothing."""
-    seen = seen_mask(markers)
-    often = seen.sum(axis=0) > 1
-    kept = np.where(seen[:, often, None], markers[:, often], 0.0)
-    count = seen[:, often].sum(axis=0)
-    away = np.where(seen[:, often, None], markers[:, often] - kept.sum(axis=0) / count[:, None], 0.0)
+    visible = seen_mask(markers)
+    often = visible.sum(axis=0) > 1
+    kept = np.where(visible[:, often, None], markers[:, often], 0.0)
+    count = visible[:, often].sum(axis=0)
+    away = np.where(visible[:, often, None], markers[:, often] - kept.sum(axis=0) / count[:, None], 0.0)
     return float(np.sqrt((away**2).sum() / max(int(count.sum()), 1)))
 
 
@@ -187,11 +187,11 @@ class MarkerGaps:
 
 def marker_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
     """One entry for each marker, in the order of the labels."""
-    seen = seen_mask(recording.markers)
+    visible = seen_mask(recording.markers)
     time = recording.time
     gaps = []
     for index, label in enumerate(recording.labels):
-        frames = np.flatnonzero(seen[:, index])
+        frames = np.flatnonzero(visible[:, index])
         if len(frames) == 0:
             longest = float(time[-1] - time[0])
         else:

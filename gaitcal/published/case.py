@@ -324,11 +324,11 @@ def _scale_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
     nominal, motions = calibration.nominal, []
     for trial, loads in _loaded(calibration):
         motions.append(LoadedMotion.of(trial.body, loads.reactions))
-    for scale, (_, words) in SCALES.items() if motions else ():
+    for scale, (_, divisor) in SCALES.items() if motions else ():
         parameters, width = calibration.model.parameters, pelvis_width(nominal)
         equations = equations_of(motions, parameters, nominal.subject, scale, width)
         fit = fit_published(equations, nominal.parameters.inertial, symmetric_set())
         possible = "" if is_physical(fit.inertial).all() else "some bodies could not exist"
         for (column, unit, _), value in zip(RESIDUALS, (fit.rms_force, fit.rms_moment), strict=True):
-            cell = TableRow("discussion", f"{name}, torque divided by {words}", column, unit)
+            cell = TableRow("discussion", f"{name}, torque divided by {divisor}", column, unit)
             yield cell.filled(None, value, NOTE, possible, "published cost")

@@ -197,8 +197,8 @@ def _dominate(d: Disturbances, frame: ReactionFrame) -> Outcome:
 
 def _no_interaction(d: Disturbances, frame: ReactionFrame) -> Outcome:
     ratio = d.top(Varied.BOTH, frame) / np.hypot(d.top(Varied.JP, frame), d.top(Varied.IP, frame))
-    words = f"JP+IP / root of the sum of squares between {ratio.min():.2f} and {ratio.max():.2f}"
-    return words, np.abs(ratio - 1.0).max() < INTERACTION_LIMIT
+    figures = f"JP+IP / root of the sum of squares between {ratio.min():.2f} and {ratio.max():.2f}"
+    return figures, np.abs(ratio - 1.0).max() < INTERACTION_LIMIT
 
 
 def _ip_markers(d: Disturbances, frame: ReactionFrame) -> Outcome:
@@ -209,8 +209,8 @@ def _ip_markers(d: Disturbances, frame: ReactionFrame) -> Outcome:
 def _ip_wide(d: Disturbances, frame: ReactionFrame) -> Outcome:
     errors = _errors(d.wide, Varied.IP, frame)
     worst = TORQUES[int(errors.argmax())]
-    words = f"{TORQUE_WORDS[worst]} {errors.max():.2f} %BW*H"
-    return words, worst == "hip_flexion" and 0.15 < errors.max() < 0.6
+    figures = f"{TORQUE_WORDS[worst]} {errors.max():.2f} %BW*H"
+    return figures, worst == "hip_flexion" and 0.15 < errors.max() < 0.6
 
 
 def _ip_small(d: Disturbances, frame: ReactionFrame) -> Outcome:
@@ -286,12 +286,12 @@ def _levels(rms_mm: float, joint: tuple[float, float], noise: tuple[float, float
     wanted = {Varied.JP: joint, Varied.NOISE: noise}
 
     def test(d: Disturbances, frame: ReactionFrame) -> Outcome:
-        words, holds = [], True
+        figures, holds = [], True
         for cause in expect(d.table, rms_mm, SIDE):
             low, high = wanted[cause.varied]
-            words.append(f"{cause.varied.title} {'more than 100' if cause.beyond else f'{cause.level:.0f}'} %")
+            figures.append(f"{cause.varied.title} {'more than 100' if cause.beyond else f'{cause.level:.0f}'} %")
             holds = holds and low <= (np.inf if cause.beyond else cause.level) <= high
-        return ", ".join(words), holds
+        return ", ".join(figures), holds
 
     return test
 
@@ -310,9 +310,9 @@ def printed_markers(d: Disturbances) -> Outcome:
 def printed_torques(d: Disturbances, frame: ReactionFrame) -> Outcome:
     """Whether the three printed JP torque errors come out together."""
     errors = dict(zip(TORQUES, d.top(Varied.JP, frame), strict=True))
-    words = ", ".join(f"{TORQUE_WORDS[figure.torque]} {errors[figure.torque]:.2f}" for figure in _JP_FIGURES)
+    figures = ", ".join(f"{TORQUE_WORDS[figure.torque]} {errors[figure.torque]:.2f}" for figure in _JP_FIGURES)
     near = [abs(errors[figure.torque] / figure.value - 1.0) < WITHIN for figure in _JP_FIGURES]
-    return f"{words} %BW*H", all(near)
+    return f"{figures} %BW*H", all(near)
 
 
 _EXPECTED: tuple[tuple[str, str, _Test, bool], ...] = (
@@ -355,11 +355,11 @@ def disturbance_claims(disturbances: Disturbances | None) -> list[Claim]:
     for group, entries in (("", _EXPECTED), ("at risk: ", _AT_RISK)):
         for claim, published, test, framed in entries:
             for frame in FRAMES if framed else (None,):
-                words = f"{group}{claim}" + ("" if frame is None else f" ({FRAMES[frame]})")
-                found = Claim(words, published, "", Verdict.NOT_RUN)
+                sentence = f"{group}{claim}" + ("" if frame is None else f" ({FRAMES[frame]})")
+                found = Claim(sentence, published, "", Verdict.NOT_RUN)
                 if disturbances is not None:
                     ours, holds = test(disturbances, frame or ReactionFrame.LAB)
-                    found = tested(words, published, ours, holds)
+                    found = tested(sentence, published, ours, holds)
                     if test is _converged and not holds and disturbances.draws < PUBLISHED_DRAWS:
                         found = replace(found, verdict=Verdict.NOT_RUN)  # fewer draws than the claim is about
                 out.append(found)

@@ -216,8 +216,8 @@ def refit_rows(stopped: StoppedRefits) -> list[TableRow]:
             cell = TableRow(SENSITIVITY, f"Monte Carlo, {varied.title} {level} %: {end}", "marker distance RMS", "mm")
             rows.append(cell.filled(printed, averages[varied.value, level, f"markers_{SIDE}", ""], note))
         for figure in _FIGURES:
-            for frame, words in FRAMES.items():
-                column = f"{TORQUE_WORDS[figure.torque]}, {words}"
+            for frame, stays in FRAMES.items():
+                column = f"{TORQUE_WORDS[figure.torque]}, {stays}"
                 cell = TableRow(SENSITIVITY, f"Monte Carlo, JP 100 %: {end}", column, "%BW*H")
                 ours = averages[Varied.JP.value, 100, f"{figure.torque}_{SIDE}", frame.value]
                 rows.append(cell.filled(figure.value, ours, note))
@@ -236,7 +236,7 @@ def refit_claims(stopped: StoppedRefits | None) -> list[Claim]:
         "1.06, knee flexion 0.92 %BW*H at JP 100 %"
     )
     if stopped is None:
-        return [Claim(f"{claim} ({words})", published, "", Verdict.NOT_RUN) for words in FRAMES.values()]
+        return [Claim(f"{claim} ({stays})", published, "", Verdict.NOT_RUN) for stays in FRAMES.values()]
 
     def label(iteration: Iteration, count: int) -> str:
         """The end is the same of every iteration."""
@@ -253,7 +253,7 @@ def refit_claims(stopped: StoppedRefits | None) -> list[Claim]:
         for key in ((i, count) for count in counts)
         if key in stopped.tables
     ]
-    for frame, words in FRAMES.items():
+    for frame, stays in FRAMES.items():
         torques = [name for name, study in studies.items() if printed_torques(study, frame)[1]]
         both = [name for name in markers if name in torques]
         parts = []
@@ -264,7 +264,7 @@ def refit_claims(stopped: StoppedRefits | None) -> list[Claim]:
             f"printed marker errors: {listed(markers)}; printed torque errors: {listed(torques)}; both at once: "
             f"{listed(both)}. Markers at JP 50 %, torques at JP 100 %: {'; '.join(parts)}; {stopped.draws} draws"
         )
-        claims.append(tested(f"{claim} ({words})", published, ours, bool(both)))
+        claims.append(tested(f"{claim} ({stays})", published, ours, bool(both)))
     return claims
 
 
@@ -342,8 +342,8 @@ def pressure_centre_rows(centres: PressureCentres) -> list[TableRow]:
     for centre, of_frame in centres.drawn.items():
         for frame in of_frame:
             for torque, error in zip(TORQUES, centres.errors(centre, frame), strict=True):
-                words = f"Monte Carlo, JP {LEVEL} %, centre of pressure {centre}: {FRAMES[frame]}"
-                cell = TableRow(SENSITIVITY, words, TORQUE_WORDS[torque], "%BW*H")
+                row_title = f"Monte Carlo, JP {LEVEL} %, centre of pressure {centre}: {FRAMES[frame]}"
+                cell = TableRow(SENSITIVITY, row_title, TORQUE_WORDS[torque], "%BW*H")
                 rows.append(cell.filled(printed.get(torque), float(error), f"mean of {centres.draws} draws"))
     return rows
 
@@ -351,10 +351,10 @@ def pressure_centre_rows(centres: PressureCentres) -> list[TableRow]:
 def pressure_centre_claims(centres: PressureCentres | None) -> list[Claim]:
     """Whether the three printed errors would be others with one centre of pressure, for either frame."""
     claims = []
-    for frame, words in FRAMES.items():
+    for frame, stays in FRAMES.items():
         claim = (
             "it makes no difference to the three printed JP torque errors (less than "
-            f"{100 * NO_DIFFERENCE:.0f} %) whether each foot has its own centre of pressure or both share one ({words})"
+            f"{100 * NO_DIFFERENCE:.0f} %) whether each foot has its own centre of pressure or both share one ({stays})"
         )
         if centres is None:
             claims.append(Claim(claim, _PRINTED_TORQUES, "", Verdict.NOT_RUN))

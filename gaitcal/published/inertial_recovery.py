@@ -246,17 +246,17 @@ def _run(noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSeque
     equations = {
         scale: gait_equations(gait.parameters, gait.coefficients, scale) for scale in inertial_calibration.TorqueScale
     }
-    usual = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
+    by_height = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY
     streams = map(np.random.default_rng, seeds.spawn(random_seeds))
     starts = [random_seed(rng, with_held=noise is not None) for rng in streams]
     scales = {scale: recover_inertia(scaled, truth) for scale, scaled in equations.items()}
     return SeedResult(
         joints=joints,
-        residual_before=usual.rms(truth),
+        residual_before=by_height.rms(truth),
         correct=scales[inertial_calibration.TorqueScale.BODY_HEIGHT],
-        single_pass=recover_inertia(usual, truth, reseed=False),
-        random=tuple(recover_inertia(usual, start, decay=decay) for start in starts),
+        single_pass=recover_inertia(by_height, truth, reseed=False),
+        random=tuple(recover_inertia(by_height, start, decay=decay) for start in starts),
         scales=scales,
         third=third_step(problems["full leg"], gait) if noise is not None else None,
     )

@@ -201,13 +201,13 @@ def trial_length_rows(lengths: Sequence[LengthDraws]) -> list[TableRow]:
     """Table I with noise for each length, and both p of the seven rows together."""
     rows: list[TableRow] = []
     for length in lengths:
-        words = f"isolated trials of {length.seconds:.0f} s ({ISOLATED_FRAMES} frames at {length.rate:.0f} Hz)"
+        trials = f"isolated trials of {length.seconds:.0f} s ({ISOLATED_FRAMES} frames at {length.rate:.0f} Hz)"
         for key, title, unit, _ in JOINT_FIGURES:
             for problem, published in _printed(key).items():
                 values = length.values(problem, key)
                 share = f"{np.mean(values <= published):.0%} of the draws are at or below it"
                 rows.append(
-                    TableRow(SENSITIVITY, f"{words}: {title}", problem, unit).over_draws(published, values, share)
+                    TableRow(SENSITIVITY, f"{trials}: {title}", problem, unit).over_draws(published, values, share)
                 )
         stuck = sum(not f.converged for found in length.problems for f in found.values())
         for column, found_place, meaning in (
@@ -219,7 +219,7 @@ def trial_length_rows(lengths: Sequence[LengthDraws]) -> list[TableRow]:
                 f"share of {len(length.problems)} noise draws and the printed one that are {meaning}",
                 f"{stuck} of {len(length.problems) * len(PROBLEMS)} searches did not converge" if stuck else "",
             )
-            cell = TableRow(SENSITIVITY, f"{words}: the seven parameter rows together", column, "")
+            cell = TableRow(SENSITIVITY, f"{trials}: the seven parameter rows together", column, "")
             rows.append(cell.filled(None, found_place.p, *notes))
     return rows
 
@@ -244,8 +244,8 @@ def trial_length_claims(lengths: Sequence[LengthDraws] | None) -> list[Claim]:
             f"{length.seconds:.0f} s: low rank sum p = {length.low.words}, distance p = {length.joint.words}; medians "
             f"{', '.join(errors)}; marker distances {', '.join(markers)} mm"
         )
-    words = f"{'. '.join(parts)}. {len(lengths[0].problems)} draws each, limit {LIMIT:g}; rank sum one-sided"
-    return [Claim(claim, published, words, _low_then_not(lengths[0].low.verdict, lengths[-1].low.verdict))]
+    ours = f"{'. '.join(parts)}. {len(lengths[0].problems)} draws each, limit {LIMIT:g}; rank sum one-sided"
+    return [Claim(claim, published, ours, _low_then_not(lengths[0].low.verdict, lengths[-1].low.verdict))]
 
 
 def _low_then_not(first: Verdict, last: Verdict) -> Verdict:
@@ -338,12 +338,12 @@ def absorbed_rows(shares: Mapping[str, Absorbed]) -> list[TableRow]:
     for problem, share in shares.items():
         title = f"noise that a fit of {share.markers} markers absorbs"
         draws = f"over {len(share.left_mm)} noise draws, standard error {100 * share.standard_error:.2g}"
-        for words, value, note in (
+        for fit, value, note in (
             ("any motion alone, at most on average", share.any_motion, "rank of the projection, frame by frame"),
             ("motion of 20 nodes", share.motion, draws),
             ("motion and joint parameters", share.whole, draws),
         ):
-            rows.append(TableRow(SENSITIVITY, f"{title}: {words}", problem, "%").filled(None, 100.0 * value, note))
+            rows.append(TableRow(SENSITIVITY, f"{title}: {fit}", problem, "%").filled(None, 100.0 * value, note))
         cell = TableRow(SENSITIVITY, f"{title}: marker distance RMS that is left", problem, "mm")
         rows.append(cell.over_draws(_DISTANCES[problem], share.left_mm, "to first order"))
     return rows
@@ -365,7 +365,7 @@ def absorbed_claims(shares: Mapping[str, Absorbed] | None) -> list[Claim]:
     def each(values: Iterable[float], form: str) -> str:
         return ", ".join(f"{name} {value:{form}}" for name, value in zip(shares, values, strict=True))
 
-    words = (
+    ours = (
         f"distance p = {found.words} of {len(left)} draws (limit {LIMIT:g}): on average, to first order, a motion of "
         f"27 coordinates alone absorbs at most {100 * most:.0f} % of the noise, which leaves "
         f"{NOISE_MM * np.sqrt(1 - most):.1f} of {NOISE_MM:.2f} mm; that of 20 nodes "
@@ -375,4 +375,4 @@ def absorbed_claims(shares: Mapping[str, Absorbed] | None) -> list[Claim]:
         f"{each(np.mean(left <= printed, axis=0), '.1%')}. The {lowest}'s {printed.min():.2f} mm would ask for "
         f"{int(needed)} markers or fewer"
     )
-    return [Claim(claim, published, words, found.verdict)]
+    return [Claim(claim, published, ours, found.verdict)]

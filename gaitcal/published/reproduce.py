@@ -137,9 +137,9 @@ def reproduce(
     ]
     lap("tables")
     disturbances, found, claims = None, dict[str, Any](), list[Claim]()
-    for name, words, compute, rows_of, claims_of in _SENSITIVITIES:
+    for name, description, compute, rows_of, claims_of in _SENSITIVITIES:
         if settings.sensitivities is not None:
-            progress(words)
+            progress(description)
             found[name] = compute(settings.seed, getattr(settings.sensitivities, name), settings.jobs)
             rows += rows_of(found[name])
         claims += (replace(claim, kind=Kind.SENSITIVITY) for claim in claims_of(found.get(name)))
@@ -164,14 +164,14 @@ def reproduce(
 
 
 def _disturb(settings: ReproductionSettings, folder: Path | None, progress: Progress) -> Disturbances:
-    def study(name: str, words: str, bounds: MonteCarloSettings, plan: Plan) -> pd.DataFrame:
+    def study(name: str, description: str, bounds: MonteCarloSettings, plan: Plan) -> pd.DataFrame:
         return monte_carlo(
             nominal_case(),
             folder / name if folder else None,
             settings=bounds,
             plan=plan,
             workers=LocalProcesses(settings.jobs),
-            progress=lambda done, todo: progress(f"Monte Carlo, {words}: {done} of {todo} draws"),
+            progress=lambda done, todo: progress(f"Monte Carlo, {description}: {done} of {todo} draws"),
         ).statistics
 
     published = MonteCarloSettings(seed=settings.seed)

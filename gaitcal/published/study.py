@@ -234,8 +234,8 @@ def _other_versions(versions: object) -> tuple[str, ...]:
     held = versions if isinstance(versions, dict) else {}
     now = {name: package_version(name) for name in _VERSIONED}
     changed = [f"{n} {held[n]}, now {version}" for n, version in now.items() if held.get(n, version) != version]
-    words = f"draws kept here were begun with {'; '.join(changed)}: old and new ones may differ in their last digits"
-    return (words,) if changed else ()
+    note = f"draws kept here were begun with {'; '.join(changed)}: old and new ones may differ in their last digits"
+    return (note,) if changed else ()
 
 
 def in_order(frame: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:

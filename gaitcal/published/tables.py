@@ -102,9 +102,9 @@ class TableRow:
     def over_draws(self, published: float | None, values: Iterable[float], note: str = "") -> TableRow:
         """With a figure that depends on the noise: its median, with range and place of the printed one in the note."""
         ours = spread(values)
-        words = f"median of {ours.draws} noise draws, range {ours.low:.3g} to {ours.high:.3g}"
+        summary = f"median of {ours.draws} noise draws, range {ours.low:.3g} to {ours.high:.3g}"
         place = "" if published is None else f"published value {ours.place(published)} the range"
-        return self.filled(published, ours.median, words, place, note)
+        return self.filled(published, ours.median, summary, place, note)
 
     def experiment(self, published: float, note: str = "") -> TableRow:
         """With a printed figure that only the unpublished trial could give."""
@@ -204,8 +204,8 @@ def table_three_rows(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Tab
         for printed, row in (("experimental_phase2", "phase 2"), ("experimental_anatomical", "anatomical")):
             rows.append(TableRow("III", f"experimental, {row}", column, unit).experiment(table_three(printed)[k]))
     for (column, _, _), key in zip(RESIDUALS, ("force", "torque"), strict=True):
-        for words, name in (("phase 2", "ip_reduction_residual_pct"), ("third step", "third_step_reduction_pct")):
-            cell = TableRow("III", f"experimental, {words}: fall of residual", column, "%")
+        for stage, name in (("phase 2", "ip_reduction_residual_pct"), ("third step", "third_step_reduction_pct")):
+            cell = TableRow("III", f"experimental, {stage}: fall of residual", column, "%")
             rows.append(cell.experiment(text(name)[key]))
     cell = TableRow("III", "synthetic with noise, random seeds: bodies that could exist", "solutions", "%")
     possible = 100.0 * float(np.mean([r.physical for d in draws for r in d.random]))
@@ -233,10 +233,10 @@ def discussion_rows(draws: Sequence[SeedResult]) -> list[TableRow]:
     """The discussion: normalisations of torque, and the third step; published for the experimental trial only."""
     rows: list[TableRow] = []
     other = "published figure: experimental trial; ours: synthetic with noise"
-    for scale, (key, words) in SCALES.items():
+    for scale, (key, divisor) in SCALES.items():
         for k, (column, unit, figure) in enumerate(RESIDUALS):
             cell, printed = (
-                TableRow("discussion", f"torque divided by {words}", column, unit),
+                TableRow("discussion", f"torque divided by {divisor}", column, unit),
                 text("torque_weighting")[key],
             )
             values = [figure(d.scales[scale]) for d in draws]

@@ -203,19 +203,19 @@ class Cluster(_Executing):
         try:
             library = import_module("distributed")
         except ImportError:
-            words = "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'"
-            raise InputError(words, field="--cluster", code=Code.CLUSTER) from None
+            message = "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'"
+            raise InputError(message, field="--cluster", code=Code.CLUSTER) from None
         try:
             client = library.Client(self.address, timeout=WAIT_S, set_as_default=False)
         except (OSError, ValueError) as error:
-            words = f"found '{self.address}': {error}; allowed: the address of a running dask scheduler, as "
-            raise InputError(f"{words}tcp://host:port", field="--cluster", code=Code.CLUSTER) from None
+            message = f"found '{self.address}': {error}; allowed: the address of a running dask scheduler, as "
+            raise InputError(f"{message}tcp://host:port", field="--cluster", code=Code.CLUSTER) from None
         with client:
             try:
                 client.wait_for_workers(1, timeout=WAIT_S)
             except TimeoutError:
-                words = f"the scheduler at {self.address} has no workers"
-                raise InputError(words, field="--cluster", code=Code.CLUSTER) from None
+                message = f"the scheduler at {self.address} has no workers"
+                raise InputError(message, field="--cluster", code=Code.CLUSTER) from None
 
             def room() -> int:
                 threads: int = sum(client.nthreads().values())

@@ -1,6 +1,5 @@
 """The documentation against the program: nothing without a page, blocks of the right form, a site without a warning."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -28,13 +27,6 @@ def test_everything_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
     assert check.main([]) == 0, capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_what_nobody_explains_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(check.coverage, "places", dict)
-    assert check.main([]) == 1
-    assert "command check: no page has {{ command: check }}" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(DOCS)) for page in PAGES])
 def test_blocks_have_the_form_of_their_language(page: Path) -> None:
     from tests.docs.blocks import NOT_RUN, lint
@@ -57,32 +49,6 @@ def test_studies_in_pages_are_studies() -> None:
                 StudyFile.model_validate(tomllib.loads(block.text))
                 seen += 1
     assert seen >= 3
-
-
-@pytest.mark.slow
-def test_a_public_name_without_a_docstring_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    griffe = pytest.importorskip("griffe", reason="extra `docs`")
-    from scripts.tools.documentation import python_names
-
-    assert python_names.undocumented() == []
-    load = griffe.load
-
-    def spoilt(*words: object, **options: object) -> object:
-        package = load(*words, **options)
-        package["save_model"].final_target.docstring = None
-        package["Study"].final_target.members["subject"].docstring = None
-        return package
-
-    monkeypatch.setattr(griffe, "load", spoilt)
-    assert set(python_names.undocumented()) == {"save_model", "Study.subject"}
-
-
-@pytest.mark.slow
-def test_what_makes_a_dataclass_is_told() -> None:
-    griffe = pytest.importorskip("griffe", reason="extra `docs`")
-    extensions = griffe.load_extensions(ROOT / "scripts" / "tools" / "documentation" / "docstrings.py")
-    package = griffe.load("gaitcal", search_paths=[ROOT], try_relative_path=False, extensions=extensions)
-    assert {"subject", "marker_set", "trials"} <= {p.name for p in package["study.study.Study"].parameters}
 
 
 @pytest.fixture(scope="module")
@@ -131,18 +97,6 @@ def test_a_broken_link_is_told(tmp_path: Path) -> None:
     found = check(tmp_path)
     assert found.broken == ["a.html: b.html#there: no such place in it", "a.html: c.html"]
     assert found.fetched == ["https://example.org/x.png"]
-
-
-def test_versions_lie_beside_each_other(tmp_path: Path) -> None:
-    from scripts.tools.documentation.versions import write
-
-    for name in ("0.9.0", "0.10.0", "assets"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "index.html").touch()
-    assert write(tmp_path) == ["0.10.0", "0.9.0"]
-    assert "url=0.10.0/index.html" in (tmp_path / "index.html").read_text(encoding="utf-8")
-    listed = json.loads((tmp_path / "versions.json").read_text(encoding="utf-8"))
-    assert [(entry["version"], entry["aliases"]) for entry in listed] == [("0.10.0", ["latest"]), ("0.9.0", [])]
 
 
 @pytest.mark.slow

@@ -68,13 +68,6 @@ def test_arms_held_out_do_not_make_the_body_wide() -> None:
     assert find_vertical(markers, ()).axis == 2
 
 
-def test_an_unseen_body_has_no_vertical_of_its_own() -> None:
-    recording = body()
-    blind = replace(recording, markers=np.full_like(recording.markers, np.nan))
-    assert find_vertical(blind.markers, ()) is None
-    assert "after nothing" in make_y_up(blind, OTHERWISE).notes[0]
-
-
 @pytest.mark.parametrize("turn", ABOUT_Y)
 def test_any_heading_becomes_x(turn: Turn) -> None:
     walk = loaded_body()
@@ -117,15 +110,3 @@ def test_a_walk_off_x_is_told(turn: Turn, degrees: float, side: str) -> None:
     about = [note for note in notes if "pelvis angles are relative to the laboratory's x" in note]
     assert len(about) == bool(side)
     assert all(side in note for note in about)
-
-
-@pytest.mark.parametrize("way", [(1.0, 0.3), (0.3, 1.0), (-1.0, 0.3), (0.3, -1.0)])
-def test_the_nearest_quarter_turn_is_taken(way: tuple[float, float]) -> None:
-    """`way` is x and z of the progression; afterwards x has the larger part, forwards, and z the smaller."""
-    standing = body(speed=0.0)
-    recording = replace(standing, markers=standing.markers.copy())
-    recording.markers[..., [0, 2]] += np.linspace(0, 1, 50)[:, None, None] * np.array(way)
-    moved = np.ptp(turn_to_progression(recording).markers, axis=0)[0]
-    np.testing.assert_allclose(moved, [1.0, 0.0, 0.3], atol=1e-12)
-    end = turn_to_progression(recording).markers
-    assert np.all(end[-1, :, 0] > end[0, :, 0])

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.csv import EVENTS, read_events, with_corrected_events, write_markers_csv
+from gaitcal.io.csv import EVENTS, with_corrected_events, write_markers_csv
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.session.draft import study_of
 from gaitcal.session.folder import FileKind, read_folder
@@ -50,12 +50,6 @@ def test_a_fault_names_file_line_and_field(tmp_path: Path, rows: str, told: str)
     with pytest.raises(InputError) as fault:
         with_corrected_events(body(), walk)
     assert str(fault.value).startswith(f"{tmp_path / EVENTS}: {told}")
-
-
-def test_a_table_of_other_columns_is_refused(tmp_path: Path) -> None:
-    folder_with(tmp_path, "walk.csv,0.4,left\n", head="trial,time,side\n")
-    with pytest.raises(InputError, match="line 1: found 'trial,time,side'; a header 'file,time,side,event' is needed"):
-        read_events(tmp_path / EVENTS)
 
 
 def test_what_a_spreadsheet_adds_does_no_harm(tmp_path: Path) -> None:

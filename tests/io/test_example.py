@@ -145,13 +145,6 @@ def test_a_missing_file_keeps_what_was_fetched_before(server: Served, tmp_path: 
     assert content(tmp_path / "small") == CONTENT
 
 
-def test_what_breaks_off_is_tried_again(server: Served, tmp_path: Path) -> None:
-    server.cut[path_of("walk.trc")] = [1000]
-    fetch(tmp_path / "small", server)
-    assert server.asked.count(path_of("walk.trc")) == 2
-    assert content(tmp_path / "small") == CONTENT
-
-
 @pytest.mark.parametrize(
     ("fault", "told", "times"),
     [

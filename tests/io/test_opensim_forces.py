@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.export.other_formats import write_external_loads
 from gaitcal.io.axes import UP_TO_Y, Turn, turn_recording
 from gaitcal.io.csv import write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.force_tables import Forces
@@ -253,16 +252,6 @@ def test_the_real_file(data_dir: Path) -> None:
             np.testing.assert_array_equal(getattr(plate, part), getattr(other, part))
     walk = read_recording(folder / "subject01_walk1.trc", forces=folder / "subject01_walk1_grf.xml")
     assert walk.feet == {"right": "r", "left": "l"}
-
-
-def test_our_own_files_come_back(tmp_path: Path) -> None:
-    wrench = np.random.default_rng(3).normal(size=(5, 2, 6)) * 100
-    wrench[:, :, 1] = 700.0
-    _, xml = write_external_loads(tmp_path, np.arange(5) / 100, wrench, stem="walk")
-    found = read_forces(xml)
-    assert list(found.feet.values()) == ["r", "l"]
-    for k, plate in enumerate(found.plates):
-        np.testing.assert_allclose(plate.wrench(), wrench[:, k], atol=1e-9)
 
 
 def test_order_bodies_and_switches(tmp_path: Path) -> None:

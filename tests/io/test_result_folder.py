@@ -54,9 +54,6 @@ def names(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir())
 
 
-# ------------------------------------------------------------------------------------------- whole, or not at all
-
-
 def test_new_then_replaced(tmp_path: Path) -> None:
     target = tmp_path / "deep" / "out"
     write_result(target, "one")
@@ -67,6 +64,9 @@ def test_new_then_replaced(tmp_path: Path) -> None:
     assert names(target.parent) == ["out"]
     (tmp_path / "plain").mkdir()
     assert target.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+# ------------------------------------------------------------------------------------------- whole, or not at all
 
 
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(2)], ids=repr)

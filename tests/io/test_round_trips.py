@@ -260,12 +260,9 @@ def test_corners_go_with_the_forces_and_not_with_others(tmp_path: Path) -> None:
     ("text", "told"),
     [
         ("corner,x\n", "a header 'plate,corner,x,y,z' is needed"),
-        ("", "empty"),
         ("plate,corner,x,y,z\n1,1,0,0,0\n", "corner 2, 3, 4 of plate '1' is missing"),
         ("plate,corner,x,y,z\n1,5,0,0,0\n", "a corner of 1 to 4"),
         ("plate,corner,x,y,z\n1,1,0,nan,0\n", "three numbers"),
-        ("plate,corner,x,y,z\n1,1,0,0\n", "three numbers"),
-        ("plate,corner,x,y,z\n1,one,0,0,0\n", "plate,corner,x,y,z are needed"),
         ("plate,corner,x,y,z\n1,1,0,0,0\n1,1,0,0,0\n", "corner 1 of plate '1' twice"),
         ("plate,corner,x,y,z\n9,1,0,0,0\n9,2,0,0,0\n9,3,0,0,0\n9,4,0,0,0\n", "found the plate '9'"),
     ],
@@ -277,15 +274,6 @@ def test_damaged_corners_are_told(tmp_path: Path, text: str, told: str) -> None:
         read_forces(tmp_path / "a_forces.csv")
     assert "a_plates.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_c3d_to_trc_brings_its_forces(tmp_path: Path) -> None:
-    write_c3d(tmp_path / "x.c3d", loaded_body())
-    written = tuple(tmp_path / name for name in ("y.trc", "y_forces.mot", "y_plates.csv"))
-    assert convert(tmp_path / "x.c3d", tmp_path / "y.trc") == written
-    require_same(
-        read_recording(tmp_path / "y.trc", forces=tmp_path / "y_forces.mot"), read_recording(tmp_path / "x.c3d")
-    )
 
 
 def test_faults_leave_the_target_as_it_was(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """The still window of a static trial."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaitcal.errors import InputError
-from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
-from gaitcal.io.still import duration, marker_gaps, runs, spans, still_window
+from gaitcal.io.still import marker_gaps, runs, still_window
 from tests.io.recordings import LABELS, body
 
 
@@ -102,27 +100,6 @@ def test_markers_never_seen_are_an_error() -> None:
             still_window(blind, labels)
 
 
-@pytest.mark.parametrize(
-    "file", ["subject01/subject01_static.trc", "uf3/static.trc", "pig_c3d/static.c3d", "functional_c3d/static.c3d"]
-)
-def test_real_static_trials_hold_one(data_dir: Path, file: str) -> None:
-    if not (data_dir / file).exists():
-        pytest.skip("not among the files that users may download")
-    recording = read_recording(data_dir / file)
-    assert still_window(recording, recording.labels).speed < 0.01
-
-
-@pytest.mark.parametrize("frames", [2, 3, 5])
-def test_noise_of_a_few_frames_is_no_movement_but_a_walk_is(frames: int) -> None:
-    noisy = body(frames, speed=0.0)
-    noisy = replace(noisy, markers=noisy.markers + np.random.default_rng(3).normal(0, 5e-4, noisy.markers.shape))
-    window = still_window(noisy, LABELS)
-    assert window.frames == slice(0, frames)
-    assert 0.0 < window.scatter < 2e-3
-    with pytest.raises(InputError, match="no still window"):
-        still_window(body(frames, speed=1.0), LABELS)
-
-
 @pytest.mark.parametrize("frames", [2, 5])
 def test_one_marker_that_jumps_in_a_few_frames_is_no_walk(frames: int) -> None:
     """It stays in the scatter; the person has not moved."""
@@ -137,14 +114,6 @@ def test_one_marker_that_jumps_in_a_few_frames_is_no_walk(frames: int) -> None:
             still_window(walking, LABELS)
 
 
-def test_the_scatter_is_that_about_the_means_of_the_window() -> None:
-    recording = body(200, speed=0.08)
-    window = still_window(recording, LABELS)
-    path = recording.markers[window.frames][:, :3]
-    expected = np.sqrt(np.mean(np.sum((path - path.mean(axis=0)) ** 2, axis=2)))
-    assert window.scatter == pytest.approx(expected, rel=1e-6)
-
-
 @given(st.lists(st.booleans(), max_size=40), st.integers(1, 5))
 def test_runs_are_all_stretches_that_are_long_enough(marked: list[bool], shortest: int) -> None:
     found = runs(np.array(marked, dtype=bool), shortest)
@@ -156,14 +125,6 @@ def test_runs_are_all_stretches_that_are_long_enough(marked: list[bool], shortes
         assert run.stop == len(marked) or not marked[run.stop]
     if shortest == 1:
         assert frames == {k for k, mark in enumerate(marked) if mark}
-
-
-def test_stretches_as_times() -> None:
-    time = np.arange(8) / 10
-    stretches = [slice(0, 3), slice(4, 6)]
-    assert [duration(time, stretch) for stretch in stretches] == [0.2, 0.5 - 0.4]
-    assert spans(time, stretches) == "0.00-0.20, 0.40-0.50 s"
-    assert spans(time, stretches, most=1) == "0.00-0.20 s and 1 more"
 
 
 def test_seen_share_and_longest_gap() -> None:

@@ -76,13 +76,10 @@ def test_units(tmp_path: Path, units: str, height: float) -> None:
     [
         (ROWS, "inch", "Units: found 'inch'; allowed are mm, cm and m"),
         (ROWS.replace("900", "9x0", 1), "mm", "line 6, column 4: found '9x0'"),
-        (ROWS.replace("900", "9_0", 1), "mm", "found '9_0'"),
         (ROWS.replace("900", "1e999", 1), "mm", "infinite number"),
         (ROWS.replace("0.02", "0.01"), "mm", "line 8, time: found 0.01 s after 0.01 s; time must increase"),
         (ROWS.replace("0.01", ""), "mm", "line 7, time: found no number"),
         (ROWS + "4\t0.03\t1\t2", "mm", "line 9: found 4 cells (file cut short?); 8 are needed"),
-        (ROWS.replace("6\n", "6\t7\n", 1), "mm", "line 6: found 9 cells; 8 are allowed"),
-        ("", "mm", "found no row of numbers"),
     ],
 )
 def test_faults_name_line_and_cell(tmp_path: Path, rows: str, units: str, message: str) -> None:
@@ -107,22 +104,6 @@ def test_a_z_up_file_is_stood_up(tmp_path: Path) -> None:
     recording = read_recording(tmp_path / "z.trc")
     np.testing.assert_array_equal(recording.markers, upright.markers)
     assert any("+z" in note for note in recording.notes)
-
-
-def test_subject01(data_dir: Path) -> None:
-    folder = data_dir / "subject01"
-    recording = read_recording(folder / "subject01_walk1.trc", forces=folder / "subject01_walk1_grf.mot")
-    assert recording.markers.shape == (151, 41, 3)
-    np.testing.assert_array_equal(recording.time, np.arange(151) / 60)
-    assert np.isfinite(recording.markers).all()
-    right, left = recording.plates
-    assert (right.name, left.name) == ("1", "2")
-    assert right.force[0].tolist() == [101.5119767, 745.4661142, -47.44870554]
-    assert left.moment[0].tolist() == [1.5550397, -0.75741936, 6.88030347]
-    np.testing.assert_array_equal(left.time, np.arange(1501) / 600)
-    cycle = (left.time >= 0.4) & (left.time <= 1.6)
-    total = (left.force + right.force)[cycle, 1].mean()
-    assert total == pytest.approx(72.6 * 9.81, rel=0.03)  # over one cycle the plates carry the person
 
 
 @given(

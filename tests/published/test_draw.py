@@ -51,13 +51,6 @@ def test_a_disturbed_model_has_the_torques_of_a_model_built_anew(context: MonteC
         np.testing.assert_allclose(laboratory, whole_body(context, parameters, coefficients), rtol=0, atol=TORQUE)
 
 
-def test_both_frames_agree_where_nothing_is_disturbed(context: MonteCarloContext) -> None:
-    case = context.case
-    laboratory, carried = leg_torques(case.parameters, context.basis, case.coefficients, case.wrench, context.feet)
-    np.testing.assert_array_equal(laboratory, context.torques)
-    np.testing.assert_allclose(carried, laboratory, rtol=0, atol=TORQUE)
-
-
 def test_a_carried_wrench_is_constant_in_the_foot() -> None:
     rng = np.random.default_rng(7)
 
@@ -134,15 +127,6 @@ def _on_leg(context: MonteCarloContext, marker: int) -> bool:
     return segment in LOWER_BODY[1:]
 
 
-def test_inertial_draws_need_no_refit_and_move_no_marker(context: MonteCarloContext) -> None:
-    found = draw(context, Varied.IP, 100, 5)
-    assert found.evaluations == 0
-    assert found.values[-4:].tolist() == [0.0] * 4
-    laboratory, foot = (recorded(found.values, frame, "rms") for frame in ReactionFrame)
-    np.testing.assert_array_equal(laboratory, foot)
-    assert (laboratory > 0).all()
-
-
 def test_only_valid_frames_count(case: MonteCarloCase) -> None:
     valid = np.zeros(len(case.time), dtype=bool)
     valid[60:90] = True
@@ -194,18 +178,6 @@ def test_each_set_disturbs_what_it_names() -> None:
         Varied.BOTH: (True, True, False),
         Varied.NOISE: (False, False, True),
     }
-
-
-@pytest.mark.parametrize("level", [25, 100])
-def test_uniform_within_the_bounds_of_the_level(level: int) -> None:
-    settings = MonteCarloSettings()
-    relative = np.array([sample(Varied.JP, level, k).joint for k in range(400)]) / settings.joint_bounds
-    assert np.abs(relative).max() <= level / 100
-    assert np.abs(relative).max() > 0.999 * level / 100
-    # the SD of a uniform variable of half width b is b / sqrt(3); 400 samples of each parameter tell it to about 1 %
-    assert relative.std() == pytest.approx(level / 100 / np.sqrt(3), rel=0.02)
-    assert abs(relative.mean()) < 0.02 * level / 100
-    assert np.abs(np.corrcoef(relative.T) - np.eye(relative.shape[1])).max() < 0.25
 
 
 def test_bounds_are_published_and_configurable() -> None:
@@ -274,18 +246,6 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
     found = refit(context.problem, constants, context.case.coefficients, MonteCarloSettings(refit_tolerance=1e-10))
     moved = found.coefficients - context.case.coefficients
     np.testing.assert_allclose(context.sensitivity @ change, moved, rtol=0, atol=2e-3 * np.abs(moved).max())
-
-
-def test_noise_is_fitted_from_the_known_factor_as_from_a_fresh_one(context: MonteCarloContext) -> None:
-    change = disturb(context, Varied.NOISE, 100, 1)
-    noisy = context.problem.with_measured(context.data.measured + change.noise)
-    constants = context.problem.constants(context.case.parameters)
-    found = [
-        refit(noisy, constants, context.case.coefficients, MonteCarloSettings(), known)
-        for known in (None, context.undisturbed_factor)
-    ]
-    np.testing.assert_array_equal(found[0].coefficients, found[1].coefficients)
-    assert np.abs(noisy.gradient(found[0].coefficients, constants)[1]).max() < 1e-6
 
 
 def test_a_refit_that_is_cut_short_says_so(context: MonteCarloContext) -> None:

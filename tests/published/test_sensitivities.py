@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from gaitcal.model.linkage import COORDINATES, LEGS
 from gaitcal.model.parameters import gait_parameters
@@ -51,7 +50,7 @@ from gaitcal.published.noise_sensitivity import (
     trial_lengths,
 )
 from gaitcal.published.protocol import PROBLEMS, MonteCarloSettings, ReactionFrame, Varied, table_one
-from gaitcal.synthetic.motion import RATE, marker_noise, synthetic_markers
+from gaitcal.synthetic.motion import marker_noise, synthetic_markers
 from tests.derivatives import Array
 from tests.published.test_claims import AS_PUBLISHED, disturbed_table
 
@@ -113,26 +112,6 @@ def test_the_error_is_that_of_other_draws(test: Callable[[Array, Array], float],
 @pytest.fixture(scope="module")
 def lengths() -> list[LengthDraws]:
     return trial_lengths(0, 2, jobs=1)
-
-
-def test_the_movement_is_the_same() -> None:
-    for problem in PROBLEMS[:3]:
-        usual, slow = true_motion(problem), true_motion(problem, RATES[1])
-        assert slow.basis.time[-1] == pytest.approx(1199 / 60)
-        np.testing.assert_allclose(slow.q, usual.q, atol=1e-12)
-    assert true_motion("full leg", RATES[1]).basis.time[-1] == true_motion("full leg").basis.time[-1]
-
-
-def test_the_noise_is_as_fast_as_ever() -> None:
-    noises = []
-    for rate in (RATE, RATES[1]):
-        exact, noisy = (synthetic_problem("hip", g, rate) for g in (None, np.random.default_rng(1)))
-        noises.append((exact.basis.time, noisy.data.measured - exact.data.measured))
-    (short, fast), (long, slow) = noises
-    common = np.isclose(np.mod(long * RATE, 1.0), 0.0, atol=1e-9) & (long <= short[-1])
-    places = np.rint(long[common] * RATE).astype(int)
-    assert len(places) > 100
-    np.testing.assert_allclose(slow[..., common], fast[..., places], atol=1e-9)
 
 
 @pytest.mark.slow
@@ -408,14 +387,6 @@ def test_claims_follow_the_size_of_the_difference_and_not_its_sign() -> None:
     assert "hindfoot inversion" in claim.ours.split("changes most")[0].rsplit("torques", 1)[1]
     assert claim.ours.endswith("-50 %")
     assert [c.verdict for c in pressure_centre_claims(None)] == [Verdict.NOT_RUN] * 2
-
-
-def test_the_error_is_that_of_pairs() -> None:
-    centres = _centres(0.0, scatter=0.01)
-    apart = centres.drawn[OWN][ReactionFrame.LAB] - centres.drawn[SHARED][ReactionFrame.LAB]
-    change, error = centres.difference(ReactionFrame.LAB)
-    np.testing.assert_allclose(change, apart.mean(axis=0))
-    np.testing.assert_allclose(error, stats.sem(apart, axis=0))
 
 
 def test_draws_are_those_of_the_study() -> None:

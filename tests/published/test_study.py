@@ -10,14 +10,13 @@ from typing import TypeVar
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io import result_folder
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, Plan, Varied
-from gaitcal.published.study import PURPOSE, Chunk, MonteCarloStudy, Store, monte_carlo
+from gaitcal.published.study import PURPOSE, MonteCarloStudy, Store, monte_carlo
 from gaitcal.published.workers import LocalProcesses, Workers, alone
 from tests.published.worker_tasks import killed_always, killed_once, process, square
 
@@ -101,15 +100,6 @@ def test_more_draws_levels_and_sets_run_only_what_is_new(case: MonteCarloCase, t
     assert len(Store(tmp_path).read()) == 60
 
 
-def test_the_draws_are_one_parquet_data_set(case: MonteCarloCase, tmp_path: Path) -> None:
-    found = monte_carlo(case, tmp_path, plan=QUICK, workers=HERE, chunk_draws=10)
-    read = pd.read_parquet(tmp_path / "draws").sort_values(["level", "draw"], ignore_index=True)
-    np.testing.assert_array_equal(read["hip_flexion_l.lab.rms"], found.draws["hip_flexion_l.lab.rms"])
-    table = pd.read_csv(tmp_path / "montecarlo.csv")
-    assert set(table["set"]) == {"ip"}
-    assert set(table["level"]) == {50, 100}
-
-
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -169,20 +159,6 @@ def test_until_converged_adds_draws(case: MonteCarloCase, tmp_path: Path, monkey
     stopped = monte_carlo(case, plan=replace(QUICK, draws=20), workers=HERE, until_converged=True)
     assert stopped.plan.draws == 25
     assert not stopped.converged
-
-
-def test_missing_draws_between_and_after_what_is_held(tmp_path: Path) -> None:
-    """Cut at multiples of the size, whatever the start."""
-    store, empty = Store(tmp_path), pa.table({"draw": []})
-    for level, first, stop in ((100, 15, 20), (100, 0, 10), (50, 0, 40)):
-        store.write(Chunk(Varied.JP, level, first, stop), empty)
-
-    def missing(draws: int, size: int) -> list[tuple[int, int]]:
-        return [(c.first, c.stop) for c in store.missing(Plan(sets=(Varied.JP,), levels=(100,), draws=draws), size)]
-
-    assert missing(47, 20) == [(10, 15), (20, 40), (40, 47)]
-    assert missing(31, 10) == [(10, 15), (20, 30), (30, 31)]
-    assert missing(10, 10) == []
 
 
 FEW = Plan(sets=(Varied.IP,), levels=(100,), draws=4)
@@ -270,11 +246,6 @@ def test_draws_that_vanish_meanwhile_are_computed_again(case: MonteCarloCase, tm
 
 def no_loss(task: object, words: str) -> object:
     raise AssertionError(words)
-
-
-def test_every_task_once() -> None:
-    assert sorted(LocalProcesses(2).run(square, range(7), no_loss)) == [k * k for k in range(7)]
-    assert list(LocalProcesses(2).run(square, [], no_loss)) == []
 
 
 def test_a_process_that_dies_once_costs_nobody(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from gaitcal.model.parameters import (
     IP_INDEX,
     IP_NAMES,
     IP_TO_SI,
-    JP_INDEX,
     JP_TO_SI,
     MASSIVE_SEGMENTS,
     Parameters,
@@ -311,12 +310,6 @@ def test_gait_keeps_what_isolated_trials_found(draws: list[SeedResult]) -> None:
             assert (leg[name] == pytest.approx(error, abs=1e-9)) == (name not in free_parameters("full leg"))
 
 
-def test_the_right_leg_stays_true(draws: list[SeedResult]) -> None:
-    found, truth = draws[0].joints["full leg"].parameters.joint, true_model().parameters.joint
-    others = [i for name, i in JP_INDEX.items() if name not in LEG]
-    assert np.array_equal(found[others], truth[others])
-
-
 RESIDUAL = 1e-9
 """N, N·m: asked for; the paper reached 8e-10 and 2e-10 from the correct seed."""
 INERTIA = 1e-6
@@ -343,15 +336,6 @@ def test_random_seeds_without_noise_leave_no_residual(clean: SeedResult) -> None
         assert found.converged
         assert max(found.force, found.torque) < RESIDUAL
         assert found.errors.inertia > 1.0, "the seed was not random"
-
-
-def test_published_procedure_creeps_from_random_seeds(equations: RootEquations) -> None:
-    """Why the penalty falls: to the letter, 200 re-seeds leave residuals that are not zero, and it says so."""
-    seed = random_seed(np.random.default_rng(0), with_held=False)
-    fit = fit_published(equations, seed, symmetric_set())
-    assert max(fit.rms_force, fit.rms_moment) > 1e-3
-    assert not fit.converged
-    assert "still change" in fit.message
 
 
 def test_falling_penalty_keeps_the_fixed_points(equations: RootEquations) -> None:

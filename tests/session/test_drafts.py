@@ -177,19 +177,6 @@ def test_of_two_statics_the_one_that_shows_more_gives_the_model(tmp_path: Path) 
     assert [t.name for t in made.trials] == ["static_cal", "a_static", "walk"]
 
 
-def test_labels_spelt_otherwise_are_renamed(tmp_path: Path) -> None:
-    def spelt(label: str) -> str:
-        return label.replace(".", "_")
-
-    files = {name: replace(r, labels=tuple(map(spelt, r.labels))) for name, r in recordings().items()}
-    folder = write(tmp_path / "person", files)
-    made = draft(folder)
-    assert made.choice is not None and made.choice.rename["R_ASIS"] == "R.ASIS"
-    study = study_of(made)
-    assert set(study.static.recording.labels) == set(recordings()["static"].labels)
-    assert not any(trial.certain is False for trial in made.trials)
-
-
 def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
     files = recordings()
     write(tmp_path / "person/standing", {"static": files["static"]})
@@ -213,14 +200,6 @@ def test_folders_that_nobody_understands(tmp_path: Path, content: dict[str, byte
     made = draft(tmp_path)
     assert words in made.fault
     assert len(made.seen) == len(content)
-
-
-def test_labels_that_no_set_knows(tmp_path: Path) -> None:
-    walk = recordings()["walk"]
-    strange = replace(walk, labels=tuple(f"M{i}" for i in range(len(walk.labels))))
-    made = draft(write(tmp_path / "x", {"walk": strange}))
-    assert "no marker set knows enough of the labels M0, M1" in made.fault
-    assert made.seen[0].labels.startswith(f"{len(walk.labels)}: M0")
 
 
 def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:

@@ -78,7 +78,6 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
         _table("static.csv", lambda t: t.drop(columns=[f"R.ASIS_{a}" for a in "xyz"])),
         ("static.csv", "asis_r", "R.ASIS"),
     ),
-    "landmark never seen": (_emptied("static.csv", "R.ASIS"), ("static.csv", "R.ASIS")),
     "segment never seen": (
         _emptied("walk.csv", "L.Thigh", "L.Knee"),
         ("walk.csv", "L.Thigh.Front", "thigh_l has no other marker", "where worn"),
@@ -88,7 +87,6 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
         ("static.csv", "still window", "m/s"),
     ),
     "all in mm": (_millimetres("static.csv", "walk.csv"), ("static.csv", "mm")),
-    "walk in mm": (_millimetres("walk.csv"), ("walk.csv", "mm")),
     "forces end early": (
         _table("walk_forces.csv", lambda t: t[t["time"] < 0.6]),
         ("walk_forces.csv", "0.595", "1.035", "time"),

@@ -1,16 +1,19 @@
-"""Whose forces a table holds."""
+"""Whose forces a table holds, and whether they belong to the times of the markers."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from gaitcal.errors import InputError
 from gaitcal.findings import Severity
 from gaitcal.io.csv import write_forces_csv
 from gaitcal.session.drafting import rejected_forces
+from gaitcal.study.study import Study
 from gaitcal.synthetic.motion import gait_motion
 from tests.session.folders import draft, recordings, write
-from tests.synthetic_studies import made_plates
+from tests.synthetic_studies import made_plates, write_synthetic_study
 
 FAR = np.array([3.0, 0.0, 0.0])
 
@@ -55,6 +58,16 @@ def test_forces_that_cover_a_part_cut_the_trial(tmp_path: Path) -> None:
     late = tuple(replace(p, time=p.time + 100.0) for p in plates)
     write_forces_csv(folder / "walk_grf.csv", late)
     assert draft(folder).trials[-1].forces is None
+
+
+def test_forces_with_their_time_in_milliseconds_are_refused(tmp_path: Path) -> None:
+    path = write_synthetic_study(tmp_path / "study")
+    plates = made_plates(gait_motion())
+    write_forces_csv(path.parent / "walk_forces.csv", [replace(p, time=1e3 * p.time) for p in plates])
+    with pytest.raises(InputError, match=r"another unit \(ms\?\); both must be in s"):
+        Study.load(path)
+    write_forces_csv(path.parent / "walk_forces.csv", plates)
+    Study.load(path)
 
 
 def _sides_exchanged(recording):  # type: ignore[no-untyped-def]

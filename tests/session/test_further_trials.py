@@ -213,12 +213,6 @@ def test_options_as_in_a_study_file(folder: Path) -> None:
     assert any("plate 2" in note and "left foot" in note for note in notes)
 
 
-@pytest.mark.slow
-def test_a_trial_of_another_activity(folder: Path) -> None:
-    run("dynamics", folder / "result", *spoil(folder, lambda t: t), "--role", "motion")
-    assert told(folder)["trials"]["walk2"]["role"] == "motion"  # type: ignore[index,call-overload]
-
-
 @pytest.mark.parametrize(("depth", "said"), [(0.3, 1), (0.0, 0)])
 def test_a_squat_that_was_taken_as_a_walk_is_told(depth: float, said: int) -> None:
     from gaitcal.cli.calibrate import _no_walks

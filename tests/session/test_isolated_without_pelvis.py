@@ -14,7 +14,6 @@ from gaitcal.model.parameters import JP_INDEX
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import trial_problem
-from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from tests.kept import kept_real
 from tests.real_studies import write_study
@@ -103,12 +102,6 @@ def test_the_body_moves_as_its_joint_alone_does(uf3: Study, joint: str) -> None:
         assert np.abs(away).max() < SAME_RAD, name
     for name in body.held:
         assert not whole.q[:, whole.coordinates.index(name)].any()
-
-
-def test_where_the_pelvis_is_seen_nothing_is_held(uf3: Study) -> None:
-    model = nominal_of(uf3)
-    for trial in uf3.moving[:2]:
-        assert prepare_trial(trial, model, uf3.settings).body.held == ()
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from gaitcal.session.draft import doubtful_lines, study_of
 from gaitcal.session.drafting import draft_of
 from gaitcal.session.folder import read_folder
 from gaitcal.session.label_proposal import LANDMARK_SET, LabelProposal, propose_labels
-from gaitcal.session.marker_motion import distance_scatter, forward_direction, standing_points
+from gaitcal.session.marker_motion import forward_direction, standing_points
 from gaitcal.session.person_facts import Options
 from gaitcal.study.study import Study
 from scripts.validation.clinics.labels import own_set
@@ -121,16 +121,6 @@ def test_what_stays_in_the_room_is_on_nobody() -> None:
     )
     files["walk"] = replace(files["walk"], markers=lost)
     assert propose_labels(list(files.values())).rename[heel] == "heel_r", "seen while it hardly moves"
-
-
-def test_markers_of_a_segment_keep_their_distance() -> None:
-    walk = recordings()["walk"]
-    scatter = distance_scatter([walk], walk.labels)
-    of = load_marker_set("published").segment_of
-    same = np.array([[of[a] == of[b] for b in walk.labels] for a in walk.labels])
-    assert scatter[same].max() < 1e-9, "made-up segments are rigid"
-    legs = [i for i, m in enumerate(walk.labels) if of[m].startswith(("thigh", "shank"))]
-    assert scatter[np.ix_(legs, legs)][~same[np.ix_(legs, legs)]].min() > 0.002
 
 
 def test_a_proposal_is_confirmed_before_anything_is_computed(tmp_path: Path) -> None:

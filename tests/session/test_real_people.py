@@ -58,18 +58,14 @@ ANGLES = [(f"{name}_{side}", sign) for side in "rl" for name, sign in REFERENCE_
 
 
 @pytest.mark.parametrize(("name", "sign"), ANGLES)
-def test_subject01_moves_as_the_peer_says(name: str, sign: int, data_dir: Path, kept: Path) -> None:
-    """Though its toe tips pull, which ours do not: the toes bend against the foot."""
+def test_subject01_moves_and_is_driven_as_the_peer_says(name: str, sign: int, data_dir: Path, kept: Path) -> None:
+    """Though its toe tips pull, which ours do not: the toes bend against the foot. Of moments 0.9 is wanted; the hips'
+    is what was measured (0.84, 0.78), the peer's hip centres lie 42 to 46 mm further back.
+    """
     # the peer's ankles have another axis: nominal ones follow it to 0.93, fitted ones to 0.95
-    least = 0.94 if name.startswith("ankle") else 0.97
-    assert correlation(name, sign, calibrated(kept, "subject01", data_dir), data_dir)[0] > least
-
-
-@pytest.mark.parametrize(("name", "sign"), ANGLES)
-def test_subject01_is_driven_as_the_peer_says(name: str, sign: int, data_dir: Path, kept: Path) -> None:
-    """Wanted: 0.9; the hips' is what was measured (0.84, 0.78), the peer's hip centres lie 42 to 46 mm further back."""
-    least = 0.75 if name.startswith("hip") else 0.90
-    assert correlation(name, sign, calibrated(kept, "subject01", data_dir), data_dir)[1] > least
+    angle, moment = correlation(name, sign, calibrated(kept, "subject01", data_dir), data_dir)
+    assert angle > (0.94 if name.startswith("ankle") else 0.97)
+    assert moment > (0.75 if name.startswith("hip") else 0.90)
 
 
 def correlation(name: str, sign: int, calibration: Calibration, data: Path) -> tuple[float, float]:

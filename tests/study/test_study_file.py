@@ -101,24 +101,6 @@ def test_written_study_is_read_back_the_same(folder: Path, relative: bool) -> No
     assert (str(folder) in text) is not relative
 
 
-def test_plate_errors_are_an_inline_table_that_is_written_and_read_back(folder: Path) -> None:
-    study = load(folder, STUDY.replace("nodes = 20", "plate_error = { place_mm = 0, clock_ms = 1.5 }"))
-    plates = study.calibration.plate_error
-    assert (plates.place_mm, plates.turn_deg, plates.gain_percent, plates.clock_ms) == (0.0, 1.0, 1.0, 1.5)
-    assert load(folder, study.to_toml(folder)) == study
-    line = message(folder, STUDY.replace("nodes = 20", "plate_error = { place_mm = -1 }"))
-    assert "calibration.plate_error.place_mm" in line and "found -1" in line
-    line = message(folder, STUDY.replace("nodes = 20", "plate_error = { place = 1 }"))
-    assert "calibration.plate_error" in line and "'place_mm'" in line
-
-
-def test_segment_axes_are_palpated_unless_exact(folder: Path) -> None:
-    assert load(folder, STUDY).calibration.segment_axes == "palpated"
-    assert load(folder, STUDY.replace("nodes = 20", 'segment_axes = "exact"')).calibration.segment_axes == "exact"
-    line = message(folder, STUDY.replace("nodes = 20", 'segment_axes = "exactly"'))
-    assert "calibration.segment_axes" in line and "'palpated'" in line
-
-
 def test_a_study_made_in_python_is_written_and_read_back(folder: Path) -> None:
     study = StudyFile(
         subject=SubjectTable(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),
@@ -138,40 +120,25 @@ def test_every_calibration_field_is_described_and_has_a_default() -> None:
 # One row a mistake: what is replaced in STUDY, by what, and what the line must hold.
 FAULTS = {
     "mass 0": ("72.6", "0", ["subject.mass_kg", "found 0", "greater than 0"]),
-    "mass negative": ("72.6", "-3", ["subject.mass_kg", "found -3"]),
     "mass nan": ("72.6", "nan", ["subject.mass_kg", "found nan", "finite"]),
-    "mass infinite": ("72.6", "inf", ["subject.mass_kg", "found inf", "finite"]),
     "mass as text": ("72.6", '"72.6"', ["subject.mass_kg", "found '72.6'", "a number"]),
-    "mass as truth value": ("72.6", "true", ["subject.mass_kg", "found True"]),
-    "mass beyond floats": ("72.6", "1" + "0" * 400, ["subject.mass_kg", "a number"]),
     "mass missing": ("mass_kg = 72.6\n", "", ["subject.mass_kg", "missing", "body mass in kg"]),
     "mass misspelt": ("mass_kg", "mas_kg", ["subject", "'mas_kg'", "did you mean 'mass_kg'"]),
     "height negative": ("1.803", "-1.8", ["subject.height_m", "found -1.8", "0.3 to 2.6"]),
     "height in cm": ("1.803", "180.3", ["subject.height_m", "centimetres", "1.803"]),
-    "height in mm": ("1.803", "1803", ["subject.height_m", "millimetres", "1.803"]),
     "sex": ('"male"', '"mail"', ["subject.sex", "'mail'", "'male' or 'female'"]),
     "name empty": ('"subject01"', '" "', ["subject.name", "printable"]),
-    "name with control characters": ('"subject01"', '"a\\u001b[31m"', ["subject.name", "printable"]),
     "table unknown": ("[calibration]", "[calibraton]", ["'calibraton'", "did you mean 'calibration'"]),
     "table missing": ("[markers]\n", "", ["subject", "unknown key"]),
-    "table is a number": ("[subject]\n", "markers = 3\n[subject]\n", ["not valid TOML"]),
-    "calibration key unknown": ("nodes =", "node =", ["calibration", "'node'", "did you mean 'nodes'"]),
-    "key with a line break": ("nodes =", '"a\\nb" =', ["calibration", "unknown key"]),
-    "nodes too few": ("nodes = 20", "nodes = 3", ["calibration.nodes", "found 3", "at least 6"]),
     "nodes no whole number": ("nodes = 20", "nodes = 20.5", ["calibration.nodes", "whole number"]),
     "mode": ("nodes = 20", 'mode = "simultanous"', ["calibration.mode", "did you mean 'simultaneous'"]),
-    "flag as text": ("nodes = 20", 'jp = "yes"', ["calibration.jp", "true or false"]),
     "filter word": ("nodes = 20", 'force_filter_hz = "match"', ["calibration.force_filter_hz", "'matched' or 'none'"]),
     "joint step without ip": ("nodes = 20", 'ip = "none"\njoint_step = true', ["calibration.joint_step", "ip other"]),
-    "joint step without jp": ("nodes = 20", "jp = false\njoint_step = true", ["calibration.joint_step", "jp = true"]),
     "two trials, one name": ('"walk"', '"static"', ["trial", "1 and 3", "'static'"]),
     "two names, one file": ('"walk"', '"Static"', ["trial", "1 and 3"]),
     "no static": ('role = "static"', 'role = "gait"', ["trial", "role = 'static'", "add [[trial]]"]),
     "trial name with a path": ('"walk"', '"../walk"', ["trial[3].name", "'../walk'"]),
-    "trial name hidden": ('"walk"', '".walk"', ["trial[3].name"]),
     "trial name reserved": ('"walk"', '"con"', ["trial[3].name", "Windows"]),
-    "trial name long": ('"walk"', f'"{"w" * 81}"', ["trial[3].name", "80"]),
-    "trial name unicode": ('"walk"', '"gehen ü"', ["trial[3].name"]),
     "role": ('role = "gait"', 'role = "walk"', ["trial[3].role", "'static', 'joint', 'gait' or 'motion'"]),
     "joint missing": ('joint = "hip_r"\n', "", ["trial[2].joint", "missing", "knee_r"]),
     "joint unknown": ('joint = "hip_r"', 'joint = "hip"', ["trial[2].joint", "found 'hip'", "'ankle_l'"]),
@@ -179,28 +146,16 @@ FAULTS = {
     "file missing": ('"static.trc"', '"statics.trc"', ["trial[1].file", "statics.trc", "did you mean 'static.trc'"]),
     "file far from any": ('"static.trc"', '"zzz.c3d"', ["trial[1].file", "the folder holds", "hip.csv"]),
     "folder missing": ('"static.trc"', '"raw/static.trc"', ["trial[1].file", "'raw' does not exist"]),
-    "file is a folder": ('"static.trc"', '"../x.trc/"', ["trial[1].file"]),
-    "file with a null": ('"static.trc"', '"st\\u0000.trc"', ["trial[1].file", "no such file"]),
     "file name endless": ('"static.trc"', f'"{"s" * 5000}.trc"', ["trial[1].file", "no such file"]),
-    "file empty": ('"static.trc"', '""', ["trial[1].file", ".c3d .trc .csv"]),
     "file of another kind": ('"static.trc"', '"static.xlsx"', ["trial[1].file", "static.xlsx", ".c3d .trc .csv"]),
-    "forces missing": ("walk_grf.mot", "walk_gfr.mot", ["trial[3].forces", "did you mean 'walk_grf.mot'"]),
     "forces of another kind": ("walk_grf.mot", "walk_grf.trc", ["trial[3].forces", ".mot .sto .csv"]),
     "plate side": ('2 = "none"', '2 = "left"', ["trial[3].plates.2", "'left'", "'r', 'l' or 'none'"]),
-    "plates no table": ('{ 1 = "r", 2 = "none" }', '["r", "l"]', ["trial[3].plates", "a table"]),
     "time decreasing": ("[0.4, 1.6]", "[1.6, 0.4]", ["trial[3].time", "increasing"]),
-    "time one number": ("[0.4, 1.6]", "0.4", ["trial[3].time", "found 0.4", "increasing"]),
-    "time nan": ("[0.4, 1.6]", "[0.4, nan]", ["trial[3].time", "increasing"]),
     "trial filter": ("filter_hz = 12", "filter_hz = -12", ["trial[3].filter_hz", "found -12", "'none'"]),
-    "trial key": ("forces =", "force =", ["trial[3]", "did you mean 'forces'"]),
     "renamed twice": ('"RASI" =', '"A" = "R.ASIS", "RASI" =', ["markers.rename", "'A' and 'RASI'"]),
-    "weight negative": ("rename = {", 'weights = { "x" = -1 }\nrename = {', ["markers.weights.x", "at least 0"]),
     "marker set empty": ('"gait2354"', '""', ["markers.set"]),
     "no TOML": ("[markers]", "[markers", ["not valid TOML", "line 6"]),
-    "unclosed text": ('"male"', '"male', ["not valid TOML", "line 5"]),
-    "key twice": ("sex =", "mass_kg = 3\nsex =", ["not valid TOML", "line 5"]),
     "windows path": ('"static.trc"', '"C:\\data\\static.trc"', ["not valid TOML", "line 12", "single quotes"]),
-    "too deep": ("nodes = 20", "nodes = " + "[" * 5000, ["not valid TOML", "deep"]),
     "number of 5000 digits": ("nodes = 20", "nodes = 1" + "0" * 5000, ["not valid TOML"]),
 }
 
@@ -226,8 +181,6 @@ def test_single_bracket_trial(folder: Path) -> None:
     [
         (b"", "missing"),
         (b"[subject]\nname = \"M\xfcller\"\n", "line 2 is not UTF-8"),
-        (bytes(range(256)), "not UTF-8"),
-        (b"\x00" * 100, "not valid TOML"),
         (b"# " + b"x" * MAX_BYTES, "over 100 kB"),
         (STUDY.encode("utf-16"), "found UTF-16 text; save the file as UTF-8"),
         (b".".join([b"a"] * 40_000) + b" = 1", "line 1 nests tables over 30 deep"),

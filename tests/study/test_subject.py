@@ -59,13 +59,6 @@ def test_the_distance_between_the_asis() -> None:
     assert subject_of(said, files).asis_distance == pytest.approx(0.230)
 
 
-def test_the_session_is_what_the_study_says() -> None:
-    assert subject_of(TABLE, []).session == ""
-    assert subject_of(TABLE.model_copy(update={"session": "2026-03-01"}), []).session == "2026-03-01"
-    with pytest.raises(ValidationError, match="allowed: up to 200 printable characters"):
-        SubjectTable(**{**TABLE.model_dump(), "session": "a\nb"})
-
-
 def test_dates_come_from_the_study_else_from_the_files_and_give_the_age() -> None:
     said = TABLE.model_copy(update={"birth_date": "2006-03-01", "diagnosis": "CP"})
     subject = subject_of(said, [told(session_date="2016-03-01", birth_date="1999-01-01", leg_length={"r": 0.71})])
@@ -138,11 +131,6 @@ def test_lengths_in_another_unit_are_refused_and_the_unit_named(field: str, valu
         SubjectTable(**{**TABLE.model_dump(), field: value})
     assert (f"this looks like {unit}" in str(fault.value)) is bool(unit)
     assert " mm" in str(fault.value) and "allowed: " in str(fault.value)
-
-
-def test_nothing_told_is_nothing_known() -> None:
-    subject = subject_of(TABLE, [])
-    assert (subject.knee_width, subject.ankle_width, subject.marker_diameter) == ({}, {}, None)
 
 
 def test_a_height_that_nobody_says_is_that_of_people_with_such_legs(data_dir: Path, tmp_path: Path) -> None:

@@ -76,10 +76,3 @@ def test_the_peaks_of_moments_are_those_of_people(walking: ModuleType, walk: Any
 def test_moments_stay_in_the_bands(walking: ModuleType, walk: Any, foot: int) -> None:
     for stem, band in walking.normal_bands().items():
         assert walking.within(walk, band, stem, foot).mean() > SHARE, stem
-
-
-def test_the_program_prints(walking: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
-    assert walking.main([]) in (0, 1)
-    said = capsys.readouterr().out
-    for words in ("ankle dorsiflexor", "centre of pressure in the right sole", "true pelvis residual"):
-        assert words in said

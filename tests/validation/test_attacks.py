@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal import load_marker_set
 from scripts.validation.attacks import check, curves
 from scripts.validation.attacks.check import Ending, Result
-from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, corpus, once_each, pattern, spoilt
-from scripts.validation.attacks.spoil_markers import labels_of
+from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, corpus, once_each, spoilt
 from scripts.validation.harness import results
 
 FEWEST = 150
@@ -24,14 +22,6 @@ def test_the_corpus_is_broad_and_every_title_unique() -> None:
     assert {a.kind for a in chosen} == set(Kind)
     assert len({a.base for a in chosen}) == len({a.base for a in every}) == 10
     assert len({a.title for a in every}) == len(every)
-
-
-def test_words_stand_for_the_labels_of_the_set() -> None:
-    markers = load_marker_set("gait2354")
-    assert labels_of(markers, "heel_r") == ("R.Heel",)
-    assert labels_of(markers, "thigh_l[1]") == ("L.Thigh.Front",)
-    assert "R.Knee.Med" in labels_of(markers, "thigh_r")
-    assert pattern("{heel_r}|foot", markers) == r"(?:R\.Heel)|foot"
 
 
 def test_another_number_is_no_new_message() -> None:
@@ -119,16 +109,6 @@ def test_an_attack_that_cannot_be_made_is_a_fault_of_the_corpus(tmp_path: Path) 
     )
     with pytest.raises(CorpusError, match="itself failed"):
         spoilt(broken, tmp_path)
-
-
-def test_without_recordings_the_synthetic_person_is_attacked(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.delenv("GAITCAL_DATA", raising=False)
-    results("attacks", "--list", "--quick")
-    titles = capsys.readouterr().out.splitlines()[:-1]
-    assert titles
-    assert all(title.startswith("synthetic") for title in titles)
 
 
 @pytest.mark.slow

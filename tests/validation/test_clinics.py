@@ -69,13 +69,6 @@ def test_a_bare_folder_reaches_torques(data_dir: Path, tmp_path: Path) -> None:
     assert renamed.ending is Ending.TORQUES and renamed.ratio == pytest.approx(0.0, abs=0.01)
 
 
-def test_the_part_inside_error_bars() -> None:
-    from scripts.validation.error_bars import coverage
-
-    told = coverage(np.array([0.5, -0.9, 1.5, 3.0]))
-    assert told == "50% of 4 inside 68 %, 75% inside 95 %, RMS 1.75 standard errors"
-
-
 @pytest.mark.slow
 def test_a_made_up_person_comes_twice(capsys: pytest.CaptureFixture[str]) -> None:
     results("sessions", "--parts", "made-up", "--people", "1")

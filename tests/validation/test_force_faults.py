@@ -5,31 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scripts.validation.force_faults import check, faults
+from scripts.validation.force_faults import faults
 from scripts.validation.harness import main
-
-
-def met(outcome: str, milliseconds: float) -> check.Case:
-    """A clock fault of so many ms, met like that."""
-    seconds = 1e-3 * milliseconds
-    fault = faults.Fault(
-        kind=faults.Kind.CLOCK,
-        row="clock",
-        words=f"{milliseconds:g} ms",
-        plate=None,
-        size=(seconds,),
-        change=lambda recording: recording,
-    )
-    return check.Case(
-        person="somebody",
-        trials=("walk",),
-        fault=fault,
-        scope="all",
-        outcome=check.Outcome(outcome),
-        told="",
-        ratio=None,
-        causes=1,
-    )
 
 
 def test_every_fault_changes_a_recording_and_says_how_large_it_is() -> None:

@@ -10,9 +10,8 @@ import pytest
 from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from scripts.validation import recordings
 from scripts.validation.harness import results
-from scripts.validation.people import check, hips, knees, pairs
+from scripts.validation.people import check, hips, knees
 from scripts.validation.people.fits import Fit
 from scripts.validation.truth import skin
 from tests.synthetic_studies import write_synthetic_study
@@ -41,15 +40,6 @@ def _fit(name: str, outward: float, error: float = 0.002) -> Fit:
     )
 
 
-def test_both_hips_of_a_population_move_outward() -> None:
-    found = hips.hip_figures([_fit("HC002D", 0.020), _fit("uf3", 0.010)])
-    assert found["all: mean outward"] == pytest.approx(15.0)
-    assert found["children: mean outward"] == pytest.approx(20.0)
-    assert found["adults: RMS 3-D"] == pytest.approx(10.0, abs=1e-3)
-    nominal, fitted, error = _fit("uf3", 0.010).hips_apart()
-    assert fitted - nominal == pytest.approx(0.020, abs=1e-4) and error == pytest.approx(0.002 * np.sqrt(2))
-
-
 def test_two_fits_differ_in_standard_errors_of_the_difference() -> None:
     one, other = _fit("a", 0.010), _fit("a", 0.016, 0.004)
     gap, score = hips.gap_scores(one, other)
@@ -76,27 +66,6 @@ def test_hips_of_ct_miss_the_regression_as_published(data_dir: Path) -> None:
     assert (round(images.ratios.min(), 2), round(images.ratios.max(), 2)) == (0.65, 0.82)
     near, far = _fit("near", 0.002), _fit("far", 0.040)
     assert hips.outside([near, far], images) == {"hips": 4.0, "hips outside": 2.0, "pairs outside": 1.0}
-
-
-def test_pairs_of_recordings_that_are_compared(data_dir: Path) -> None:
-    kinds = [pair.kind for pair in pairs.pairs_of("multi", recordings.study_of_person("multi"))]
-    assert [kinds.count(kind) for kind in ("walk against walk", "first walks against last")] == [10, 1]
-    straight, strides = pairs.pairs_of("HC030A", recordings.study_of_person("HC030A"))
-    assert straight.first.walks == ("straight",) and straight.last.walks == ("turn",)
-    (turn,) = (t.recording for t in straight.last.moving)
-    halves = [t.recording for study in (strides.first, strides.last) for t in study.moving]
-    assert len(turn.time) <= sum(len(half.time) for half in halves) <= len(turn.time) + 1
-    assert halves[0].time[-1] <= halves[1].time[0]
-
-
-def test_the_same_fit_twice_does_not_differ() -> None:
-    fit = _fit("a", 0.010)
-    assert len(pairs.scores(fit, fit)) == 0  # markers told nothing here
-    markers = replace(fit.influence, clusters=tuple(f"walk/{name}/0" for name in JP_NAMES))
-    one, other = (replace(f, influence=markers) for f in (fit, _fit("a", 0.030)))
-    z = pairs.scores(one, other)
-    assert np.count_nonzero(np.abs(z) > 1e-9) == 2  # the lateral places of both hips
-    assert list(pairs.figures({("walk against walk", "a"): z}).values())[1] == pytest.approx(100.0)
 
 
 def test_a_marker_of_the_thigh_turns_about_the_hinge() -> None:

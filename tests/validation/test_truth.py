@@ -1,7 +1,6 @@
 """`python -m scripts.validation truth`: its geometry and counting on exact data, small runs, error bars that hold."""
 
 import json
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -100,14 +99,6 @@ def test_static_frames_are_where_the_model_put_its_markers() -> None:
             np.testing.assert_allclose(frame.local(shift), 0.0, atol=1e-6)
 
 
-def test_bars_count_what_holds() -> None:
-    held = error_bars.bars(np.array([0.5, -1.5, 3.0, 0.1]), np.array([1.0, 1.0, 1.0, np.nan]))
-    assert (held.count, held.within) == (4, (1, 2))
-    assert held.rms == pytest.approx(np.sqrt(3 / 4))
-    both = held + held
-    assert (both.count, both.within, both.shares) == (8, (2, 4), (25.0, 50.0))
-
-
 TRACKING = {
     "pelvis": ("P1", "P2", "P3"),
     **{f"{part}_{s}": tuple(f"{part}{s}{k}" for k in range(3)) for part in ("thigh", "shank", "foot") for s in "rl"},
@@ -147,15 +138,6 @@ def test_skin_follows_the_joints_by_its_law() -> None:
     assert 0.005 < sizes.mean() < 0.04  # 15 mm of the cluster, and each marker's own and the turn on top
     left = [labels.index(label) for label in TRACKING["thigh_l"]]
     np.testing.assert_allclose(linear[:, left], 0.0, atol=ROUNDING)
-
-
-def test_laws_last_and_random_movement_does_not() -> None:
-    angles = 30.0 * np.sin(np.arange(400) * 0.05)
-    for kind, same in ((skin.Kind.LINEAR, True), (skin.Kind.RANDOM, False), (skin.Kind.BURSTS, False)):
-        first, again, other = (_moved(kind, angles, (1, trial)) for trial in (1, 1, 2))
-        assert np.array_equal(first, again)
-        assert np.allclose(first, other) is same
-    assert not np.allclose(_moved(skin.Kind.LINEAR, angles), _moved(skin.Kind.LINEAR, angles, (2, 1)))
 
 
 def test_table_and_limits_of_a_few_fits() -> None:
@@ -199,20 +181,6 @@ def test_gait_of_a_simulated_person(data_dir: Path, tmp_path: Path, capsys: pyte
     assert json.loads(found.read_text(encoding="utf-8"))[0]["figures"].keys() == fit.figures.keys()
     said = capsys.readouterr().out
     assert "settings: gait_parameters=leg" in said and "torque subtalar_angle, N·m" in said
-
-
-def test_without_data_it_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("GAITCAL_DATA", raising=False)
-    with pytest.raises(SystemExit, match="GAITCAL_DATA"):
-        results("truth", "--parts", "gait")
-
-
-def test_without_opensim_it_says_what_is_missing(
-    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "opensim", None)
-    with pytest.raises(SystemExit, match="peers"):
-        results("truth", "--parts", "isolated", "--only", "p01", "--cache", str(tmp_path))
 
 
 SLOW_CAMERA = 25.0

@@ -1,13 +1,13 @@
 """Are faults of force plates named, with their size, and clean recordings left in peace?
 
-    force_faults [--cases 360] [--seed N] [--only subject01,pig,...] [--track] [--verbose]
+    force_faults [--cases 360] [--seed N] [--only subject01,pig,...] [--verbose]
 
 Single faults, drawn at random (sizes log-uniform; in one plate or all, in one trial or all of a session; centre of
 pressure or moments kept), are put into the recordings of people whose joint parameters were calibrated once; their
-trials are then diagnosed as `gaitcal calibrate` does, by the clean motion unless --track has it sought again. Printed:
-how each kind of fault was met, the sizes found, what was taken for another, the smallest size from which 80 % are
-found, and every clean recording. Real people need the environment variable GAITCAL_DATA. Exit code 1 where a clean
-recording is accused, or the right cause comes first in less than 90 % of the faults that are spoken of.
+trials are then diagnosed as `gaitcal calibrate` does, by the clean motion. Printed: how each kind of fault was met, the
+sizes found, what was taken for another, the smallest size from which 80 % are found, and every clean recording. Real
+people need the environment variable GAITCAL_DATA. Exit code 1 where a clean recording is accused, or the right cause
+comes first in less than 90 % of the faults that are spoken of.
 """
 
 from __future__ import annotations
@@ -64,13 +64,11 @@ class Person:
     motions: tuple[tuple[MovingTrial, Motion], ...]
     clean: tuple[ForceEvidence, ...]
 
-    def evidence(
-        self, number: int, change: Callable[[Recording], Recording], *, track: bool = False
-    ) -> ForceEvidence | None:
-        """Of the trial of that number, its recording changed; `track`: its motion is sought again."""
+    def evidence(self, number: int, change: Callable[[Recording], Recording]) -> ForceEvidence | None:
+        """Of the trial of that number, its recording changed; its motion is sought again where its markers were."""
         before, motion = self.motions[number]
         trial = replace(self.trials[number], recording=change(self.trials[number].recording))
-        if track or trial.recording.markers is not self.trials[number].recording.markers:
+        if trial.recording.markers is not self.trials[number].recording.markers:
             prepared = prepare_trial(trial, self.model, self.settings)
             motion = tracked_motion(prepared.body, self.parameters)
         else:
@@ -160,14 +158,14 @@ class Case:
         return f"{self.person} {','.join(self.trials)} {self.scope}"
 
 
-def cases(everybody: list[Person], count: int, seed: int, *, track: bool) -> Iterator[Case]:
+def cases(everybody: list[Person], count: int, seed: int) -> Iterator[Case]:
     """`count` faults, every kind in turn, in people drawn at random."""
     for i in range(count):
         rng = np.random.default_rng([seed, i])
-        yield case(everybody[int(rng.integers(len(everybody)))], i, rng, track=track)
+        yield case(everybody[int(rng.integers(len(everybody)))], i, rng)
 
 
-def case(person: Person, number: int, rng: np.random.Generator, *, track: bool) -> Case:
+def case(person: Person, number: int, rng: np.random.Generator) -> Case:
     """The fault of that number in one or all trials of a person."""
     make = FAULTS[number % len(FAULTS)]
     alone = len(person.trials) > 1 and rng.random() < ONE_TRIAL
@@ -178,7 +176,7 @@ def case(person: Person, number: int, rng: np.random.Generator, *, track: bool) 
     fault = _seen_along_the_walk(make(rng, plate), person.clean[struck[0]])
     evidence: list[ForceEvidence | None] = list(person.clean)
     for i in struck:
-        evidence[i] = person.evidence(i, fault.change, track=track)
+        evidence[i] = person.evidence(i, fault.change)
     found, *_ = choose([e for e in evidence if e is not None])
     about = [n for n in found if {t.name for t in n.trials} & {person.trials[i].name for i in struck}]
     wrongly = [n for n in found if n not in about]
@@ -332,7 +330,6 @@ LEAST_FIRST = 0.90
 def add_options(parser: argparse.ArgumentParser) -> None:
     """How many faults."""
     parser.add_argument("--cases", type=int, default=360)
-    parser.add_argument("--track", action="store_true", help="track the motion again for each fault")
     parser.add_argument("--verbose", action="store_true", help="a line for each fault")
 
 
@@ -342,7 +339,7 @@ def run(chosen: argparse.Namespace) -> tuple[list[Person], list[Case]]:
         everybody = list(people(Path(folder), chosen.only))
         print_clean(everybody)
         found = []
-        for case in cases(everybody, chosen.cases, chosen.seed, track=chosen.track):
+        for case in cases(everybody, chosen.cases, chosen.seed):
             found.append(case)
             if chosen.verbose:
                 size = "" if case.ratio is None else f"size x {case.ratio:.2f}"
