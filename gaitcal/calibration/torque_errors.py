@@ -29,8 +29,9 @@ from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rat
 from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.motion.trial_problem import MotionProblem
 
-BLOCK = 64
-"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
+BLOCK = 32
+"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once: in arrays below
+`runtime.LARGEST_BYTES`, whose memory is kept."""
 
 
 class ErringForces:

@@ -130,7 +130,7 @@ def leg_joints(
             first, own = f"{COORDINATE_OF[joint]}_{side}", coordinates.get(f"{joint}_{side}")
             if own is not None:
                 require_known([own], known, "coordinate of that joint", source=names or Path(), field="coordinates")
-            name = own or (first if first in known else _widest(ours[joint]))
+            name = own or (first if first in known else _main_coordinate(peer, ours, joint))
             by = "your file" if joint in told else found_by
             leg = LegJoint(ours=f"{joint}_{side}", theirs=ours[joint], coordinate=name, found_by=by, hinge=None)
             out.append(leg)
@@ -182,9 +182,15 @@ def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> H
     return hinge
 
 
-def _widest(joint: PeerJoint) -> str:
-    """The coordinate of the widest range among those that turn; the first where nothing is known of axes."""
-    turning = {a.coordinate for a in joint.axes or () if a.rotates}
+def _main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> str:
+    """The coordinate that turns most nearly about the pelvis' z, to the right, as hips, knees and ankles flex;
+    of a subtalar joint, whose axis is oblique, that of the widest range. `leg`: kind of joint of ours -> theirs.
+    """
+    joint, hip = leg[of], leg.get("hip")
+    turning = {a.coordinate: a.axis for a in joint.axes or () if a.rotates and a.coordinate is not None}
+    if of != "subtalar" and len(turning) > 1 and hip is not None and peer.is_below(joint.parent, hip.parent):
+        z = (peer.body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]
+        return max(turning, key=lambda name: abs(float(z @ turning[name])))
     found = [c for c in joint.coordinates if c.name in turning] or list(joint.coordinates)
     return max(found, key=lambda c: c.high - c.low).name if found else ""
 

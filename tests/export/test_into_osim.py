@@ -343,6 +343,25 @@ def test_the_users_own_names(published: SubjectModel, tmp_path: Path) -> None:
         leg_joints(read_osim(path), names)
 
 
+def test_a_joint_of_three_turns_flexes_about_the_axis_across(published: SubjectModel, tmp_path: Path) -> None:
+    """Whatever its coordinates are called, and whichever of them goes farthest: its bodies' axes may lie otherwise."""
+    peer = read_osim(written(published, tmp_path / "m.osim", "opensim 4"))
+    ankle = next(leg.theirs for leg in leg_joints(peer) if leg.ours == "talocrural_r")
+    turned = pin.SE3(pin.exp3(np.array([0.0, 1.4, 0.0])), ankle.in_parent.translation)
+    across = turned.rotation.T @ [0.0, 0.0, 1.0]
+    axes = [across, np.array([0.0, 1.0, 0.0]), np.cross(across, [0.0, 1.0, 0.0])]
+    free = replace(
+        ankle,
+        in_parent=turned,
+        coordinates=tuple(replace(ankle.coordinates[0], name=f"q{k}", high=1.0 + k) for k in range(3)),
+        axes=tuple(replace(ankle.axes[0], axis=axis, coordinate=f"q{k}") for k, axis in enumerate(axes)),
+    )
+    names = tmp_path / "names.toml"
+    names.write_text(f'[joints]\ntalocrural_r = "{ankle.name}"\n')
+    found = next(leg for leg in leg_joints(peer.with_joints([free]), names) if leg.ours == "talocrural_r")
+    assert found.coordinate == "q0"
+
+
 def test_the_account_of_joints_and_muscles(published: SubjectModel, tmp_path: Path) -> None:
     """A verdict for every joint; of a muscle the place of its largest change, and jumps that were not there before."""
     path = written(published, tmp_path / "m.osim", "opensim 4")
