@@ -164,7 +164,7 @@ def parse_rows(lines: Sequence[str], start: int, width: int, separator: str | No
 def _numbers(cells: list[str], number: int) -> list[float]:
     """The cells of one line: all at once, or one by one where one of them is empty, or no number."""
     try:
-        if not any("_" in cell for cell in cells):
+        if "_" not in "".join(cells):
             return list(map(float, cells))
     except ValueError:
         pass

@@ -280,11 +280,14 @@ def _trial(trial: Drafted, folder: Path | None) -> list[str]:
 def _line(field: str, value: object, reason: str, certain: bool) -> list[str]:
     """`field = value  # sure: reason`, the comment above where the line would be long."""
     comment = f"# {'sure' if certain else 'likely'}: {_one_line(reason)}"
-    if isinstance(value, Mapping) and set(value) <= set(SIDES):
-        text = f"{field} = {{ {', '.join(f'{side} = {v:g}' for side, v in value.items())} }}"
-    else:
-        text = f"{field} = {toml_value(value)}"
+    text = _assignment(field, value)
     return [f"{text}  {comment}"] if len(text) <= WIDEST else [comment, text]
+
+
+def _assignment(field: str, value: object) -> str:
+    if isinstance(value, Mapping) and set(value) <= set(SIDES):
+        return f"{field} = {{ {', '.join(f'{side} = {v:g}' for side, v in value.items())} }}"
+    return f"{field} = {toml_value(value)}"
 
 
 def _one_line(text: str) -> str:
@@ -384,7 +387,7 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
             out.append(f"{LIKELY}{trial.forces.file.name} as forces of {trial.name}: {trial.forces.reason}")
     for field, known in draft.person.items():
         if field != "name" and not known.certain:
-            out.append(f"{LIKELY}{field} = {known.value}: {known.reason}")
+            out.append(f"{LIKELY}{_assignment(field, known.value)}: {known.reason}")
     if "sex" not in draft.person and not draft.missing:
         out.append(f"{LIKELY}sex: no file says it; masses are the mean of women's and men's tables (--sex says which)")
     if "age_years" not in draft.person and not draft.missing:

@@ -19,7 +19,7 @@ from gaitcal.session.draft import draft_notes, draft_text, missing_words, study_
 from gaitcal.session.drafting import draft_study
 from gaitcal.session.folder import FileKind, Folder, FolderFile
 from gaitcal.session.people import exchange_told, pair_distances, placed_otherwise
-from gaitcal.session.person_facts import Options
+from gaitcal.session.person_facts import Known, Options
 from gaitcal.study.study import Study
 from tests.session.folders import JOINTS, SAID, draft, other_person, recordings, roles, squat, write
 
@@ -280,7 +280,10 @@ def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
     labels = (*static.labels[:at], "R.Knee.Inner", *static.labels[at + 1 :])
     folder = write(tmp_path / "person", files | {"static": replace(static, labels=labels), "squat": squat()})
     (folder / "photo.png").touch()
-    notes = draft_notes(draft(folder))
+    made = draft(folder)
+    legs = Known(value={"r": 900.0, "l": 910.0}, reason="guess", certain=False)
+    notes = draft_notes(replace(made, person={**made.person, "leg_length_mm": legs}))
     assert any("left over: R.Knee.Inner" in note for note in notes)
+    assert any("leg_length_mm = { r = 900, l = 910 }: guess" in note for note in notes), "as the study file has it"
     assert not any("squat.csv" in note for note in notes)
     assert any("not used: photo.png" in note for note in notes)
