@@ -67,6 +67,8 @@ class ConsistentSettings:
     up to 40 % on some segment: Durkin and Dowling, J Biomech Eng 125:515, 2003.)"""
     centre_spread: float = 0.010
     """m, standard deviation of a mass-centre coordinate."""
+    foot_centre_spread: float = 0.015
+    """The same of a foot, whose axes markers make: those on heel and toe are 10 mm off the points of the table."""
     moment_spread: float = 0.15
     """Standard deviation of the logarithm of a second moment of mass."""
     more_of: Mapping[str, float] = field(default_factory=dict)
@@ -100,8 +102,9 @@ class LogChart:
 
     def spread(self, settings: ConsistentSettings) -> Array:
         """(n,) prior standard deviation of each variable."""
-        kinds = np.array([settings.mass_spread, settings.centre_spread, settings.moment_spread])[self.kind]
-        of_people = np.where(self.of_foot & (self.kind == 0), settings.foot_mass_spread, kinds)
+        of_others = [settings.mass_spread, settings.centre_spread, settings.moment_spread]
+        of_feet = [settings.foot_mass_spread, settings.foot_centre_spread, settings.moment_spread]
+        of_people = np.where(self.of_foot, np.array(of_feet)[self.kind], np.array(of_others)[self.kind])
         return np.hypot(of_people, [settings.more_of.get(name, 0.0) for name in self.unsided])
 
     def inertial(self, x: Array) -> Array:
@@ -178,10 +181,8 @@ def root_equations(regressor: Array, ground: Array, weight: float, length: float
 class LoadedMotion:
     """A motion with ground reactions on the feet, for the frames that are valid."""
 
-    q: Array
-    """(nf, 27) m, rad."""
-    velocity: Array
-    acceleration: Array
+    state: tuple[Array, Array, Array]
+    """(nf, 27) each: coordinates (m, rad), their rates and accelerations."""
     wrench: Array
     """(nf, 2, 6) about the laboratory origin."""
     valid: BoolArray
@@ -190,8 +191,8 @@ class LoadedMotion:
     @staticmethod
     def of(motion: Motion, reactions: GroundReactions) -> LoadedMotion:
         """A tracked motion, and the ground reactions on it."""
-        state = {"q": motion.q, "velocity": motion.velocity, "acceleration": motion.acceleration}
-        return LoadedMotion(**state, wrench=reactions.wrench, valid=reactions.valid)
+        state = motion.q, motion.velocity, motion.acceleration
+        return LoadedMotion(state=state, wrench=reactions.wrench, valid=reactions.valid)
 
 
 def torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float) -> float:
@@ -215,8 +216,8 @@ def equations_of(
     regressors, grounds = [], []
     for motion in motions:
         at = motion.valid
-        q = motion.q[at]
-        regressors.append(dynamics.root_regressor(q, motion.velocity[at], motion.acceleration[at]))
+        q, v, a = (x[at] for x in motion.state)
+        regressors.append(dynamics.root_regressor(q, v, a))
         total = motion.wrench[at].sum(axis=1)
         about_pelvis = total[:, 3:] - np.cross(q[:, :3], total[:, :3])
         grounds.append(-np.hstack([total[:, :3], about_pelvis]))

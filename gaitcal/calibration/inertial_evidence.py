@@ -202,20 +202,8 @@ def stay_nominal(
     )
 
 
-def unmeasured_stay(
-    equations: inertial_calibration.RootEquations,
-    seed: Array,
-    which: InertialSet,
-    unmeasured: str,
-    settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
-) -> inertial_calibration.InertialFit:
-    """The seed as it is, as the residual tells first how mass moves that markers leave open, `unmeasured` in words."""
-    rms = equations.rms(seed)
-    why = f"markers do not determine {unmeasured}; {_words(rms)} tells how that moves, not what it weighs"
-    return stay_nominal(seed, which, settings, rms, why)
-
-
-def _words(rms: tuple[float, float]) -> str:
+def residual_words(rms: tuple[float, float]) -> str:
+    """N, N·m, for a sentence."""
     return f"the pelvis residual ({rms[0]:.1f} N, {rms[1]:.1f} N·m RMS)"
 
 
@@ -263,12 +251,12 @@ def fit_by_evidence(
             if beyond
             else f"is what marker noise, bandwidth and plates explain {explained}"
         )
-        stay = stay_nominal(seed, which, settings, before, f"{_words(before)} {why}; ln K = {factor:.1f}")
+        stay = stay_nominal(seed, which, settings, before, f"{residual_words(before)} {why}; ln K = {factor:.1f}")
         return replace(stay, seconds=time.perf_counter() - began)
     result, slopes = inertial_calibration.fit_chart(equations, chart, spread, weigh, start)
     found = inertial_calibration.fit_of(equations, chart, result, slopes, began)
-    message = f"{found.message}; {_words(before)} moves as wrong masses make it, ln K = {factor:.1f}, beside what "
-    return replace(found, message=f"{message}marker noise, bandwidth and plates explain {explained}")
+    message = f"{found.message}; {residual_words(before)} moves as wrong masses make it, ln K = {factor:.1f}, beside "
+    return replace(found, message=f"{message}what marker noise, bandwidth and plates explain {explained}")
 
 
 def log_bayes_factor(scores: Array, slopes: Array) -> float:

@@ -27,7 +27,7 @@ from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
 from gaitcal.model.chain import body_poses
 from gaitcal.model.landmarks import static_posture
-from gaitcal.model.linkage import COORDINATES, SIDES, of_side
+from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import (
@@ -119,8 +119,9 @@ class Stance:
         above = {"hip": ("hip", "pelvis"), "knee": ("knee", "thigh"), "ankle": ("talocrural", "shank")}
         for name, (joint, part) in above.items():
             for side in SIDES:
-                segment = of_side(part, side)
-                centres[f"{name}_{side}"] = frames[segment].point(model.parameters.centre(f"{joint}_{side}", segment))
+                segment = part if part == "pelvis" else f"{part}_{side}"
+                at = model.parameters.centre(f"{joint}_{side}", segment)
+                centres[f"{name}_{side}"] = frames[segment].point(at)
         return cls(
             points=points,
             centres=centres,

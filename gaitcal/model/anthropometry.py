@@ -29,6 +29,7 @@ import functools
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.io.toml import models_path
 from gaitcal.model.linkage import SEGMENT_TABLE, SIDES
-from gaitcal.model.parameters import IP_NAMES, MASSIVE_SEGMENTS
+from gaitcal.model.parameters import IP_NAMES, MASSIVE_SEGMENTS, Parameters, table
 from gaitcal.model.subject_model import Subject
 
 CHILD_HEIGHT = 1.45  # m; few adults are shorter, and most children before puberty are
@@ -269,6 +270,28 @@ def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
         forearm, hand = _part("Forearm", subject, lengths.limbs[f"forearm_hand_{side}"]), _part("Hand", subject)
         rows[f"forearm_hand_{side}"] = _in_line([(forearm, -forearm.centre), (hand, -forearm.length - hand.centre)])
     return np.concatenate([rows[segment] for segment in MASSIVE_SEGMENTS])
+
+
+LIMB_ENDS = {"thigh": ("hip", "knee"), "shank": ("knee", "talocrural"), "upper_arm": ("shoulder", "elbow")}
+"""Segment -> the joints at its ends. Forearm with hand ends at no joint of the linkage, the foot at markers."""
+
+
+def with_joints_of(inertial: Array, before: Parameters, after: Parameters) -> Array:
+    """(ni,) inertial parameters, SI, of a table, when the joints that it counts from are found elsewhere.
+
+    Mass centres of limbs keep their share of the way between both joints, and second moments go with the square of its
+    length. Pelvis and trunk stay: counted from the hips found, they explain pelvis residuals worse, of people as well.
+    """
+    rows = table(inertial).copy()
+    for side, (segment, ends) in product(SIDES, LIMB_ENDS.items()):
+        name = f"{segment}_{side}"
+        row, joints = rows[MASSIVE_SEGMENTS.index(name)], [f"{end}_{side}" for end in ends]
+        old, new = (np.array([parameters.centre(j, name) for j in joints]) for parameters in (before, after))
+        square = float(np.sum((old[1] - old[0]) ** 2))
+        share = float((row[1:4] - old[0]) @ (old[1] - old[0])) / square
+        row[1:4] += (1.0 - share) * (new - old)[0] + share * (new - old)[1]
+        row[4:7] *= float(np.sum((new[1] - new[0]) ** 2)) / square
+    return rows.ravel()
 
 
 def _in_line(parts: list[tuple[_Part, float]]) -> Array:

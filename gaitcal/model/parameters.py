@@ -246,7 +246,7 @@ class Parameters:
         return element.sign * float(self.zero_angles[ZERO_ANGLES.index(element.name)])
 
     def centre(self, joint: str, segment: str) -> Array:
-        """(3,) m, a joint's centre in the frame of a segment beside it; zero along axes without a joint parameter."""
+        """(3,) m of a joint in a segment beside it; what is no parameter is zero by definition of the frames."""
         out = np.zeros(3)
         for p in JOINT_PARAMETERS:
             if (p.joint, p.segment, p.kind) == (joint, segment, Kind.POSITION):

@@ -9,7 +9,6 @@ mere balls of 5800 triangles are drawn with 480.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from gaitcal.arrays import Array, IntArray
 from gaitcal.model.chain import Chain, forward, segment_poses
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
-from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 
 MESHES: dict[str, tuple[Array, Array]] = {
@@ -100,16 +99,11 @@ def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
     """The body of a person: lengths from the joint centres of the model, girths from mass and height."""
     tall = model.subject.height / REFERENCE_HEIGHT
     girth = float(np.sqrt(model.subject.mass / REFERENCE_MASS / tall))
-    jp = dict(zip(JP_INDEX, model.parameters.joint, strict=True))
+    jp = model.parameters
     meshes = [*_trunk(model, jp, girth), _pelvis(jp, girth)]
     for side in SIDES:
         meshes += [*_leg(jp, side, girth), _foot(model, side), *_arm(model, jp, side, girth)]
     return tuple(meshes)
-
-
-def joint_centre(jp: Mapping[str, float], place: str) -> Array:
-    """(3,) m of a joint centre in one of its segments; what is no parameter is zero by definition of the frames."""
-    return np.array([jp.get(f"{place}.{axis}", 0.0) for axis in ("ant", "sup", "lat")])
 
 
 def _limb(
@@ -131,10 +125,10 @@ def _straight(mesh: str, segment: str, origin: Array, scale: tuple[float, float,
     return FittedMesh(mesh, segment, np.column_stack([np.diag(scale), origin]))
 
 
-def _trunk(model: SubjectModel, jp: dict[str, float], girth: float) -> list[FittedMesh]:
+def _trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[FittedMesh]:
     """Torso as wide as the shoulders; neck and head so that the standing person is as tall as measured."""
-    lumbar = joint_centre(jp, "back.trunk")
-    half = float(jp["shoulder_r.trunk.lat"] - jp["shoulder_l.trunk.lat"]) / 2
+    lumbar = jp.centre("back", "head_trunk")
+    half = float(jp.centre("shoulder_r", "head_trunk")[2] - jp.centre("shoulder_l", "head_trunk")[2]) / 2
     head = _HEAD_OF_HEIGHT * model.subject.height / 42.0
     neck = vertex_above_lumbar(model) - 46.2 * head
     thick = 0.0056 * girth
@@ -151,9 +145,9 @@ def vertex_above_lumbar(model: SubjectModel) -> float:
     """Metres from the lumbar joint to the top of the head: where the height of the upright person puts it, and little
     above the markers of the head where it has some.
     """
-    jp, height = dict(zip(JP_INDEX, model.parameters.joint, strict=True)), model.subject.height
-    lumbar = joint_centre(jp, "back.trunk")[1]
-    shoulders = (joint_centre(jp, "shoulder_r.trunk")[1] + joint_centre(jp, "shoulder_l.trunk")[1]) / 2 - lumbar
+    jp, height = model.parameters, model.subject.height
+    lumbar = jp.centre("back", "head_trunk")[1]
+    shoulders = (jp.centre("shoulder_r", "head_trunk")[1] + jp.centre("shoulder_l", "head_trunk")[1]) / 2 - lumbar
     on_trunk = [segment == "head_trunk" for segment in model.markers.segments]
     head = model.markers.local[on_trunk, 1] - lumbar
     vertex = max(height - _lumbar_height(jp, height), float(shoulders) + 0.9 * _HEAD_OF_HEIGHT * height)
@@ -161,26 +155,26 @@ def vertex_above_lumbar(model: SubjectModel) -> float:
     return min(vertex, float(head.max()) + _VERTEX_OVER_MARKERS * height) if has_markers else vertex
 
 
-def _lumbar_height(jp: dict[str, float], height: float) -> float:
+def _lumbar_height(jp: Parameters, height: float) -> float:
     """Metres from the floor to the lumbar joint of the upright person."""
-    thighs = [jp[f"hip_{s}.thigh.sup"] - jp[f"knee_{s}.thigh.sup"] for s in SIDES]
-    shanks = [jp[f"knee_{s}.shank.sup"] - jp[f"talocrural_{s}.shank.sup"] for s in SIDES]
-    hips = (jp["hip_r.pelvis.sup"] + jp["hip_l.pelvis.sup"]) / 2
-    return (sum(thighs) + sum(shanks)) / 2 + jp["back.pelvis.sup"] - hips + _ANKLE_OF_HEIGHT * height
+    thighs = [jp.centre(f"hip_{s}", f"thigh_{s}")[1] - jp.centre(f"knee_{s}", f"thigh_{s}")[1] for s in SIDES]
+    shanks = [jp.centre(f"knee_{s}", f"shank_{s}")[1] - jp.centre(f"talocrural_{s}", f"shank_{s}")[1] for s in SIDES]
+    hips = (jp.centre("hip_r", "pelvis")[1] + jp.centre("hip_l", "pelvis")[1]) / 2
+    return (sum(thighs) + sum(shanks)) / 2 + jp.centre("back", "pelvis")[1] - hips + _ANKLE_OF_HEIGHT * height
 
 
-def _pelvis(jp: dict[str, float], girth: float) -> FittedMesh:
-    hips = (joint_centre(jp, "hip_r.pelvis") + joint_centre(jp, "hip_l.pelvis")) / 2
-    back = joint_centre(jp, "back.pelvis")
+def _pelvis(jp: Parameters, girth: float) -> FittedMesh:
+    hips = (jp.centre("hip_r", "pelvis") + jp.centre("hip_l", "pelvis")) / 2
+    back = jp.centre("back", "pelvis")
     rise = max(float(back[1] - hips[1]), 0.02) / _HIP_DROP
     origin = np.array([hips[0] - _HIP_FORWARD * girth, back[1] - 0.05 * rise, hips[2]])
     return _straight("pelvis", "pelvis", origin, (0.00643 * girth, 0.005897 * rise, 0.005897 * girth))
 
 
-def _leg(jp: dict[str, float], side: str, girth: float) -> list[FittedMesh]:
+def _leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
     thigh, shank = f"thigh_{side}", f"shank_{side}"
-    hip, knee = joint_centre(jp, f"hip_{side}.thigh"), joint_centre(jp, f"knee_{side}.thigh")
-    top, ankle = joint_centre(jp, f"knee_{side}.shank"), joint_centre(jp, f"talocrural_{side}.shank")
+    hip, knee = jp.centre(f"hip_{side}", f"thigh_{side}"), jp.centre(f"knee_{side}", f"thigh_{side}")
+    top, ankle = jp.centre(f"knee_{side}", f"shank_{side}"), jp.centre(f"talocrural_{side}", f"shank_{side}")
     return [
         _limb("upperleg", thigh, (hip, knee), (7.8, -60.8), 0.0065 * girth),
         _limb("lowerleg", shank, (top, ankle), (0.0, -66.7), 0.0066 * girth),
@@ -210,11 +204,10 @@ def upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, A
     return {s: axes[i, :, :, 0] for s, i in index.items()}, {s: origins[i, :, 0] for s, i in index.items()}
 
 
-def _arm(model: SubjectModel, jp: dict[str, float], side: str, girth: float) -> list[FittedMesh]:
+def _arm(model: SubjectModel, jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
     upper, fore = f"upper_arm_{side}", f"forearm_hand_{side}"
-    shoulder, elbow = joint_centre(jp, f"shoulder_{side}.upperarm"), joint_centre(jp, f"elbow_{side}.upperarm")
-    top = joint_centre(jp, f"elbow_{side}.forearm")
-    end = wrist(model, jp, side)
+    shoulder, elbow = jp.centre(f"shoulder_{side}", upper), jp.centre(f"elbow_{side}", upper)
+    top, end = jp.centre(f"elbow_{side}", fore), wrist(model, jp, side)
     hand = 0.0061 * model.subject.height / REFERENCE_HEIGHT
     return [
         _straight("shoulder", upper, shoulder, (0.00585 * girth,) * 3),
@@ -225,13 +218,13 @@ def _arm(model: SubjectModel, jp: dict[str, float], side: str, girth: float) -> 
     ]
 
 
-def wrist(model: SubjectModel, jp: dict[str, float], side: str) -> Array:
+def wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
     """(3,) m of the wrist in the forearm: its landmark, else below the elbow by the forearm's share of body height."""
     known = model.landmarks.get(f"wrist_{side}")
     if known is not None and known[0] == f"forearm_hand_{side}":
         return known[1]
     down = np.array([0.0, _FOREARM_OF_HEIGHT * model.subject.height, 0.0])
-    out: Array = joint_centre(jp, f"elbow_{side}.forearm") - down
+    out: Array = jp.centre(f"elbow_{side}", f"forearm_hand_{side}") - down
     return out
 
 

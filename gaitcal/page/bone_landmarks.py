@@ -33,10 +33,9 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.parameters import JP_INDEX
 from gaitcal.model.segment_frames import JointWidths
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page.body_meshes import Mesh, joint_centre, upright_poses, vertex_above_lumbar, wrist
+from gaitcal.page.body_meshes import Mesh, upright_poses, vertex_above_lumbar, wrist
 
 _END = 0.12
 """Share of a bone's length that is its end."""
@@ -356,24 +355,24 @@ class PersonLandmarks:
 
 def person_landmarks(model: SubjectModel) -> PersonLandmarks:
     """The targets of a person's bones."""
-    fitted = dict(zip(JP_INDEX, model.parameters.joint, strict=True))
+    fitted = model.parameters
     radius = JointWidths.of(model.subject).marker_radius
-    lumbar = joint_centre(fitted, "back.trunk")
-    points = {f"pelvis/hip_{side}": joint_centre(fitted, f"hip_{side}.pelvis") for side in SIDES}
+    lumbar = fitted.centre("back", "head_trunk")
+    points = {f"pelvis/hip_{side}": fitted.centre(f"hip_{side}", "pelvis") for side in SIDES}
     points["pelvis/asis"] = np.array([-radius, 0.0, 0.0])  # mid-ASIS is the origin of the pelvis, x forward
     if (sacrum := _known(model, "sacrum", "pelvis")) is not None:
         points["pelvis/psis"] = sacrum + [radius, 0.0, 0.0]
-    points |= {f"head_trunk/shoulder_{side}": joint_centre(fitted, f"shoulder_{side}.trunk") for side in SIDES}
+    points |= {f"head_trunk/shoulder_{side}": fitted.centre(f"shoulder_{side}", "head_trunk") for side in SIDES}
     points["head_trunk/lumbar"] = lumbar
     points["head_trunk/vertex"] = lumbar + [0.0, vertex_above_lumbar(model), 0.0]
     knees = {}
     for side in SIDES:
-        points[f"thigh_{side}/hip"] = joint_centre(fitted, f"hip_{side}.thigh")
+        points[f"thigh_{side}/hip"] = fitted.centre(f"hip_{side}", f"thigh_{side}")
         thigh, knees[side] = _knee(model, side)
         points |= thigh | _ankle(model, side) | _foot(model, side)
-        points[f"upper_arm_{side}/shoulder"] = joint_centre(fitted, f"shoulder_{side}.upperarm")
-        points[f"upper_arm_{side}/elbow"] = joint_centre(fitted, f"elbow_{side}.upperarm")
-        points[f"forearm_hand_{side}/elbow"] = joint_centre(fitted, f"elbow_{side}.forearm")
+        points[f"upper_arm_{side}/shoulder"] = fitted.centre(f"shoulder_{side}", f"upper_arm_{side}")
+        points[f"upper_arm_{side}/elbow"] = fitted.centre(f"elbow_{side}", f"upper_arm_{side}")
+        points[f"forearm_hand_{side}/elbow"] = fitted.centre(f"elbow_{side}", f"forearm_hand_{side}")
         points[f"forearm_hand_{side}/wrist"] = wrist(model, fitted, side)
     return PersonLandmarks(points, knees)
 
@@ -407,7 +406,7 @@ def _knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidenc
     device = f"knee_axis_{side}" in model.landmarks
     evidence = KneeEvidence.BOTH if both else KneeEvidence.DEVICE if device else KneeEvidence.LATERAL
     if middle is None or _known(model, f"knee_lat_{side}", segment) is None:
-        evidence, middle = KneeEvidence.NOMINAL, _nominal(model, f"knee_{side}.thigh")
+        evidence, middle = KneeEvidence.NOMINAL, model.nominal.centre(f"knee_{side}", f"thigh_{side}")
     points = {"knee": middle, "epicondyle_lat": middle + half, "epicondyle_med": middle - half}
     return {f"{segment}/{name}": point for name, point in points.items()}, evidence
 
@@ -415,13 +414,9 @@ def _knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidenc
 def _ankle(model: SubjectModel, side: str) -> dict[str, Array]:
     """The shank's origin is the middle of the knee in the static trial."""
     middle, half, _ = _markers(model, f"shank_{side}", "ankle")
-    middle = _nominal(model, f"talocrural_{side}.shank") if middle is None else middle
+    middle = model.nominal.centre(f"talocrural_{side}", f"shank_{side}") if middle is None else middle
     points = {"knee": np.zeros(3), "ankle": middle, "malleolus_lat": middle + half, "malleolus_med": middle - half}
     return {f"shank_{side}/{name}": point for name, point in points.items()}
-
-
-def _nominal(model: SubjectModel, place: str) -> Array:
-    return joint_centre(dict(zip(JP_INDEX, model.nominal.joint, strict=True)), place)
 
 
 def _foot(model: SubjectModel, side: str) -> dict[str, Array]:

@@ -118,7 +118,7 @@ def gait_equations(
     basis = joint_recovery.true_motion("full leg").basis
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     valid = np.ones(len(q), dtype=bool)
-    motion = inertial_calibration.LoadedMotion(q=q, velocity=v, acceleration=a, wrench=true_wrench(), valid=valid)
+    motion = inertial_calibration.LoadedMotion(state=(q, v, a), wrench=true_wrench(), valid=valid)
     return inertial_calibration.equations_of(
         [motion], parameters, joint_recovery.true_model().subject, scale, pelvis_width(joint_recovery.true_model())
     )

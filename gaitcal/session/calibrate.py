@@ -34,9 +34,9 @@ from gaitcal.calibration.inertial_evidence import (
     PlateNoise,
     fit_by_evidence,
     residual_noise,
+    residual_words,
     spread_of_the_rest,
     stay_nominal,
-    unmeasured_stay,
 )
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import inertial_square_root
@@ -45,7 +45,7 @@ from gaitcal.dynamics.plate_errors import PlateErrors
 from gaitcal.faults.study import check_study, examined
 from gaitcal.faults.verdict import judge, stopping, without_consequences
 from gaitcal.findings import Finding, Severity, note_of
-from gaitcal.model.anthropometry import table_spread
+from gaitcal.model.anthropometry import table_spread, with_joints_of
 from gaitcal.model.parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.motion.motion import motion_of
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
@@ -123,6 +123,9 @@ def fit_inertia(session: Session, progress: Progress) -> Session:
     """Inertial parameters, then, where asked for, joint and inertial parameters together."""
     settings, loaded = session.settings, weighing(session)
     progress("the floors of marker errors" if settings.ip == "none" else "inertial parameters")
+    if settings.ip == "consistent" and loaded and session.joint is not None:
+        at_joints = with_joints_of(session.parameters.inertial, session.model.parameters, session.parameters)
+        session = replace(session, parameters=session.parameters.with_inertial(at_joints))
     inertial = None if settings.ip == "none" or not loaded else _inertial_fit(session, loaded)
     if inertial is not None:
         parameters = session.parameters.with_inertial(inertial.inertial)
@@ -207,8 +210,9 @@ def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> InertialFit:
     subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
     equations = equations_of(motions, parameters, subject, scale, width)
     if is_trunk_unmeasured(loaded[0][0].motion):
-        words = unmeasured_words(loaded[0][0].motion, parameters)
-        return unmeasured_stay(equations, parameters.inertial, which, words, spread_of_people(session))
+        rms, words = equations.rms(parameters.inertial), unmeasured_words(loaded[0][0].motion, parameters)
+        why = f"markers do not determine {words}; {residual_words(rms)} tells how that moves, not what it weighs"
+        return stay_nominal(parameters.inertial, which, spread_of_people(session), rms, why)
     if settings.ip == "published":
         return fit_published(equations, parameters.inertial, which)
     noise = residual_noise(

@@ -73,7 +73,8 @@ def parameter_table(calibration: Calibration) -> pd.DataFrame:
 
     Columns: `name`, `kind` (joint position, joint orientation, mass, mass centre, moment of inertia), `segment` whose
     axes it is told in, `joint`, `unit` (mm, deg, kg, kg*mm^2), `nominal`, `fitted`, `standard_error` (NaN where none),
-    `status`: `fitted`, `fixed`, or `unidentifiable` (kept, as these trials do not show it).
+    `status`: `fitted`, `fixed` (of mass centres and moments, by the table, from where the joints are now), or
+    `unidentifiable` (kept, as these trials do not show it).
     """
     import pandas as pd
 

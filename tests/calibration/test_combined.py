@@ -99,7 +99,7 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
     start = starting_nodes(problem.chain, problem.constants(nominal), problem.data, problem.basis)
     joint = JointSearch([problem], nominal, free, [start]).run()
     q, v, a = (MOTION.basis.evaluate(joint.coefficients[0], k) for k in range(3))
-    loaded = LoadedMotion(q=q, velocity=v, acceleration=a, wrench=WRENCH, valid=EVERY)
+    loaded = LoadedMotion(state=(q, v, a), wrench=WRENCH, valid=EVERY)
     system = equations_of([loaded], joint.parameters, MODEL.subject, TorqueScale.BODY_HEIGHT, 0.176)
     inertial = fit_consistent(system, nominal.inertial, symmetric_set())
     two_steps = joint.parameters.with_inertial(inertial.inertial)

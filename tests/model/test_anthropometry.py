@@ -18,14 +18,25 @@ from gaitcal.model.anthropometry import (
     mass_shares,
     table_spread,
     table_words,
+    with_joints_of,
     youngest_and_adult_age,
 )
-from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, MASSIVE_SEGMENTS, is_physical, published_subject, table
+from gaitcal.model.parameters import (
+    IP_INDEX,
+    IP_NAMES,
+    IP_TO_SI,
+    JP_INDEX,
+    MASSIVE_SEGMENTS,
+    is_physical,
+    published_subject,
+    table,
+)
 from gaitcal.model.subject_model import Subject
 
 PUBLISHED = Subject("published", 69.4, 1.70, "male")
 HALF_UNIT = {"mass": 0.0005, "com": 0.05, "moi": 0.5}
 """Half of the last printed digit: kg, mm, kg*mm^2."""
+ROUNDING = 1e-12
 SLACK = 1.01
 """The printed table was itself made from inputs in printed digits (0.9508 kg is printed as 0.951)."""
 
@@ -43,6 +54,24 @@ def test_published_numbers_come_back_to_the_printed_digits() -> None:
     printed = published_subject().inertial / IP_TO_SI
     for i, name in enumerate(IP_NAMES):
         assert abs(made[i] - printed[i]) <= SLACK * HALF_UNIT[name.split(".")[1]], (name, made[i], printed[i])
+
+
+def test_inertia_of_joints_found_elsewhere_is_the_table_s_of_these_lengths() -> None:
+    """Every hip 10 mm lower in the thigh, every knee 15 mm lower in the shank; then a hip to the side."""
+    before, lengths = published_subject(), published_lengths()
+    moves = {f"{place}_{side}": by for side in "rl" for place, by in (("thigh", -0.01), ("shank", -0.015))}
+    names = tuple(f"{'hip' if s.startswith('thigh') else 'knee'}_{s[-1]}.{s[:-2]}.sup" for s in moves)
+    after = before.with_joint(names, before.joint[[JP_INDEX[n] for n in names]] + list(moves.values()))
+    limbs = lengths.limbs | {segment: lengths.limbs[segment] + by for segment, by in moves.items()}
+    expected = table(inertial_parameters(PUBLISHED, replace(lengths, limbs=limbs)))
+    for segment, by in moves.items():
+        expected[MASSIVE_SEGMENTS.index(segment), 2] += by
+    moved = table(with_joints_of(inertial_parameters(PUBLISHED, lengths), before, after))
+    np.testing.assert_allclose(moved, expected, rtol=ROUNDING, atol=ROUNDING)
+    aside = before.with_joint(("hip_r.thigh.lat",), np.array([0.02]))
+    share = 1.0 + before.inertial[IP_INDEX["thigh_r.com.sup"]] / 0.4198
+    found = table(with_joints_of(before.inertial, before, aside))[MASSIVE_SEGMENTS.index("thigh_r"), 3]
+    assert found == pytest.approx(share * 0.02, rel=ROUNDING)
 
 
 @given(

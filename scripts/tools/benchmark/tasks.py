@@ -134,7 +134,7 @@ def section_ip() -> list[Timing]:
     wrench = residual_free_wrench(model.parameters, motion)
     t = track(model, recording("gait"), rule=NODES)
     valid = np.ones(len(t.time), bool)
-    loaded = LoadedMotion(q=t.q, velocity=t.velocity, acceleration=t.acceleration, wrench=wrench, valid=valid)
+    loaded = LoadedMotion(state=(t.q, t.velocity, t.acceleration), wrench=wrench, valid=valid)
 
     def run(fit: Callable[..., object]) -> object:
         equations = equations_of([loaded], model.parameters, model.subject, TorqueScale.BODY_HEIGHT, 0.176)

@@ -57,6 +57,8 @@ class WalkingPerson:
     """`hip_r`, `hip_l` -> (3,) m in the static trial."""
     torques: Mapping[str, Array]
     """OpenSim's name of a coordinate -> (nf,) N·m at the frames of the walk."""
+    forces: Array
+    """(nf, 2, 6) N, N·m about the laboratory origin: what OpenSim's inverse dynamics had on right and left foot."""
 
 
 def made(person: str, data: Path, cache: Path) -> Path:
@@ -111,12 +113,18 @@ def walking_person(person: str, data: Path) -> WalkingPerson:
     time = walk.recording.time
     centres = {name: at_times(time, known.time, track) for name, track in tracks.items()}
     table = read_table(data / person / "id.sto")
+    grf, ground = read_table(data / person / "grf.mot"), []
+    for side in "rl":
+        columns = (f"ground_{kind.format(s=side)}" for kind in ("force_{s}_v", "force_{s}_p", "torque_{s}_"))
+        force, point, free = (np.column_stack([grf.column(name + axis) for axis in "xyz"]) for name in columns)
+        ground.append(at_times(time, grf.time, np.hstack([force, free + np.cross(point, force)])))
     moments = {n.removesuffix("_moment"): table.column(n) for n in table.names if n.endswith("_moment")}
     return WalkingPerson(
         study=study,
         centres=centres,
         static_hips={f"hip_{side}": _static_point(study, known, tracks[f"hip_{side}"]) for side in "rl"},
         torques={name: np.interp(time, table.time, values) for name, values in moments.items()},
+        forces=np.stack(ground, axis=1),
     )
 
 
