@@ -215,7 +215,11 @@ def registrations(model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]
             points = _axis_points(model, peer, legs, segment, body)
             found = registered(segment, body, count, *points, common=len(theirs))
         if found is None:
-            message = f"shares {len(theirs)} markers with {segment}, and the axes of its joints do not tell its place"
+            known = ", ".join(leg.theirs.name for leg in legs)
+            message = (
+                f"shares {len(theirs)} markers with {segment}, and the axes of the joints found ({known}) do not tell "
+                "its place: name the model's markers as the recordings do, or tell the others by --names FILE.toml"
+            )
             raise InputError(message, source=peer.source, field=f"body {body}", code=Code.OTHER_MODEL)
         allowed = MISFIT_OF_AXES if found.by_axes else MISFIT
         if found.rms > allowed:

@@ -331,8 +331,8 @@ def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[F
     made_up = {one.plate.name for one, frames in zip(loadings, divided, strict=True) if frames.any()}
     found = []
     for plate, foot in dict.fromkeys((x.plate.name, x.foot) for x in loadings if x.plate.name not in made_up):
-        own = [i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)]
-        off = _outside(feet, [(loadings[i], places[i], outside[i]) for i in own])
+        of_pair = [i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)]
+        off = _outside(feet, [(loadings[i], places[i], outside[i]) for i in of_pair])
         if off is not None and not _explained(trial, off, others):
             found.append(off)
     if found:
@@ -377,12 +377,12 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
     """One finding where feet are in the air meanwhile, one where all plates are off in one direction of the room, else
     one a plate and foot.
     """
-    words = "; ".join(off.words for off in found)
+    message = "; ".join(off.words for off in found)
     shifts = np.array([off.shift for off in found])
     if np.average([off.moving for off in found], weights=[off.impulse for off in found]) > IN_AIR:
         yield trial.warning(
             TOPIC,
-            words,
+            message,
             "compare the clocks of markers and forces (time columns, first frames); no torque of a leg counts in these "
             "frames",
             cause="plates are loaded while the foot that stood on them is in the air",
@@ -392,7 +392,7 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
     elif len({off.plate for off in found}) > 1 and (shifts @ shifts.T).min() > ALIKE:
         yield trial.warning(
             TOPIC,
-            words,
+            message,
             "check the positions of the plates in the room (corners), and the origin of the markers; no torque of a "
             "leg counts in these frames",
             cause=PLATES_ELSEWHERE,

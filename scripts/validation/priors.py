@@ -43,7 +43,6 @@ from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.joint_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, joint_prior, mirror
 from gaitcal.study.study import nominal_of
-from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.motion import (
     TrueMotion,
     isolated_motion,
@@ -57,6 +56,7 @@ from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.error_bars import rms, shares
 from scripts.validation.harness import commas
 from scripts.validation.people.fits import Fit, fitted
+from scripts.validation.recordings import only
 from scripts.validation.study_folder import write_folder
 
 SHARED = ("--seed",)
@@ -173,12 +173,6 @@ def nominal_error() -> Array:
     return out
 
 
-def walk_alone(made: MadePerson) -> MadePerson:
-    """The same person without the isolated trials."""
-    trials = tuple(trial for trial in made.study.trials if trial.role is not Role.JOINT)
-    return replace(made, study=replace(made.study, trials=trials))
-
-
 def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
     """Calibrate the joint parameters."""
     return fitted("made up", replace(made.study, joint_prior=prior))
@@ -238,7 +232,9 @@ def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
                 yield _line(outcomes, f"{joint}, {kind.value}s, {kind.unit}", chosen)
     for band, name in enumerate(BANDS):
         yield _band(outcomes, band, name)
-    yield "bars of 95 % cover: " + ", ".join(f"{name} {_covered(outcomes, name):.0f}%" for name in outcomes[0].fits)
+    bars = {name: np.array([o.fits[name].errors[LEGS] for o in outcomes]) for name in outcomes[0].fits}
+    covered = (f"{name} {shares(_errors(outcomes, name) / of_fit)[1]:.0f}%" for name, of_fit in bars.items())
+    yield f"bars of 95 % cover: {', '.join(covered)}"
 
 
 def _chosen(kind: Kind, joint: str) -> Array:
@@ -280,11 +276,6 @@ def _band(outcomes: Sequence[Outcome], band: int, name: str) -> str:
     return f"directions {name} ({count / len(outcomes):.0f} of 54), default standard deviations: {', '.join(told)}"
 
 
-def _covered(outcomes: Sequence[Outcome], prior: str) -> float:
-    errors = np.array([o.fits[prior].errors[LEGS] for o in outcomes])
-    return shares(_errors(outcomes, prior) / errors)[1]
-
-
 COHORTS = ("gait", "isolated")
 
 
@@ -299,8 +290,8 @@ def cohort(name: str, people: int, seed: int) -> dict[str, CohortPriors]:
         rules = Rules(
             marker_set=made.study.marker_set.name, hip_centre=settings.hip_rule, ankle_zero=settings.ankle_rule
         )
-        for kind, seen in (("gait", walk_alone(made)), ("isolated", made)):
-            found[kind].append(evidence(f"P{number:03d}", seen, fit(seen)))
+        for kind, recorded_by in (("gait", replace(made, study=only(made.study, "gait"))), ("isolated", made)):
+            found[kind].append(evidence(f"P{number:03d}", recorded_by, fit(recorded_by)))
     if rules is None:
         raise ValueError("a cohort needs people")
     return {kind: learn_cohort(f"{name}, {kind}", found[kind], rules) for kind in COHORTS}

@@ -265,17 +265,13 @@ def real_report(out: Path | None) -> Iterator[str]:
             yield f"{PERSON}: {kind.words}s: {coverage(z)}"  # type: ignore[attr-defined]
 
 
-def _made_up(chosen: argparse.Namespace) -> Iterator[str]:
-    return report(list(side_by_side([partial(outcome, seed) for seed in _seeds(chosen)], chosen.jobs)))
-
-
 def _seeds(chosen: argparse.Namespace) -> range:
     return range(chosen.seed, chosen.seed + chosen.people)
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
     "real": lambda chosen: real_report(chosen.out),
-    "made-up": _made_up,
+    "made-up": lambda c: report(list(side_by_side([partial(outcome, seed) for seed in _seeds(c)], c.jobs))),
     "angles": lambda chosen: angles_report(_seeds(chosen)),
 }
 

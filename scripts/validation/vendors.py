@@ -47,7 +47,6 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.session.session import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
-from gaitcal.study.study_trial import Trial
 from scripts.validation.harness import matching, say
 from scripts.validation.recordings import CHILDREN, study_of_person
 
@@ -206,13 +205,9 @@ def walk_of(study: Study, name: str, trial: str) -> Walk:
         moments=moments_of(model.parameters, motion, reactions.wrench, model.subject.bwh),
         kinetics=kinetics_of(model.parameters, motion, reactions.wrench),
         reactions=reactions,
-        theirs=_theirs(chosen, len(motion.time)),
+        theirs={k: c for k, c in vendor_curves(chosen.recording.source).items() if len(c) == len(motion.time)},
         events=prepared.recording.events,
     )
-
-
-def _theirs(trial: Trial, frames: int) -> dict[str, Array]:
-    return {key: c for key, c in vendor_curves(trial.recording.source).items() if len(c) == frames}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -509,6 +509,13 @@ def without_a_body(tree: ET.ElementTree) -> None:
     bodies.remove(next(body for body in bodies if body.get("name") == "talus_l"))
 
 
+def with_other_names_of_ankles(tree: ET.ElementTree) -> None:
+    """And no marker that anybody else has."""
+    for element in tree.iter("Coordinate"):
+        element.set("name", (element.get("name") or "").replace("ankle_angle", "ankle_flex"))
+    of_a_child(tree, 1.0)
+
+
 def misplaced_markers(tree: ET.ElementTree) -> None:
     for k, element in enumerate(tree.iter("Marker")):
         location = element.find("location")
@@ -521,6 +528,10 @@ def misplaced_markers(tree: ET.ElementTree) -> None:
     [
         (without_a_body, "joint talocrural_l: found no body talus_l, which it joins"),
         (without_legs, "has no pelvis with two legs of three joints or more"),
+        (
+            with_other_names_of_ankles,
+            r"shank_r, and the axes of the joints found \(hip_r, knee_r, .*tell the others by --",
+        ),
         (misplaced_markers, r"its markers lie \d+ mm \(RMS\) from this person's on pelvis; allowed: up to 50 mm"),
         (
             of_a_child,
