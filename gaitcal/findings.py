@@ -37,11 +37,11 @@ class Finding:
     severity: Severity
     topic: str
     """What it is about, in a word or two: `units`, `labels`, `gaps`, ..."""
-    where: str
-    """Name of the trial, or `study`."""
+    where: str = ""
+    """Name of the trial, or `study`; empty where whoever asks for it knows the trial."""
     found: str
     """The evidence: what was found, with numbers."""
-    cure: str
+    cure: str = ""
     """What to do; empty where there is nothing to do."""
     source: str = ""
     """The file at fault."""
@@ -69,9 +69,7 @@ class Finding:
     def of_fault(cls, fault: InputError, where: str, source: str, topic: str) -> Finding:
         """An InputError as a finding; its text already tells what is allowed."""
         text = str(fault).removeprefix(f"{source}: ")
-        return cls(
-            code=fault.code, severity=Severity.ERROR, topic=topic, where=where, found=text, cure="", source=source
-        )
+        return cls(code=fault.code, severity=Severity.ERROR, topic=topic, where=where, found=text, source=source)
 
 
 def listed(names: list[str], most: int = 6) -> str:

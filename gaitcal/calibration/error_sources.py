@@ -276,12 +276,12 @@ def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, coeffi
     matrix = basis.matrices[0]
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
     for m, segment in enumerate(data.segment):
-        own = np.flatnonzero(chain.support[:nq, segment])
-        v, w = spatial[own, :3], spatial[own, 3:]
+        moving = np.flatnonzero(chain.support[:nq, segment])
+        v, w = spatial[moving, :3], spatial[moving, 3:]
         velocity = np.ascontiguousarray(v + np.cross(w, x[m][None], axis=1))
         # h = w J (J^T W J)^-1 J^T of this marker's three axes in its own frame: what the motion absorbs of it
         by_frame = velocity.transpose(2, 1, 0)
-        met = by_frame @ inverse[np.ix_(np.arange(len(q)), own, own)]
+        met = by_frame @ inverse[np.ix_(np.arange(len(q)), moving, moving)]
         leverage = (met * by_frame).sum(axis=2).T
         leverage = np.clip(data.weight[m] * leverage, 0.0, LEVERAGE_CAP)
         inflated = residual[m] / (1.0 - leverage)
@@ -290,7 +290,7 @@ def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, coeffi
             inflated = inflated * np.maximum(least / np.maximum(spread, 1e-9), 1.0)
         pull = velocity * (data.weight[m] * inflated)
         for i in range(3):
-            by_node[:, own, 3 * of_one[m] + i] += (pull[:, i] @ matrix).T
+            by_node[:, moving, 3 * of_one[m] + i] += (pull[:, i] @ matrix).T
     return by_node.reshape(basis.nodes * nq, -1)
 
 

@@ -145,8 +145,8 @@ def _advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
         needed = f"at least {np.rad2deg(NEEDED_TURN):.0f} deg of movement"
         return f"add an isolated {kind} trial of the {SIDE_WORDS[joint[-1]]} leg with {needed}"
     had = " and ".join(f"{np.rad2deg(angle):.0f} deg in {MOVEMENTS[name]}" for name, angle in turned.items())
-    own = _axes(f"{kind}_{joint[-1]}")[joint]
-    small = [MOVEMENTS[n] for n, angle in turned.items() if angle < NEEDED_TURN and n in own]
+    axes = _axes(f"{kind}_{joint[-1]}")[joint]
+    small = [MOVEMENTS[n] for n, angle in turned.items() if angle < NEEDED_TURN and n in axes]
     if small:
         return f"the isolated {kind} trial moves {had}; move {' and '.join(small)} further to learn more"
     return f"the isolated {kind} trial moves {had}, enough: these stay as uncertain as their error bars say"
@@ -175,9 +175,9 @@ def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, 
     """
     out = []
     for joint in dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen):
-        own = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
+        of_joint = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
         kind = JOINT_TABLE[split_side(joint)[0]].power
-        cause, found = f"{joint} is not fully determined", f"{', '.join(own)} not determined; {done}"
+        cause, found = f"{joint} is not fully determined", f"{', '.join(of_joint)} not determined; {done}"
         advice = _advice(joint, kind, turned.get(f"{kind}_{joint[-1]}", {}))
         out.append(_finding(Code.UNDETERMINED, cause, found, advice, joint[-1]))
     return tuple(out)
@@ -202,14 +202,14 @@ def beyond_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Fin
     many = not same_body and len(legs) >= MANY_BEYOND and len({name.split(".")[0] for name in legs}) > 1
     out = []
     for joint in dict.fromkeys(name.split(".")[0] for name in names):
-        own = [name for name in names if name.split(".")[0] == joint]
-        leg = own[0] in legs
+        of_joint = [name for name in names if name.split(".")[0] == joint]
+        leg = of_joint[0] in legs
         if not (leg and many):
             out.append(
                 _finding(
                     Code.JOINT_AT_BOUND,
                     f"{joint} lies further from where the static trial has it than people do",
-                    f"{listed(own)} on the bound of how far it may move, or beyond",
+                    f"{listed(of_joint)} on the bound of how far it may move, or beyond",
                     "look at the landmarks of the static trial, and whether the trials are of this person and joint",
                     joint[-1] if leg else "",
                     Severity.WARNING if leg else Severity.INFO,

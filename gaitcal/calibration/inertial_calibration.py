@@ -35,6 +35,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.joint_calibration import ending
+from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.parameters import (
     IP_NAMES,
@@ -46,6 +47,7 @@ from gaitcal.model.parameters import (
     table,
 )
 from gaitcal.model.subject_model import Subject
+from gaitcal.motion.motion import Motion
 
 RESEED_CHANGE = 1e-3
 """The published stop: RMS residuals change by less than 0.1 %."""
@@ -185,6 +187,12 @@ class LoadedMotion:
     """(nf, 2, 6) about the laboratory origin."""
     valid: BoolArray
     """(nf,)."""
+
+    @staticmethod
+    def of(motion: Motion, reactions: GroundReactions) -> LoadedMotion:
+        """A tracked motion, and the ground reactions on it."""
+        state = motion.q, motion.velocity, motion.acceleration
+        return LoadedMotion(state=state, wrench=reactions.wrench, valid=reactions.valid)
 
 
 def torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float) -> float:

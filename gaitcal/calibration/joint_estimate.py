@@ -264,11 +264,11 @@ def _repeated(
         scores, informations = [], []
         for k in members:
             trial, places = state.trials[k], search.problem.columns[k]
-            own = places < count
+            joint = places < count
             score = np.zeros(count)
-            score[places[own]] = trial.reduced_gradient[own] / noise[k] ** 2
+            score[places[joint]] = trial.reduced_gradient[joint] / noise[k] ** 2
             scores.append(score)
-            informations.append(_placed(trial.hessian[np.ix_(own, own)] / noise[k] ** 2, places[own], count))
+            informations.append(_placed(trial.hessian[np.ix_(joint, joint)] / noise[k] ** 2, places[joint], count))
         share = _independent_share(scores, informations, precision)
         out[kind] = share + len(members) * (1.0 - share)
     return out
@@ -298,8 +298,8 @@ def _apart(kinds: Sequence[str], search: JointSearch, fit: JointFit, noise: Sequ
     def spread(score: Array, information: Array) -> Array:
         """Chi^2 and its degrees of freedom, of the directions that are determined."""
         values, vectors = np.linalg.eigh(root.T @ information @ root)
-        seen = values > DETERMINED
-        return np.array([(((root @ vectors[:, seen]).T @ score) ** 2 / values[seen]).sum(), seen.sum()])
+        known = values > DETERMINED
+        return np.array([(((root @ vectors[:, known]).T @ score) ** 2 / values[known]).sum(), known.sum()])
 
     scores, informations = list[Array](), list[Array]()
     for kind in dict.fromkeys(kinds):

@@ -239,12 +239,12 @@ def fit_phase(
     if frozen:
         estimate, errors = fit(tuple(name for name in plan.free if name not in frozen))
         iterations, seconds = iterations + estimate.iterations, seconds + estimate.seconds
-    small = [
+    small = dict.fromkeys(
         finding
         for problem, coefficients, joint in zip(plan.problems, estimate.coefficients, plan.joints, strict=True)
         if joint
         for finding in small_turns(problem, coefficients, joint)
-    ]
+    )
     weighed = how.equal_weights and how.prior is not None
     summary = Phase(
         name=plan.name,
@@ -258,12 +258,7 @@ def fit_phase(
         noise=dict(zip(plan.recordings, estimate.noise, strict=True)),
     )
     return FittedPhase(
-        estimate=estimate,
-        errors=errors,
-        summary=summary,
-        frozen=frozen,
-        turned=turned,
-        findings=tuple(dict.fromkeys(small)),
+        estimate=estimate, errors=errors, summary=summary, frozen=frozen, turned=turned, findings=tuple(small)
     )
 
 

@@ -241,7 +241,7 @@ def forbidden_noise(problem: MotionProblem, parameters: Parameters, coefficients
     what the linkage leaves of the markers themselves, in c = 3 (markers) - (coordinates) directions.
     """
     chain, count = problem.chain, len(problem.chain.coordinates)
-    gap, segments, seen = _rigid_gap(problem, parameters, coefficients)
+    gap, segments, visible = _rigid_gap(problem, parameters, coefficients)
     carried = chain.support[:count][problem.active][:, segments].any(axis=1)
     directions = 6 * len(segments) - int(carried.sum())
     if directions < 1:
@@ -249,12 +249,12 @@ def forbidden_noise(problem: MotionProblem, parameters: Parameters, coefficients
         gap = problem.positions(coefficients, problem.constants(parameters)) - data.measured
         gap *= np.sqrt(data.weight)[:, None]
         pulling = (data.weight > 0).sum(axis=0)
-        seen = pulling > pulling.max(initial=0) // 2
-        directions = max(3 * int(np.median(pulling[seen])) - int(problem.active.sum()), 1)
-    nf = max(int(seen.sum()), 1)
-    flat = gap.reshape(-1, len(seen)).T
-    smooth = problem.basis.evaluate(problem.basis.fit(flat)) * seen[:, None]
-    tau = frames_per_sample(smooth, seen)
+        visible = pulling > pulling.max(initial=0) // 2
+        directions = max(3 * int(np.median(pulling[visible])) - int(problem.active.sum()), 1)
+    nf = max(int(visible.sum()), 1)
+    flat = gap.reshape(-1, len(visible)).T
+    smooth = problem.basis.evaluate(problem.basis.fit(flat)) * visible[:, None]
+    tau = frames_per_sample(smooth, visible)
     return ForbiddenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
 
 
@@ -266,7 +266,7 @@ def _rigid_gap(
     """
     data = problem.data
     gap, segments = np.zeros_like(data.measured), list[int]()
-    seen = np.ones(data.weight.shape[1], dtype=bool)
+    visible = np.ones(data.weight.shape[1], dtype=bool)
     model = problem.positions(coefficients, problem.constants(parameters))
     for segment, markers in data.placed.groups:
         weight = data.weight[markers]
@@ -276,8 +276,8 @@ def _rigid_gap(
         followed = np.einsum("fij,mj->mif", fit.rotation, data.local[markers]) + fit.origin.T
         gap[markers] = np.sqrt(weight)[:, None] * (followed - model[markers]) * fit.determined
         segments.append(segment)
-        seen &= fit.determined
-    return gap, segments, seen
+        visible &= fit.determined
+    return gap, segments, visible
 
 
 def trial_noises(seen: Sequence[ForbiddenNoise], least: Sequence[float], effective_parameters: float) -> list[float]:

@@ -229,7 +229,14 @@ class ReducedProblem:
     def settle(self, p: Array) -> ReducedState:
         """The same with every motion solved as far as the settings ask, and nothing kept from other points."""
         state, parameters = self.at(p), self.linkage(p)
-        return self._keep(p, tuple(self._settled(k, trial, p, parameters) for k, trial in enumerate(state.trials)))
+        trials = list[MotionState]()
+        for k, trial in enumerate(state.trials):
+            fixed, motion = self._motion(k, p, parameters)
+            stepped, share = motion.stepped(trial.coefficients, converged=trial.converged)
+            if share > self.settings.gain:
+                stepped = self._tracked(k, trial.coefficients, fixed, motion, self.settings)
+            trials.append(stepped)
+        return self._keep(p, tuple(trials))
 
     def linkage(self, p: Array) -> Parameters:
         """All joint parameters at p."""
@@ -285,7 +292,7 @@ class ReducedProblem:
         if self.best is None:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
             about = self.settings if damped else replace(near, gain=max(near.gain, FIRST_GAIN))
-            predicted = track_nodes(fixed, motion.constants.without_parameters(), self.starts[k], about).coefficients
+            predicted = track_nodes(fixed, motion.constants.without_parameters(), self.starts[k], about).x
         else:
             last = self.best.trials[k]
             ahead = last.matrices.eliminated.follow((p - self.best.p)[self.columns[k]])
@@ -295,15 +302,6 @@ class ReducedProblem:
             return self._tracked(k, predicted, fixed, motion, self.settings)
         return motion.corrected(predicted, kept) or self._tracked(k, predicted, fixed, motion, near)
 
-    def _settled(self, k: int, trial: MotionState, p: Array, parameters: Parameters) -> MotionState:
-        fixed, motion = self._motion(k, p, parameters)
-        stepped, share = motion.stepped(trial.coefficients, converged=trial.converged)
-        return (
-            stepped
-            if share <= self.settings.gain
-            else self._tracked(k, trial.coefficients, fixed, motion, self.settings)
-        )
-
     def _tracked(
         self, k: int, coefficients: Array, fixed: MotionProblem, motion: OpenMotion, settings: DescentSettings
     ) -> MotionState:
@@ -312,7 +310,7 @@ class ReducedProblem:
         tracked = track_nodes(fixed, motion.constants.without_parameters(), coefficients, settings)
         if tracked.curved and not settings.curved:
             self.slow_at[k] = min(self.slow_at[k], tracked.cost)
-        return motion.stepped(tracked.coefficients, converged=tracked.converged)[0]
+        return motion.stepped(tracked.x, converged=tracked.converged)[0]
 
     def _curved(self, k: int) -> bool:
         """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where it did."""

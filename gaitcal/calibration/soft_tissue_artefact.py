@@ -297,21 +297,21 @@ def _deformation(problem: MotionProblem, group: SegmentTissue) -> tuple[Array, A
     rigid = np.linalg.qr(together(local - local.mean(axis=0)).reshape(-1, WIDTH))[0]
     noise = _noise(errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis, problem.noise))
     columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
-    projector, seen = np.zeros((width, width)), np.zeros((len(errors), width))
+    projector, errors_of_group = np.zeros((width, width)), np.zeros((len(errors), width))
     projector[np.ix_(columns, columns)] = np.eye(len(columns)) - rigid @ rigid.T
-    seen[:, columns] = errors
-    information, right = np.kron(psi @ psi.T, projector), (psi @ seen @ projector).ravel()
+    errors_of_group[:, columns] = errors
+    information, right = np.kron(psi @ psi.T, projector), (psi @ errors_of_group @ projector).ravel()
     return np.asarray(information / noise**2, float), np.asarray(right / noise**2, float)
 
 
 def _noise(errors: Array, psi: Array, directions: int, least: float) -> float:
     """m, nu of errors (nf, 3 nm) that no combination of the regressors (nr, nf) explains."""
     q, r = np.linalg.qr(psi.T)
-    own = q[:, np.abs(np.diag(r)) > SEEN_RANK * np.abs(r).max(initial=0.0)]
-    unexplained = errors - own @ (own.T @ errors)
+    explained = q[:, np.abs(np.diag(r)) > SEEN_RANK * np.abs(r).max(initial=0.0)]
+    unexplained = errors - explained @ (explained.T @ errors)
     tau = frames_per_sample(unexplained)
     samples = len(errors) / tau
-    spent = samples / max(samples - own.shape[1], LEAST_SAMPLES * samples)
+    spent = samples / max(samples - explained.shape[1], LEAST_SAMPLES * samples)
     variance = spent * tau * float((unexplained**2).sum()) / (max(directions, 1) * len(errors))
     return max(float(np.sqrt(variance)), least)
 

@@ -39,7 +39,7 @@ from enum import Enum
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray, cross
+from gaitcal.arrays import Array, BoolArray, cross, stretches
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, PlacedLinkage
 from gaitcal.dynamics.joint_kinetics import KineticErrors
 from gaitcal.model import linkage
@@ -112,11 +112,8 @@ class AxisErrors:
 
     def coordinate_errors(self, q: Array) -> Array:
         """(nf, nq) m, rad: standard errors that these leave in coordinates (nf, nq)."""
-        out = np.empty_like(q)
-        for start in range(0, len(q), BLOCK):
-            part = slice(start, start + BLOCK)
-            out[part] = np.sqrt((self.coordinate_moves(q[part]) ** 2).sum(axis=2))
-        return out
+        parts = [(self.coordinate_moves(q[part]) ** 2).sum(axis=2) for part in stretches(len(q), BLOCK)]
+        return np.sqrt(np.concatenate(parts))
 
     def coordinate_moves(self, q: Array) -> Array:
         """(nf, nq, k) m, rad: one standard deviation of each turn, at coordinates (nf, nq)."""

@@ -182,12 +182,12 @@ def _contact_pulls(placed: inverse_dynamics.PlacedLinkage, wrenches: Array, rows
     """(nf, n, 6) what, times J_j, is the derivative of -sum_feet J_i^T w by a variable j before i, for i of `rows`."""
     out = np.zeros((len(wrenches), len(rows), 6))
     for foot, segment in enumerate(inverse_dynamics.FEET):
-        own = np.flatnonzero(placed.moves(segment)[rows])
+        moving = np.flatnonzero(placed.moves(segment)[rows])
         force, moment = wrenches[:, None, foot, :3], wrenches[:, None, foot, 3:]
-        v, w = placed.columns[:, rows[own], :3], placed.columns[:, rows[own], 3:]
+        v, w = placed.columns[:, rows[moving], :3], placed.columns[:, rows[moving], 3:]
         # F . (w_j x v_i) = w_j . (v_i x F), and so on
-        out[:, own, :3] -= cross(w, force)
-        out[:, own, 3:] -= cross(v, force) + cross(w, moment)
+        out[:, moving, :3] -= cross(w, force)
+        out[:, moving, 3:] -= cross(v, force) + cross(w, moment)
     return out
 
 

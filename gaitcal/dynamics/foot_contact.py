@@ -25,7 +25,7 @@ from gaitcal.codes import Code
 from gaitcal.dynamics.plate_errors import outside
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
-from gaitcal.io.labels import FootEvent, FootMoment
+from gaitcal.io.labels import FootEvent, FootMoment, times_of
 from gaitcal.io.recording import ForcePlate
 from gaitcal.io.still import duration, runs, spans
 from gaitcal.model.linkage import SIDES
@@ -85,8 +85,8 @@ def belts(points: Array, velocity: Array) -> Array:
     if set(lowest % len(SIDES)) != set(range(len(SIDES))):
         return out
     under = velocity[whole, lowest]
-    own = np.array([np.median(under[lowest % len(SIDES) == foot], axis=0) for foot in range(len(SIDES))])
-    return own if np.linalg.norm(own[0] - own[1]) > 2.0 * SLOWEST_BELT else out
+    by_foot = np.array([np.median(under[lowest % len(SIDES) == foot], axis=0) for foot in range(len(SIDES))])
+    return by_foot if np.linalg.norm(by_foot[0] - by_foot[1]) > 2.0 * SLOWEST_BELT else out
 
 
 def ground_velocity(points: Array, velocity: Array) -> Array:
@@ -129,10 +129,10 @@ def on_the_floor(resting: BoolArray, loaded: BoolArray, time: Array, events: Seq
     `time`: (nf,) s.
     `events`: of the file; used where they agree with the plates.
     """
-    told = events if agree(events, loaded, time) else ()
+    used = events if agree(events, loaded, time) else ()
     out = np.zeros_like(resting)
     for foot, side in enumerate(SIDES):
-        strikes, offs = (_times(told, side, moment) for moment in (FootMoment.STRIKE, FootMoment.OFF))
+        strikes, offs = (np.array(times_of(used, side, moment)) for moment in (FootMoment.STRIKE, FootMoment.OFF))
         carried = near(loaded[:, foot], time)
         for run in runs(resting[:, foot] & ~carried):
             begin, end = float(time[run.start]), float(time[run.stop - 1])
@@ -166,13 +166,9 @@ def agree(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
             ends = {FootMoment.STRIKE: run.start > 0, FootMoment.OFF: run.stop < len(time)}
             for moment, inside in ends.items():
                 at = time[run.start if moment is FootMoment.STRIKE else run.stop - 1]
-                apart = np.abs(_times(events, side, moment) - at).tolist() if inside else []
+                apart = [abs(t - at) for t in times_of(events, side, moment)] if inside else []
                 gaps += sorted(gap for gap in apart if gap < SAME_EVENT)[:1]
     return bool(gaps) and max(gaps) <= BELIEVED
-
-
-def _times(events: Sequence[FootEvent], side: str, moment: FootMoment) -> Array:
-    return np.array([e.time for e in events if e.side == side and e.moment is moment])
 
 
 FOOT_BREADTH = 0.055
@@ -392,32 +388,21 @@ def _away(wrench: Array, stretch: slice, feet: FootPoints, foot: int) -> Array:
 
 
 def distance_to_line(point: Array, a: Array, b: Array) -> Array:
-    """(n,) m, from points (n, 2) to the stretches from a to b (n, 2)."""
+    """(...) m, from points (..., k) to the stretches from a to b (..., k)."""
     along = b - a
-    t = np.clip(np.sum((point - a) * along, axis=1) / np.maximum(np.sum(along * along, axis=1), 1e-12), 0.0, 1.0)
-    return np.linalg.norm(a + t[:, None] * along - point, axis=1)
+    t = np.clip(np.sum((point - a) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-12), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(a + t[..., None] * along - point, axis=-1))
 
 
 def _under_neither(plate: ForcePlate, span: str, seat: bool) -> Finding:
+    topic, code = "plate to foot", Code.UNDER_NO_FOOT
     if seat:
         found = f"{span}: it lies {100 * SEAT_ABOVE_M:.0f} cm and more above both feet: a seat, or a rest of the hands"
-        return Finding(
-            severity=Severity.INFO,
-            topic="plate to foot",
-            where="",
-            found=f"{found}; left out of torques",
-            cure="",
-            code=Code.UNDER_NO_FOOT,
-        )
-    return Finding(
-        severity=Severity.WARNING,
-        topic="plate to foot",
-        where="",
-        cause=f"the load on plate {plate.name} is under neither foot",
-        found=f"{span}: its centre of pressure is further than {1e3 * UNDER_FOOT:.0f} mm from both feet; left out",
-        cure="check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
-        code=Code.UNDER_NO_FOOT,
-    )
+        return Finding(severity=Severity.INFO, topic=topic, found=f"{found}; left out of torques", code=code)
+    cause = f"the load on plate {plate.name} is under neither foot"
+    found = f"{span}: its centre of pressure is further than {1e3 * UNDER_FOOT:.0f} mm from both feet; left out"
+    cure = "check the position of the plate (corners), the axes of the forces, and that they belong to this trial"
+    return Finding(severity=Severity.WARNING, topic=topic, cause=cause, found=found, cure=cure, code=code)
 
 
 def meeting(steps: Sequence[Step], foot: int, frames: slice) -> list[Step]:

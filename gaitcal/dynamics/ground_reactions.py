@@ -28,7 +28,7 @@ from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.io.still import duration, runs, spans
-from gaitcal.model.chain import chain_of, forward, segment_poses
+from gaitcal.model.chain import body_poses
 from gaitcal.model.coordinates import LEG_COORDINATES, split_side
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES
 from gaitcal.model.parameters import Parameters
@@ -292,10 +292,8 @@ def _missing(wrench: Array, parameters: Parameters, motion: Motion) -> Array:
 
 def thighs_lie(motion: Motion, parameters: Parameters) -> BoolArray:
     """(nf,) frames in which both thighs lean further than those of anybody who stands or walks."""
-    chain = chain_of()
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    axes, _ = segment_poses(chain, constants, forward(chain, constants, motion.q))
-    upright = [axes[chain.segments.index(f"thigh_{side}"), 1, 1] for side in SIDES]
+    axes, _ = body_poses(parameters, motion.q)
+    upright = [axes[f"thigh_{side}"][1, 1] for side in SIDES]
     return np.asarray(np.max(upright, axis=0) < np.cos(np.deg2rad(SITTING_DEG)))
 
 
@@ -309,20 +307,11 @@ def _seated(missing: Array, lying: BoolArray) -> BoolArray:
 
 def _seat(seated: BoolArray, time: Array) -> list[Finding]:
     """That a seat bears part of the body, and when."""
-    if not seated.any():
-        return []
-    return [
-        Finding(
-            severity=Severity.INFO,
-            topic="forces",
-            where="",
-            cause="a seat bears part of the body",
-            found=f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less than the "
-            "body weighs; where the seat pushes is not known, so that torques are not valid then",
-            cure="",
-            code=Code.SEATED,
-        )
-    ]
+    found = f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less than the "
+    found += "body weighs; where the seat pushes is not known, so that torques are not valid then"
+    cause, note = "a seat bears part of the body", Severity.INFO
+    seat = Finding(severity=note, topic="forces", cause=cause, found=found, code=Code.SEATED)
+    return [seat] if seated.any() else []
 
 
 def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Finding]:
@@ -341,7 +330,6 @@ def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Findi
         Finding(
             severity=Severity.WARNING,
             topic="forces",
-            where="",
             cause=CONTRADICTED,
             found=f"{spans(time, runs(apart), most=len(apart))}: it differs by up to {most:.0f} % of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
@@ -358,17 +346,13 @@ def has_feet(model: SubjectModel) -> bool:
 
 def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> FootPoints:
     """Heel and toe of both feet over a whole-body motion."""
-    chain = chain_of()
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, motion.q))
+    axes, origins = body_poses(parameters, motion.q)
     points = {}
     for end in ("heel", "toe"):
-        both = []
-        for foot in FEET:
-            segment = chain.segments.index(foot)
-            local = model.landmarks[f"{end}_{foot[-1]}"][1]
-            both.append(np.einsum("j,jif->fi", local, axes[segment]) + origins[segment].T)
-        points[end] = np.stack(both, axis=1)
+        local = {foot: model.landmarks[f"{end}_{foot[-1]}"][1] for foot in FEET}
+        points[end] = np.stack(
+            [np.einsum("j,jif->fi", at, axes[foot]) + origins[foot].T for foot, at in local.items()], axis=1
+        )
     velocity = {end: np.gradient(p, motion.time, axis=0) for end, p in points.items()}
     ground = belts(*(np.concatenate([of["heel"], of["toe"]], axis=1) for of in (points, velocity)))
     speed = {end: np.linalg.norm(v - ground, axis=2) for end, v in velocity.items()}
@@ -393,9 +377,9 @@ def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
     out: dict[str, BoolArray] = {}
     for segment in LEG_SEGMENTS:
         weighted = (names == segment) & (errors.weight > 0)
-        seen = np.isfinite(errors.distance[:, weighted]).any(axis=1)
-        if not seen.all():
-            out[segment] = np.asarray(~seen)
+        visible = np.isfinite(errors.distance[:, weighted]).any(axis=1)
+        if not visible.all():
+            out[segment] = np.asarray(~visible)
     return out
 
 
@@ -418,7 +402,6 @@ def _unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Fi
             Finding(
                 severity=Severity.WARNING if whole else Severity.INFO,
                 topic="markers",
-                where="",
                 cause=f"no marker of {', '.join(segments)} with weight is seen",
                 found=found,
                 cure="label them, or leave the trial out" if whole else "fill short gaps when labelling",

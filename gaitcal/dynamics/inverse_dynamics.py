@@ -25,7 +25,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray, IntArray, cross
+from gaitcal.arrays import Array, BoolArray, IntArray, cross, stretches
 from gaitcal.codes import Code
 from gaitcal.errors import InputError
 from gaitcal.model import linkage
@@ -81,18 +81,6 @@ class Moments:
     """(nf, 3) N·m about the pelvis origin, laboratory axes."""
     bwh: float
     """Body weight times height, N·m."""
-
-    def percent_bwh(self, coordinate: str) -> Array:
-        """(nf,) torque of a coordinate in percent of body weight times height.
-
-        Raises
-        ------
-        ValueError
-            The coordinate is a translation of the pelvis (a force), or none of the 27.
-        """
-        if linkage.is_translation(coordinate):
-            raise ValueError(f"'{coordinate}' is a force, not a torque")
-        return 100.0 * self.tau[:, self.coordinates.index(coordinate)] / self.bwh
 
     def residual_rms(self, valid: BoolArray) -> tuple[float, float]:
         """RMS pelvis residual over valid frames and three components: force (N), torque about the pelvis (N·m)."""
@@ -232,7 +220,7 @@ class Dynamics:
         Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
         """
         parts = []
-        for part in _blocks(len(q)):
+        for part in stretches(len(q), BLOCK) or [slice(0)]:
             placed = self.placed(q[part])
             unloaded = placed.unloaded_forces(self.dynamic, v[part], a[part])[:, self._rows]
             parts.append(unloaded + self._of_ground(placed, wrenches[part, ..., None])[..., 0])
@@ -264,10 +252,6 @@ class Dynamics:
         """
         rows = self.placed(q).regressor(self._rows[:6], v, a)
         return root_wrench(q, rows.reshape(len(q), 6, -1)).reshape(rows.shape)
-
-
-def _blocks(frames: int) -> list[slice]:
-    return [slice(k, k + BLOCK) for k in range(0, max(frames, 1), BLOCK)]
 
 
 def paths(chain: Chain) -> tuple[Array, Array]:

@@ -47,7 +47,7 @@ from enum import Enum
 
 import numpy as np
 
-from gaitcal.arrays import Array, BoolArray, cross
+from gaitcal.arrays import Array, BoolArray, cross, stretches
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, PlacedLinkage
 from gaitcal.errors import nearest
 from gaitcal.model.chain import chain_of
@@ -147,8 +147,8 @@ def _power_joints() -> dict[str, tuple[str, ...]]:
     for joint in JOINTS:
         kind, side = split_side(joint.name)
         name = JOINT_TABLE[kind].power + (f"_{side}" if side else "")
-        own = tuple(e.name for e in joint.elements if e.source is Source.COORDINATE)
-        found[name] = (*found.get(name, ()), *own)
+        coordinates = tuple(e.name for e in joint.elements if e.source is Source.COORDINATE)
+        found[name] = (*found.get(name, ()), *coordinates)
     return found
 
 
@@ -246,11 +246,8 @@ def kinetics_of(parameters: Parameters, motion: Motion, wrenches: Array) -> Join
 def kinetic_values(parameters: Parameters, q: Array, v: Array, a: Array, wrenches: Array) -> tuple[Array, Array]:
     """(nf, 28) W and (nf, 3, 21) N·m at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6)."""
     forces = Dynamics(parameters, HELD).forces(q, v, a, wrenches)
-    moment = np.empty((len(q), len(VECTOR_FRAMES), len(COMPONENTS)))
-    for start in range(0, len(q), BLOCK):
-        part = slice(start, start + BLOCK)
-        moment[part] = _by_frame(moment_slopes(parameters, q[part], forces[part]).values)
-    return powers(forces[:, : len(COORDINATES)], v), moment
+    parts = [moment_slopes(parameters, q[part], forces[part]).values for part in stretches(len(q), BLOCK)]
+    return powers(forces[:, : len(COORDINATES)], v), _by_frame(np.concatenate(parts))
 
 
 @with_one_blas_thread
@@ -316,12 +313,12 @@ def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[s
         by_turn[joint.proximal][:, at] += g
         by_turn[joint.distal][:, at] += h
         above = np.flatnonzero(placed.moves(joint.distal)[wanted])  # and so those that move the proximal segment
-        own = wanted[above]
-        turning = placed.columns[:, own, 3:].transpose(0, 2, 1)  # (nf, 3, variables)
-        found = (g @ turning) * placed.moves(joint.proximal)[own] + h @ turning
+        cols = wanted[above]
+        turning = placed.columns[:, cols, 3:].transpose(0, 2, 1)  # (nf, 3, variables)
+        found = (g @ turning) * placed.moves(joint.proximal)[cols] + h @ turning
         for k, name in enumerate(joint.turns):
             lever = share[:, :, k, None] * cross(axes[:, k], moment)[:, None]
-            found -= (lever @ turning) * (placed.rank[own] < placed.rank[placed.names.index(name)])
+            found -= (lever @ turning) * (placed.rank[cols] < placed.rank[placed.names.index(name)])
         by_variable[:, at][:, :, above] = found
     split = len(COORDINATES)
     return MomentSlopes(values, by_force, by_variable[:, :, :split], by_variable[:, :, split:], by_turn)
@@ -370,13 +367,13 @@ class KineticSlopes:
         They move the generalised forces by `forces` (nf, nt, k), rates by `velocity` (nf, nq, k), and turn segments by
         `turns` (nf, k, 3), rad, bodies and joints staying where they are.
         """
-        own = len(FORCES) + len(POWERS)
+        count = len(FORCES) + len(POWERS)
         out = np.zeros((forces.shape[0], self.by_force.shape[1], forces.shape[2]))
         # moments stay where they are in the laboratory: of the forces only torques and powers are made
-        out[:, :own] = self.by_force[:, :own, : len(FORCES)] @ forces + self.by_velocity[:, :own] @ velocity
+        out[:, :count] = self.by_force[:, :count, : len(FORCES)] @ forces + self.by_velocity[:, :count] @ velocity
         for segment, turn in turns.items():
             if segment in self.by_turn:
-                out[:, own:] += self.by_turn[segment] @ turn.transpose(0, 2, 1)
+                out[:, count:] += self.by_turn[segment] @ turn.transpose(0, 2, 1)
         return out
 
 

@@ -98,9 +98,7 @@ def _marked(frames: slice, count: int, chosen: BoolArray | bool = True) -> BoolA
 
 def _note(code: Code, cause: str, found: str, leg: str = "") -> Finding:
     """A fact that frames that are not valid, or an outline that is not used, already answer."""
-    return Finding(
-        severity=Severity.INFO, topic="plate to foot", where="", cause=cause, found=found, cure="", leg=leg, code=code
-    )
+    return Finding(severity=Severity.INFO, topic="plate to foot", cause=cause, found=found, leg=leg, code=code)
 
 
 def sole_edge(feet: foot_contact.FootPoints, foot: int, frames: slice) -> Array:
@@ -257,7 +255,11 @@ def beside_plates(
         for contact in runs(down[:, foot]):
             carriers = foot_contact.meeting(steps, foot, contact)
             unknown = [step for step in carriers if not outline_known(step.plate, LOADED_N)]
-            findings += [_no_outline(step) for step in unknown if step.plate.corners is not None]
+            for step in unknown:
+                if step.plate.corners is not None:
+                    found = f"{step.words}: the centre of pressure leaves the plate's corners; corners not used"
+                    cause = f"the corners of plate {step.plate.name} do not hold its forces"
+                    findings.append(_note(Code.PLATE_CORNERS, cause, found))
             if unknown or not carriers:
                 continue
             sole = foot_contact.sole_of(feet, foot, contact)
@@ -275,11 +277,6 @@ def beside_plates(
                 cause = f"a foot rests partly beside plate {names}"
                 findings.append(_note(Code.FOOT_BESIDE_PLATE, cause, found, side))
     return partly, findings
-
-
-def _no_outline(step: foot_contact.Step) -> Finding:
-    found = f"{step.words}: the centre of pressure leaves the plate's corners; corners not used"
-    return _note(Code.PLATE_CORNERS, f"the corners of plate {step.plate.name} do not hold its forces", found)
 
 
 def _bears_beside(sole: foot_contact.SoleCells, beside: BoolArray, loaded: BoolArray) -> BoolArray:

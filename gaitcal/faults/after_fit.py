@@ -127,8 +127,8 @@ def _stretches(distance: Array, baseline: float, limit: float) -> Iterator[slice
     for run in runs(excess > limit, SHORTEST_FRAMES):
         peak = float(excess[run].max())
         ends = [abs(excess[e] - excess[e - 1]) for e in (run.start, run.stop) if 0 < e < len(excess)]
-        seen = [np.isfinite(distance[e - 1 : e + 1]).all() for e in (run.start, run.stop) if 0 < e < len(excess)]
-        if any(jump > JUMP * peak and known for jump, known in zip(ends, seen, strict=True)):
+        known_ends = [np.isfinite(distance[e - 1 : e + 1]).all() for e in (run.start, run.stop) if 0 < e < len(excess)]
+        if any(jump > JUMP * peak and known for jump, known in zip(ends, known_ends, strict=True)):
             yield run
 
 
@@ -152,19 +152,28 @@ def _elsewhere(
         cause = f"marker '{label}' is elsewhere for a while"
         cure = f'label that part again, leave it out with time = [start, end], or weights = {{ "{label}" = 0 }}'
     error = tracked.heavy(k) and worst - baseline > REFUSED_M
-    finding = Finding(
+    found = f"up to {1e3 * worst:.0f} mm from the model's marker, usually {1e3 * baseline:.0f} mm "
+    found += f"({spans(tracked.time, stretches)})"
+    weight = (worst - baseline) / _limit(tracked, k)
+    finding = _of_marker(tracked, k, code, cause, found, cure, weight, error=error)
+    return finding, {label} if other is None else {label, tracked.labels[other]}
+
+
+def _of_marker(
+    tracked: TrackedMarkers, k: int, code: Code, cause: str, found: str, cure: str, weight: float, *, error: bool
+) -> Finding:
+    segment = tracked.segments[k]
+    return Finding(
         severity=Severity.ERROR if error else Severity.WARNING,
         topic=MARKERS_AFTER_FIT,
         where=tracked.name,
         cause=cause,
-        found=f"up to {1e3 * worst:.0f} mm from the model's marker, usually {1e3 * baseline:.0f} mm "
-        f"({spans(tracked.time, stretches)})",
+        found=found,
         cure=cure,
-        leg=_leg(tracked.segments[k]),
-        weight=(worst - baseline) / _limit(tracked, k),
+        leg=segment[-1] if segment.startswith(("thigh", "shank", "foot")) else "",
+        weight=weight,
         code=code,
     )
-    return finding, {label} if other is None else {label, tracked.labels[other]}
 
 
 def _exchanged_with(tracked: TrackedMarkers, k: int, frames: BoolArray) -> int | None:
@@ -195,23 +204,12 @@ def _displaced(tracked: TrackedMarkers, k: int, baseline: Array) -> Iterator[Fin
     ]
     if baseline[k] < limit or (mates and baseline[k] < WORSE * float(np.median(mates))):
         return
-    label = tracked.labels[k]
-    yield Finding(
-        severity=Severity.ERROR if tracked.heavy(k) else Severity.WARNING,
-        topic=MARKERS_AFTER_FIT,
-        where=tracked.name,
-        cause=f"marker '{label}' is not where the static trial has it on {tracked.segments[k]}",
-        found=f"{1e3 * baseline[k]:.0f} mm from the model's marker (median), throughout "
-        f"{tracked.time[0]:.2f}-{tracked.time[-1]:.2f} s",
-        cure=f'weights = {{ "{label}" = 0 }} under [markers], another label, or another static trial',
-        leg=_leg(tracked.segments[k]),
-        weight=float(baseline[k]) / limit,
-        code=Code.MARKER_OFF_STATIC,
-    )
-
-
-def _leg(segment: str) -> str:
-    return segment[-1] if segment.startswith(("thigh", "shank", "foot")) else ""
+    label, mm = tracked.labels[k], 1e3 * baseline[k]
+    cause = f"marker '{label}' is not where the static trial has it on {tracked.segments[k]}"
+    found = f"{mm:.0f} mm from the model's marker (median), throughout {tracked.time[0]:.2f}-{tracked.time[-1]:.2f} s"
+    cure = f'weights = {{ "{label}" = 0 }} under [markers], another label, or another static trial'
+    weight, error = float(baseline[k]) / limit, tracked.heavy(k)
+    yield _of_marker(tracked, k, Code.MARKER_OFF_STATIC, cause, found, cure, weight, error=error)
 
 
 @dataclass(frozen=True)
@@ -288,8 +286,8 @@ def _angles(motion: Motion, side: str) -> Iterator[_Broken]:
             yield _Broken(f"{coordinate} {worst:.0f} deg (allowed: {low:.0f} to {high:.0f})", times, beyond)
         limit = SPEEDS_DEG_S[name]
         if (speed > limit).any():
-            words = f"{coordinate} changes by {speed.max():.0f} deg/s (allowed: {limit:.0f})"
-            yield _Broken(words, float(speed.max()) / limit, speed > limit)
+            message = f"{coordinate} changes by {speed.max():.0f} deg/s (allowed: {limit:.0f})"
+            yield _Broken(message, float(speed.max()) / limit, speed > limit)
 
 
 def _torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Broken]:

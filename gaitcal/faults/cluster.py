@@ -25,14 +25,23 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.io.still import still_window
-from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.model.chain import body_poses
 from gaitcal.model.landmarks import static_posture
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
-from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, across, lower_body, sign
+from gaitcal.model.segment_frames import (
+    Frame,
+    HipCentre,
+    JointWidths,
+    across,
+    lower_body,
+    nearest_rotation,
+    place_variance,
+    sign,
+)
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.rigid import RigidFit, rigid_fit
 
 USUAL_HEIGHT_M = 1.75
 """Clean recordings from which limits in metres are taken are of people up to about this height: taller ones have
@@ -100,12 +109,8 @@ class Stance:
     @classmethod
     def of_model(cls, model: SubjectModel) -> Stance:
         """From a saved model, all coordinates zero: its joint centres and markers."""
-        chain, parameters = Chain(), model.parameters
-        constants = chain.constants(parameters.joint, parameters.zero_angles)
-        axes, origins = segment_poses(
-            chain, constants, forward(chain, constants, np.zeros((1, len(chain.coordinates))))
-        )
-        frames = {name: Frame(axes[i, :, :, 0].T, origins[i, :, 0]) for i, name in enumerate(chain.segments)}
+        axes, origins = body_poses(model.parameters, np.zeros((1, len(COORDINATES))))
+        frames = {name: Frame(axes[name][:, :, 0].T, origins[name][:, 0]) for name in axes}
         points: dict[str, dict[str, Array]] = {}
         placed = zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True)
         for label, segment, local in placed:
@@ -115,7 +120,8 @@ class Stance:
         for name, (joint, part) in above.items():
             for side in SIDES:
                 segment = part if part == "pelvis" else f"{part}_{side}"
-                centres[f"{name}_{side}"] = frames[segment].point(parameters.centre(f"{joint}_{side}", segment))
+                at = model.parameters.centre(f"{joint}_{side}", segment)
+                centres[f"{name}_{side}"] = frames[segment].point(at)
         return cls(
             points=points,
             centres=centres,
@@ -207,12 +213,8 @@ class Cluster:
         hidden = (3.0 * n - 6.0) / (3.0 * n)
         variance = float(np.mean(self.scatter**2)) / (3.0 * hidden)
         away = self.static - self.static.mean(axis=0)
-        inertia = np.eye(3) * (away**2).sum() - away.T @ away
-        turn = variance * np.linalg.pinv(inertia)
-        x, y, z = point - self.static.mean(axis=0)
-        lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        place = 3.0 * variance / n + float(np.trace(lever @ turn @ lever.T))
-        return float(np.sqrt(place)), np.sqrt(np.diag(turn))
+        turn = variance * np.linalg.pinv(np.eye(3) * (away**2).sum() - away.T @ away)
+        return float(np.sqrt(3.0 * variance * place_variance(self.static, point))), np.sqrt(np.diag(turn))
 
     def carries(self, point: Array) -> Array:
         """(nf, 3) m, where the segment has a point (3,) of the static posture; NaN where it is not determined."""
@@ -253,53 +255,50 @@ def clusters_of(
         if lent is not None:
             name, at, path = lent
             labels, static, paths = [*labels, name], [*static, at], [*paths, path]
-        cluster = _cluster(np.array(static), np.stack(paths, 1), stance.size) if len(labels) >= FEWEST else None
-        if cluster is not None:
+        known = _fitted(np.array(static), np.stack(paths, axis=1)) if len(labels) >= FEWEST else None
+        if known is not None:
             own = len(labels) - (lent is not None)
-            out[segment] = replace(
-                cluster,
+            shape, fit, away = known
+            out[segment] = Cluster(
                 segment=segment,
                 labels=tuple(labels),
                 borrowed=lent is not None,
                 reduced=lent is not None and len(stance.points[segment]) >= FEWEST,
+                static=np.array(static),
+                shape=shape,
+                rotation=fit.rotation,
+                origin=fit.origin,
+                away=away,
+                size=stance.size,
+                determined=fit.determined,
                 loose=tuple(i for i in range(own) if not any(labels[i] in named for named in landmarks.values())),
             )
     return out
 
 
-def _cluster(static: Array, paths: Array, size: float) -> Cluster | None:
-    """From paths (nf, n, 3), without names yet; None where no frame shows three points."""
-    seen = seen_mask(paths)
-    enough = np.flatnonzero(seen.sum(axis=1) >= FEWEST)
+def _fitted(static: Array, paths: Array) -> tuple[Array, RigidFit, Array] | None:
+    """Shape, motion and ways away of points with paths (nf, n, 3); None where no frame shows three of them."""
+    visible = seen_mask(paths)
+    enough = np.flatnonzero(visible.sum(axis=1) >= FEWEST)
     if len(enough) < min(SEEN_FRAMES, len(paths)):
         return None
     some = enough[:: max(1, len(enough) // MOST_FRAMES)]
-    shape = _mean_shape(static, paths[some], seen[some])
+    measured, weight = np.where(visible[:, :, None], paths, 0.0).transpose(1, 2, 0), visible.T.astype(float)
+    shape = _mean_shape(static, paths[some], visible[some], measured[:, :, some], weight[:, some])
     if shape is None:
         return None
     turn, shift = alignment(shape, static)
     shape = shape @ turn.T + shift
-    fit = rigid_fit(shape, np.where(seen[:, :, None], paths, 0.0).transpose(1, 2, 0), seen.T.astype(float))
+    fit = rigid_fit(shape, measured, weight)
     away = (paths - fit.origin[:, None]) @ fit.rotation - shape
     away[~fit.determined] = np.nan
-    return Cluster(
-        segment="",
-        labels=(),
-        borrowed=False,
-        reduced=False,
-        static=static,
-        shape=shape,
-        rotation=fit.rotation,
-        origin=fit.origin,
-        away=away,
-        size=size,
-        determined=fit.determined,
-    )
+    return shape, fit, away
 
 
-def _mean_shape(start: Array, paths: Array, seen: BoolArray) -> Array | None:
-    """(n, 3) m, the shape of a cluster with paths (nf, n, 3); None where a point is never seen with two others."""
-    measured, weight = np.where(seen[:, :, None], paths, 0.0).transpose(1, 2, 0), seen.T.astype(float)
+def _mean_shape(start: Array, paths: Array, seen: BoolArray, measured: Array, weight: Array) -> Array | None:
+    """(n, 3) m, the shape of a cluster with paths (nf, n, 3), `measured` and `weight` as `rigid_fit` takes them; None
+    where a point is never seen with two others.
+    """
     shape = start
     for _ in range(ROUNDS):
         fit = rigid_fit(shape, measured, weight)
@@ -315,7 +314,5 @@ def alignment(points: Array, onto: Array, weight: Array | None = None) -> tuple[
     """R (3, 3) and t (3,) of the rigid motion  R p + t  of `points` (n, 3) nearest to those `onto` (Kabsch 1976)."""
     w = np.ones(len(points)) if weight is None else weight
     a, b = (w @ p / w.sum() for p in (points, onto))
-    u, _, vt = np.linalg.svd((points - a).T @ (w[:, None] * (onto - b)))
-    flip = np.array([1.0, 1.0, np.linalg.det(vt.T @ u.T)])
-    rotation: Array = (vt.T * flip) @ u.T
+    rotation = nearest_rotation((onto - b).T @ (w[:, None] * (points - a)))
     return rotation, b - rotation @ a

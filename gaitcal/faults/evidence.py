@@ -14,13 +14,13 @@ from gaitcal.faults.cluster import Cluster, Stance, clusters_of
 from gaitcal.faults.joint_link import JointLink, links_of
 from gaitcal.findings import Finding, Severity
 from gaitcal.io.axes import PROGRESSION_M, net_progression
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, seen_mask, seen_means
 from gaitcal.io.still import still_window
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.rebuilt_markers import Outlier, Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.motion.rigid import RigidFit, rigid_fit
+from gaitcal.motion.rigid import RigidFit, segment_fit
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial
 
@@ -214,7 +214,7 @@ class MarkerEvidence:
         if self.still_frames is None:
             return None
         paths = {name: self.landmark(name) for name in self.marker_set.landmarks}
-        return still_means({name: path[self.still_frames] for name, path in paths.items() if path is not None})
+        return seen_means({name: path[self.still_frames] for name, path in paths.items() if path is not None})
 
     @cached_property
     def still_positions(self) -> dict[str, Array]:
@@ -222,7 +222,7 @@ class MarkerEvidence:
         if self.still_frames is None:
             return {}
         labels = [label for label in self.marker_set.labels if label in self.place]
-        return still_means({label: self.path(label)[self.still_frames] for label in labels})
+        return seen_means({label: self.path(label)[self.still_frames] for label in labels})
 
     @cached_property
     def templates(self) -> dict[str, tuple[tuple[str, ...], Array]]:
@@ -254,14 +254,7 @@ class MarkerEvidence:
     @cached_property
     def pelvis(self) -> RigidFit | None:
         """Rigid fit of the pelvis markers; None with fewer than three, or where they never show its turn."""
-        labels, local = self.templates.get("pelvis", ((), np.empty((0, 3))))
-        if len(labels) < 3:
-            return None
-        columns = [self.place[label] for label in labels]
-        measured = self.recording.markers[:, columns].transpose(1, 2, 0)
-        seen = self.seen[:, columns].T
-        fit = rigid_fit(local, np.where(seen[:, None], measured, 0.0), seen.astype(float))
-        return fit if fit.determined.any() else None
+        return None if self.model is None else segment_fit(self.model.markers, "pelvis", self.recording)
 
     @cached_property
     def way(self) -> Array:
@@ -280,12 +273,6 @@ class MarkerEvidence:
             return None
         out: Array = self.pelvis.rotation[self.pelvis.determined][:, [0, 2], 0].mean(axis=0)
         return out
-
-
-def still_means(paths: dict[str, Array]) -> dict[str, Array]:
-    """Name -> (3,) m, mean of a path (n, 3) over the frames in which it is known; without those that never are."""
-    known = {name: path[np.isfinite(path).all(axis=1)] for name, path in paths.items()}
-    return {name: path.mean(axis=0) for name, path in known.items() if len(path)}
 
 
 def side_of(name: str) -> str:

@@ -71,8 +71,8 @@ def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
     for found in exchanges(trial):
         count = int(found.frames.sum())
         what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
-        words = f"'{found.label}' and '{found.other}' {what} in {count} frames, "
-        words += spans(trial.recording.time, runs(found.frames))
+        message = f"'{found.label}' and '{found.other}' {what} in {count} frames, "
+        message += spans(trial.recording.time, runs(found.frames))
         severity, cure = Severity.ERROR, "label that part again, or leave it out with time = [start, end]"
         if max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
             severity = Severity.INFO
@@ -83,7 +83,7 @@ def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
             severity = Severity.WARNING
             cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
         weight = 1.0 if severity is Severity.INFO else float(count)
-        yield trial.finding(severity, "exchanged", words, cure, weight=weight, code=Code.EXCHANGED_LABELS)
+        yield trial.finding(severity, "exchanged", message, cure, weight=weight, code=Code.EXCHANGED_LABELS)
 
 
 def _harmful(trial: MarkerEvidence, found: Exchange) -> bool:

@@ -72,7 +72,8 @@ class Feet:
                 self.seen[:, k] = np.isfinite(heel).all(axis=1) & np.isfinite(toe).all(axis=1)
         points = np.concatenate([self.heel, self.toe], axis=1)
         velocity = np.gradient(points, self.time, axis=0)
-        speed = np.linalg.norm(velocity - np.tile(belts(points, velocity), (2, 1)), axis=2)
+        self.belts = belts(points, velocity)
+        speed = np.linalg.norm(velocity - np.tile(self.belts, (2, 1)), axis=2)
         self.heel_speed, self.toe_speed = speed[:, :2], speed[:, 2:]
         self.resting: BoolArray = np.fmin(self.heel_speed, self.toe_speed) < RESTING
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
@@ -117,8 +118,7 @@ def feet_of(trial: MarkerEvidence) -> Feet | None:
     """The feet of a gait trial; None in another, or where no foot is seen."""
     if not trial.is_gait or len(trial.recording.time) < 3:
         return None
-    feet = Feet(trial)
-    return feet if feet.seen.any() else None
+    return feet if (feet := Feet(trial)).seen.any() else None
 
 
 @remembered
@@ -270,13 +270,11 @@ def _clocks(trial: MarkerEvidence, feet: Feet, steps: Sequence[Step]) -> Iterato
     late: list[float] = []
     for step in steps:
         loaded, frames = step.frames, len(feet.time)
-        common = {
-            (run.start, run.stop): min(run.stop, loaded.stop) - max(run.start, loaded.start)
-            for run in runs(feet.resting[:, step.foot])
-        }
-        start, stop = max(common, key=lambda run: common[run], default=(0, 0))
-        if common.get((start, stop), 0) <= 0:
+        down = runs(feet.resting[:, step.foot])
+        common = [min(run.stop, loaded.stop) - max(run.start, loaded.start) for run in down]
+        if max(common, default=0) <= 0:
             continue
+        start, stop = (run := down[int(np.argmax(common))]).start, run.stop
         if start > 0 and loaded.start > 0:
             late.append(float(feet.time[loaded.start] - feet.time[start]))
         if stop < frames and loaded.stop < frames:
@@ -333,8 +331,8 @@ def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[F
     made_up = {one.plate.name for one, frames in zip(loadings, divided, strict=True) if frames.any()}
     found = []
     for plate, foot in dict.fromkeys((x.plate.name, x.foot) for x in loadings if x.plate.name not in made_up):
-        own = [i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)]
-        off = _outside(feet, [(loadings[i], places[i], outside[i]) for i in own])
+        of_pair = [i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)]
+        off = _outside(feet, [(loadings[i], places[i], outside[i]) for i in of_pair])
         if off is not None and not _explained(trial, off, others):
             found.append(off)
     if found:
@@ -379,12 +377,12 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
     """One finding where feet are in the air meanwhile, one where all plates are off in one direction of the room, else
     one a plate and foot.
     """
-    words = "; ".join(off.words for off in found)
+    message = "; ".join(off.words for off in found)
     shifts = np.array([off.shift for off in found])
     if np.average([off.moving for off in found], weights=[off.impulse for off in found]) > IN_AIR:
         yield trial.warning(
             TOPIC,
-            words,
+            message,
             "compare the clocks of markers and forces (time columns, first frames); no torque of a leg counts in these "
             "frames",
             cause="plates are loaded while the foot that stood on them is in the air",
@@ -394,7 +392,7 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
     elif len({off.plate for off in found}) > 1 and (shifts @ shifts.T).min() > ALIKE:
         yield trial.warning(
             TOPIC,
-            words,
+            message,
             "check the positions of the plates in the room (corners), and the origin of the markers; no torque of a "
             "leg counts in these frames",
             cause=PLATES_ELSEWHERE,

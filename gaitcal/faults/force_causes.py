@@ -158,7 +158,9 @@ def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
         yield Cause(kind=Kind.TILT, plates=which, undo=tilted, parameters=2, starts=((0.0, 0.0),))
     on = partial(_on_plates, ())
     yield Cause(kind=Kind.YAW, undo=on(lambda p, x: p.turned_in_the_room(_yaw(x))), parameters=1, starts=TURNS)
-    yield Cause(kind=Kind.AXES, undo=on(_columns_exchanged))
+    # column x of force, point and moment holds z, and the other way round
+    columns = on(lambda p, x: joined(p.force[:, ::-1], p.centre[:, ::-1], p.free[:, ::-1]))
+    yield Cause(kind=Kind.AXES, undo=columns)
     yield Cause(kind=Kind.MARKERS_TILTED, undo=_markers_upright, parameters=2, starts=((0.0, 0.0),))
     for one, other in combinations(names, 2):
         yield Cause(kind=Kind.EXCHANGED, plates=(one, other), undo=_exchanged(one, other))
@@ -180,8 +182,8 @@ def _units(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
     if free > NO_WALKS_FREE_MOMENT or away > NO_WALKS_CENTRE_M:
         yield Cause(kind=Kind.MOMENT_UNIT, undo=on(lambda p, x: p.moments_kept(p.force, 1e-3)))
     if away > NO_WALKS_CENTRE_M:
-        for unit, metres in (("mm", 1e-3), ("cm", 1e-2)):
-            yield Cause(kind=Kind.CENTRE_UNIT, undo=on(_nearer(metres)), unit=unit)
+        for unit, change in (("mm", lambda p, x: p.nearer(1e-3)), ("cm", lambda p, x: p.nearer(1e-2))):
+            yield Cause(kind=Kind.CENTRE_UNIT, undo=on(change), unit=unit)
 
 
 def _in_unit(newtons: float) -> tuple[OnePlate, ...]:
@@ -191,10 +193,6 @@ def _in_unit(newtons: float) -> tuple[OnePlate, ...]:
         lambda p, x: newtons * p.wrench,
         lambda p, x: p.moments_kept(newtons * p.force),
     )
-
-
-def _nearer(metres: float) -> OnePlate:
-    return lambda p, x: p.nearer(metres)
 
 
 def _on_plates(which: tuple[str, ...], change: OnePlate) -> Undo:
@@ -236,11 +234,6 @@ def _yaw(x: Array) -> Array:
 
 def _tilted(plate: PlateForces, x: Array) -> Array:
     return plate.turned(rotation(-x))
-
-
-def _columns_exchanged(plate: PlateForces, x: Array) -> Array:
-    """Column x of force, point and moment holds z, and the other way round."""
-    return joined(plate.force[:, ::-1], plate.centre[:, ::-1], plate.free[:, ::-1])
 
 
 def _markers_upright(trial: ForceEvidence, x: Array) -> Corrected:

@@ -108,8 +108,8 @@ def _tilt(fit: ForceFit, trial: ForceEvidence) -> Told:
     degrees, level = np.rad2deg(np.linalg.norm(fit.x)), "calibrate the cameras again with the wand level on the plates"
     if fit.cause.kind is Kind.MARKERS_TILTED:
         return f"the markers are tilted by {degrees:.1f} deg against the vertical and the plates", level
-    words = f"{_are(fit)} tilted by {degrees:.1f} deg against the floor of the markers"
-    return words, f"correct the corners of the plates, or {level}"
+    message = f"{_are(fit)} tilted by {degrees:.1f} deg against the floor of the markers"
+    return message, f"correct the corners of the plates, or {level}"
 
 
 def _factor(thing: str) -> Words:
@@ -147,9 +147,9 @@ def _offset(fit: ForceFit, trial: ForceEvidence) -> Told:
 
 def _trunk(fit: ForceFit, trial: ForceEvidence) -> Told:
     ways = (("forward of", "behind"), ("to the right of", "to the left of"))
-    seen = "markers on the trunk show it upright" if trial.trunk_seen else "markers do not determine how it turns"
+    upright = "markers on the trunk show it upright" if trial.trunk_seen else "markers do not determine how it turns"
     return (
-        f"the trunk's weight lies {_far(fit.x, ways, '{mm:.0f} mm {way}')} where the model has it ({seen})",
+        f"the trunk's weight lies {_far(fit.x, ways, '{mm:.0f} mm {way}')} where the model has it ({upright})",
         "a static trial that stands upright, and markers on the trunk (C7, sternum) in all trials",
     )
 
@@ -235,8 +235,8 @@ def force_findings(trials: Sequence[ForceEvidence]) -> ForceDiagnosis:
 def _finding(named: Named) -> Finding:
     """One finding; its rivals in its evidence."""
     trial, (best, *rivals) = named.trials[0], named.fits
-    code, words = WORDS[best.cause.kind]
-    cause, cure = words(best, trial)
+    code, describe = WORDS[best.cause.kind]
+    cause, cure = describe(best, trial)
     torque, change = torque_change(named.trials, best)
     found = f"without that {100 * best.explained:.0f} % of the disagreement between motion and forces is gone"
     if torque:

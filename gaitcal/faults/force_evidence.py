@@ -220,15 +220,15 @@ def force_evidence(
     plates = tuple(plate for plate in recording.plates if trial.plates.get(plate.name) != "none")
     if not plates:
         return None
-    seen = as_walked_on(plates, time, weight)
-    feet = np.array([standing_feet(plate, time, reactions.resting) for plate in seen])
+    plates_on_ground = as_walked_on(plates, time, weight)
+    feet = np.array([standing_feet(plate, time, reactions.resting) for plate in plates_on_ground])
     frames = _chosen(time, reactions.valid)
     points = foot_points(model, motion, parameters)
-    if seen is not plates or off_feet(seen, feet, time, points):
+    if plates_on_ground is not plates or off_feet(plates_on_ground, feet, time, points):
         counts = [[int((row == k).sum()) for k in range(len(FEET))] for row in feet]
-        by_time = {p.name: SIDES[int(np.argmax(n))] for p, n in zip(seen, counts, strict=True) if any(n)}
+        by_time = {p.name: SIDES[int(np.argmax(n))] for p, n in zip(plates_on_ground, counts, strict=True) if any(n)}
         assigned = {**by_time, **trial.plates}
-        for known in (seen, tuple(replace(plate, corners=None) for plate in seen)):
+        for known in (plates_on_ground, tuple(replace(plate, corners=None) for plate in plates_on_ground)):
             again = replace(recording, plates=known)
             retimed = reactions_of_motion(model, parameters, motion, again, assigned, motion.cutoff_hz)
             frames = _chosen(time, retimed.valid)
@@ -300,8 +300,8 @@ def _room(measured: Recording, turned: Recording) -> Array:
     shared = [label for label in turned.labels if label in measured.labels]
     columns = [[r.labels.index(label) for label in shared] for r in (measured, turned)]
     markers = [r.markers[:, own] for r, own in zip((measured, turned), columns, strict=True)]
-    seen = np.isfinite(markers[0]).all(axis=2) & np.isfinite(markers[1]).all(axis=2)
-    places = [m[seen] for m in markers]
+    visible = np.isfinite(markers[0]).all(axis=2) & np.isfinite(markers[1]).all(axis=2)
+    places = [m[visible] for m in markers]
     turns = [turn.apply(np.eye(3)).T for turn in ABOUT_Y]
     return min(turns, key=lambda turn: float(np.abs(places[0] @ turn.T - places[1]).max()))
 

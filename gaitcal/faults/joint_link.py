@@ -20,7 +20,9 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.faults.cluster import Cluster
-from gaitcal.model.linkage import SIDES
+from gaitcal.model.chain import root_angles
+from gaitcal.model.linkage import SIDES, of_side
+from gaitcal.model.segment_frames import nearest_rotation
 
 CHAIN = {"hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "foot")}
 NEAR_RAD = np.deg2rad(30.0)
@@ -121,8 +123,7 @@ def links_of(clusters: Mapping[str, Cluster], centres: Mapping[str, Array]) -> d
     for name, (upper, lower) in CHAIN.items():
         for side in SIDES:
             joint = f"{name}_{side}"
-            above = clusters.get(upper if upper == "pelvis" else f"{upper}_{side}")
-            below = clusters.get(f"{lower}_{side}")
+            above, below = (clusters.get(of_side(segment, side)) for segment in (upper, lower))
             if above is not None and below is not None and joint in centres:
                 link = _link(joint, above, below, centres[joint])
                 if link is not None:
@@ -137,7 +138,7 @@ def _link(joint: str, above: Cluster, below: Cluster, centre: Array) -> JointLin
     upper, lower = above.rotation[known], below.rotation[known]
     turn = upper.transpose(0, 2, 1) @ lower
     shift = np.einsum("fji,fj->fi", upper, below.origin[known] - above.origin[known])
-    away = np.abs(flexion_of(turn))
+    away = np.abs(root_angles(turn)[:, 0])
     near = away <= max(NEAR_RAD, float(np.percentile(away, NEAREST_PERCENT)))
     (place_above, turn_above), (place_below, turn_below) = above.pose_spread(centre), below.pose_spread(centre)
     return JointLink(
@@ -154,24 +155,6 @@ def _link(joint: str, above: Cluster, below: Cluster, centre: Array) -> JointLin
         far=max(0.0, float(np.median(angle_of(turn[near]))) - STANDS_RAD),
         size=above.size,
     )
-
-
-def flexion_of(turn: Array) -> Array:
-    """(nf,) rad, f of turns (nf, 3, 3) = Rz(f) Rx(a) Ry(r)."""
-    out: Array = np.arctan2(-turn[:, 0, 1], turn[:, 1, 1])
-    return out
-
-
-def side_turns(rotation: Array) -> Array:
-    """(2,) rad, ab/adduction a and axial turn r of (3, 3) Rz(f) Rx(a) Ry(r)."""
-    return np.array([np.arcsin(np.clip(rotation[2, 1], -1, 1)), np.arctan2(-rotation[2, 0], rotation[2, 2])])
-
-
-def nearest_rotation(matrix: Array) -> Array:
-    """(3, 3) rotation nearest to a matrix."""
-    u, _, vt = np.linalg.svd(matrix)
-    out: Array = (u * [1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return out
 
 
 def angle_of(rotation: Array) -> Array:

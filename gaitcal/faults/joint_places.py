@@ -116,9 +116,9 @@ class Place:
         """`in the pelvis 34 mm outward and 12 mm down (people scatter by 9 and 10; markers leave ± 3 and 4)`."""
         deviation, error = (np.sqrt(np.diag(of)) for of in (self.scatter, self.error))
         times = np.abs(self.offset) / deviation
-        told = [k for k in np.argsort(-times) if times[k] >= LEAST_SHARE * times.max()]
-        ways = " and ".join(_way(self.names[k], float(self.offset[k])) for k in told)
-        people, fit = (" and ".join(f"{_size(self.names[k], of[k]):.0f}" for k in told) for of in (deviation, error))
+        large = [k for k in np.argsort(-times) if times[k] >= LEAST_SHARE * times.max()]
+        ways = " and ".join(_way(self.names[k], float(self.offset[k])) for k in large)
+        people, fit = (" and ".join(f"{_size(self.names[k], of[k]):.0f}" for k in large) for of in (deviation, error))
         segment = self.names[0].split(".")[1]
         return f"in the {segment} {ways} (people scatter by {people}; the fit's own markers leave ± {fit})"
 
@@ -130,11 +130,11 @@ class _Places:
         expected = model.nominal.joint.copy()
         expected[[JP_INDEX[name] for name in prior.names]] += prior.mean
         self._offset = fitted.joint - expected
-        own = [k for k, name in enumerate(errors.clusters) if not name.startswith(NOMINAL)]
-        self._moves = np.zeros((len(JP_NAMES), len(own)))
+        measured_clusters = [k for k, name in enumerate(errors.clusters) if not name.startswith(NOMINAL)]
+        self._moves = np.zeros((len(JP_NAMES), len(measured_clusters)))
         known = [(JP_INDEX[name], row) for row, name in enumerate(errors.free) if name in JP_INDEX]
         for at, row in known:
-            self._moves[at] = errors.parameters[row, own]
+            self._moves[at] = errors.parameters[row, measured_clusters]
 
     def of(self, joint: str) -> Iterator[Place]:
         """A joint as each segment beside it has it."""
@@ -177,7 +177,8 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
 
 
 def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
-    gap, nominal = (1e3 * _distance(p, "hip_r.pelvis", "hip_l.pelvis") for p in (fitted, model.nominal))
+    hips = [[p.centre(f"hip_{side}", "pelvis") for side in SIDES] for p in (fitted, model.nominal)]
+    gap, nominal = (1e3 * float(np.linalg.norm(right - left)) for right, left in hips)
     deviation, error = (1e3 * float(np.sqrt(of[0, 0])) for of in (place.scatter, place.error))
     others = f"{'further apart' if place.offset[0] > 0 else 'nearer together'} than"
     return Finding(
@@ -212,12 +213,6 @@ def _odds(probability: float) -> str:
     if probability < 1e-6:
         return "fewer than 1 person in a million lie"
     return f"1 person in {float(f'{1 / probability:.1g}'):.0f} lies"
-
-
-def _distance(parameters: Parameters, one: str, other: str) -> float:
-    """M between two centres."""
-    ends = [[JP_INDEX[f"{name}.{way}"] for way in _WAYS] for name in (one, other)]
-    return float(np.linalg.norm(parameters.joint[ends[0]] - parameters.joint[ends[1]]))
 
 
 def _size(name: str, value: float) -> float:

@@ -23,12 +23,12 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.faults.joint_link import flexion_of, nearest_rotation
 from gaitcal.faults.static_landmarks import label_words, landmarks
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.body_plan import body_axes
+from gaitcal.model.chain import root_angles
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.segment_frames import sign
+from gaitcal.model.segment_frames import nearest_rotation, sign
 
 TORSION_DEG = 10.0
 """Mean outward torsion between the lines of epicondyles and malleoli as they are palpated: 3 to 20 deg on the legs of
@@ -182,7 +182,7 @@ def axis_turn(trial: MarkerEvidence, knee: str) -> float | None:
     if knee not in trial.links or epicondyles is None:
         return None
     turn = trial.links[knee].turn
-    flexion = flexion_of(turn)
+    flexion = root_angles(turn)[:, 0]
     used = flexion > -AXIS_FLEXION  # a knee bends to negative f
     if used.sum() <= AXIS_FRAMES or np.ptp(np.percentile(flexion[used], AXIS_PERCENTILES)) <= AXIS_RANGE:
         return None

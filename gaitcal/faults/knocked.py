@@ -30,6 +30,7 @@ from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.joint_link import CHAIN, angle_of
 from gaitcal.faults.static_consistency import contradictions_in
 from gaitcal.findings import STUDY, Finding, Severity, listed
+from gaitcal.model.linkage import of_side
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.segment_frames import rigid_motions
 from gaitcal.study.study import Study
@@ -87,13 +88,13 @@ def placement(trials: Sequence[MarkerEvidence]) -> Placement | None:
 
 def _placement(segment: str, labels: tuple[str, ...], trials: Sequence[MarkerEvidence]) -> Placement | None:
     """By those of these trials that tell; None where none does."""
-    told = [local for t in trials if (local := _local(t, segment, labels)) is not None]
-    if not told:
+    places = [local for t in trials if (local := _local(t, segment, labels)) is not None]
+    if not places:
         return None
     cluster = trials[0].clusters[segment]
     before = cluster.static[[cluster.labels.index(m) for m in labels]]
-    place = np.mean([np.median(local, axis=0) for local in told], axis=0)
-    middle, wander = place.mean(axis=0), np.concatenate(told)
+    place = np.mean([np.median(local, axis=0) for local in places], axis=0)
+    middle, wander = place.mean(axis=0), np.concatenate(places)
     turn, _ = rigid_motions(place, wander)
     away = wander.mean(axis=1) - middle
     links = [link for t in trials for link in t.links.values() if segment in (link.above, link.below)]
@@ -120,7 +121,7 @@ def _local(trial: MarkerEvidence, segment: str, labels: Sequence[str]) -> Array 
     points, paths = list[Array](), list[Array]()
     for joint, pair in joints:
         other = pair[1 - pair.index(part)]
-        neighbour = trial.clusters.get(other if other == "pelvis" else f"{other}_{side}")
+        neighbour = trial.clusters.get(of_side(other, side))
         if neighbour is None or neighbour.borrowed:
             return None
         ends = (axis, -axis) if joint.startswith("knee") else (0.0 * axis,)
@@ -131,12 +132,12 @@ def _local(trial: MarkerEvidence, segment: str, labels: Sequence[str]) -> Array 
         if label not in labels:
             points.append(stance.points[segment][label])
             paths.append(trial.path(label))
-    seen = np.stack([*paths, *(trial.path(m) for m in labels)], axis=1)
-    seen = seen[np.isfinite(seen).all(axis=(1, 2))]
-    if len(seen) < FEWEST_FRAMES:
+    together = np.stack([*paths, *(trial.path(m) for m in labels)], axis=1)
+    together = together[np.isfinite(together).all(axis=(1, 2))]
+    if len(together) < FEWEST_FRAMES:
         return None
-    turn, origin = rigid_motions(np.array(points), seen[:, : len(points)])
-    return np.einsum("fji,fnj->fni", turn, seen[:, len(points) :] - origin[:, None])
+    turn, origin = rigid_motions(np.array(points), together[:, : len(points)])
+    return np.einsum("fji,fnj->fni", turn, together[:, len(points) :] - origin[:, None])
 
 
 def with_placement(study: Study, static: MarkerEvidence, one: Placement) -> Study:

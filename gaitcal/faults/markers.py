@@ -4,10 +4,8 @@ In the static trial each segment is a line between landmarks: ASIS to knee, knee
 middle of the ASIS. A marker lies at most 0.088 body heights from the line of its segment on thirteen people.
 
 A segment of a leg that one marker follows is no rigid body, but the joints beside it may tell how it turns. Whether
-they do is asked of the trial: pelvis and legs are tracked with the nominal model, and with H_f the Gauss-Newton matrix
-of frame f the angles that markers with errors of NOISE_M leave are uncertain by
-
-    s_f^2 = diag( (H_f / NOISE_M^2 + 1 / WIDEST^2)^-1 ).
+they do is asked of the trial: pelvis and legs are tracked with the nominal model, and s_f is how uncertain markers
+leave the angles of frame f (`motion/coordinate_prior.py`).
 
 Without the second marker of both thighs, both shanks, or all four (9 Plug-in Gait walks of 5 people) hip, knee and
 ankle came out within 5 deg RMS of those with all markers, s being 6 to 12 deg; without the toes, s was 29 to 55 deg
@@ -23,6 +21,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
+from gaitcal.dynamics.foot_contact import distance_to_line
 from gaitcal.errors import GaitcalError, alike
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.findings import Finding, Severity, listed
@@ -32,6 +31,7 @@ from gaitcal.io.still import duration, marker_gaps, runs, spans
 from gaitcal.model.landmarks import one_psis, sacrum_words
 from gaitcal.model.linkage import LEG_SEGMENTS, LOWER_BODY, SIDES, carrier_of, joint_segments
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion.coordinate_prior import MARKER_M, left_uncertain
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.spline import NodeRule
@@ -54,10 +54,6 @@ belongs to that one: on thirteen people the nearest such neighbour is 0.9 times 
 ONE_MARKER = "one marker"
 TWO = 2
 """Markers that follow a segment, at least, where the joints beside it say the rest."""
-NOISE_M = 0.005
-"""Of a marker on skin, each component."""
-WIDEST = 1.0
-"""rad, m: how far a coordinate that nothing tells may be off."""
 TOLD_RAD = np.deg2rad(12.0)
 """Uncertainty from which an angle is not determined, in a tenth of the frames."""
 WORST_SHARE = 0.9
@@ -205,13 +201,13 @@ def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
     """Segments of the legs, and others that the model tracks, that show no marker with weight in a trial."""
     if not trial.is_whole_body or trial.model is None:
         return
-    seen = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
+    visible = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
     markers = trial.model.markers
     wanted: dict[str, list[str]] = {segment: [] for segment in LEG_SEGMENTS}
     for label, segment, weight in zip(markers.labels, markers.segments, markers.weight, strict=True):
         if weight > 0:
             wanted.setdefault(segment, []).append(label)
-    bare = [segment for segment, labels in wanted.items() if seen.isdisjoint(labels)]
+    bare = [segment for segment, labels in wanted.items() if visible.isdisjoint(labels)]
     if bare:
         sides = {segment[-1] for segment in bare if segment in LEG_SEGMENTS}
         torques = f"; no torque{' of this leg' if len(sides) == 1 else ''} is valid" if sides else ""
@@ -256,13 +252,13 @@ def _pelvis_lost(trial: MarkerEvidence) -> Iterator[Finding]:
         return
     lost = ~trial.pelvis.determined
     share = float(np.mean(lost))
-    words = f"fewer than three pelvis markers in {100 * share:.0f} % of the frames"
+    message = f"fewer than three pelvis markers in {100 * share:.0f} % of the frames"
     if share > HALF:
-        words += f" ({spans(trial.recording.time, runs(lost))})"
-        yield trial.warning("gaps", words, cure, code=Code.PELVIS_LOST)
+        message += f" ({spans(trial.recording.time, runs(lost))})"
+        yield trial.warning("gaps", message, cure, code=Code.PELVIS_LOST)
     else:
-        words += f", never for longer than {BRIDGED_S:g} s: these are bridged"
-        yield trial.info("gaps", words, code=Code.PELVIS_LOST)
+        message += f", never for longer than {BRIDGED_S:g} s: these are bridged"
+        yield trial.info("gaps", message, code=Code.PELVIS_LOST)
 
 
 def rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -305,7 +301,7 @@ def on_segments(trial: MarkerEvidence) -> Iterator[Finding]:
         segment = trial.marker_set.segment_of.get(label)
         if segment not in lines:
             continue
-        away = {other: _distance(position, *ends) for other, ends in lines.items()}
+        away = {other: float(distance_to_line(position, *ends)) for other, ends in lines.items()}
         nearest = min(away, key=lambda other: away[other])
         limbs = segment.startswith(LIMBS) and nearest.startswith(LIMBS)
         other = limbs and away[segment] / height > ELSEWHERE and away[nearest] < CLEARLY * away[segment]
@@ -332,13 +328,6 @@ def _lines(trial: MarkerEvidence) -> dict[str, tuple[Array, Array]]:
     return out
 
 
-def _distance(point: Array, a: Array, b: Array) -> float:
-    """m, of a point (3,) from the line from a to b."""
-    along = b - a
-    share = float(np.clip((point - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0))
-    return float(np.linalg.norm(point - a - share * along))
-
-
 def followed(trial: MarkerEvidence) -> Iterator[Finding]:
     """Segments of the legs that show fewer than two markers: in most frames, or for a while."""
     if trial.is_static or trial.model is None:
@@ -352,9 +341,9 @@ def followed(trial: MarkerEvidence) -> Iterator[Finding]:
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
     unsure = _undetermined(trial, trial.model) if trial.is_whole_body and single else {}
     for segment in single:
-        side, seen = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
+        side, labels = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
         share = 100 * np.mean(counts[segment] >= TWO)
-        found = f"{segment} shows two markers with weight in {share:.0f} % of the frames ({seen})"
+        found = f"{segment} shows two markers with weight in {share:.0f} % of the frames ({labels})"
         cure = "label its other markers, here and in the static trial, or add them to this segment in the marker set"
         if along := listed([f"'{label}'" for label in moving_along(trial, segment)]):
             cure = f"{along} of the file moves with it: add it to this segment in the marker set, or rename it"
@@ -364,10 +353,10 @@ def followed(trial: MarkerEvidence) -> Iterator[Finding]:
             found += "; what the joints beside it leave open has no one answer"
         elif worst > TOLD_RAD:
             named = listed([f"{name} ({np.rad2deg(s):.0f} deg)" for name, s in angles.items() if s > TOLD_RAD])
-            found += f"; markers {1e3 * NOISE_M:.0f} mm off leave {named} undetermined"
+            found += f"; markers {1e3 * MARKER_M:.0f} mm off leave {named} undetermined"
         else:
             severity, found = Severity.WARNING, f"{found}; the joints beside it tell how it turns"
-            found += f", to {np.rad2deg(worst):.0f} deg where markers are {1e3 * NOISE_M:.0f} mm off" if worst else ""
+            found += f", to {np.rad2deg(worst):.0f} deg where markers are {1e3 * MARKER_M:.0f} mm off" if worst else ""
         weight = 3.0 if severity is Severity.WARNING else 1.0
         cause = f"one marker alone follows {segment}"
         code = Code.ONE_MARKER_SEGMENT
@@ -393,11 +382,9 @@ def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float
         return None
     if not motion.converged:
         return None
-    hessian = problem.frame_hessians(motion.q, problem.constants(nominal))
-    inverse = np.linalg.inv(hessian / NOISE_M**2 + np.eye(hessian.shape[1]) / WIDEST**2)
-    deviation = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
+    uncertain = left_uncertain(problem.frame_hessians(motion.q, problem.constants(nominal)))
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
-    worst = np.quantile(deviation[frames], WORST_SHARE, axis=0)
+    worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
     names = zip(problem.chain.coordinates, worst, strict=True)
     return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l")}
 
@@ -422,9 +409,9 @@ def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:
 def _keeps(trial: MarkerEvidence, label: str, segment: str) -> bool:
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
-    own = {m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place}
-    own |= dict.fromkeys(trial.weighed(segment), KEEPS_M)
-    spread = [(_spread(trial, label, other), most) for other, most in own.items()]
+    near_joint = {m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place}
+    near_joint |= dict.fromkeys(trial.weighed(segment), KEEPS_M)
+    spread = [(_spread(trial, label, other), most) for other, most in near_joint.items()]
     others = [_spread(trial, label, m) for s in SIDES for m in trial.weighed(f"foot_{s}") + trial.weighed(f"thigh_{s}")]
     moved = max((s for s in others if s is not None), default=0.0)
     return bool(spread) and all(s is not None and s < most for s, most in spread) and moved > MOVES_M

@@ -222,12 +222,12 @@ def horizontal(trial: MarkerEvidence) -> Iterator[Finding]:
         outward.setdefault(step.foot, []).append(aside)
     wrong = {}
     if drift and max(drift) < DRIVING:
-        words = f"along the walk they drive first and brake later (drift {np.mean(drift):.2f}, usual 0.4 to 0.6)"
-        wrong["fore-aft"] = words
+        message = f"along the walk they drive first and brake later (drift {np.mean(drift):.2f}, usual 0.4 to 0.6)"
+        wrong["fore-aft"] = message
     pushes = [push for of_leg in outward.values() for push in of_leg]
     if len(outward) == 2 and min(pushes) > OUTWARD:
-        words = f"sideways both push outwards, {np.mean(pushes):.2f} body weights on average (usual -0.06 to -0.03)"
-        wrong["sideways"] = words
+        message = f"sideways both push outwards, {np.mean(pushes):.2f} body weights on average (usual -0.06 to -0.03)"
+        wrong["sideways"] = message
     if wrong:
         cause = f"the {next(iter(wrong))} force of all plates has the wrong sign"
         cure = "turn the sign of that column of the forces"
@@ -343,18 +343,18 @@ def body_mass(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     """Body mass against all that plates carry: told as wrong where a trial says so that no other one contradicts: all
     weigh nearer to what it weighs than to the mass, as a trial that weighs roughly says little for the mass.
     """
-    told = [(t, *found) for t in trials if (found := _standing(t) or _walking(t)) is not None]
-    off = [(carried / t.subject.mass - 1.0, allowed) for t, carried, allowed, _, _ in told]
+    weighings = [(t, *found) for t in trials if (found := _standing(t) or _walking(t)) is not None]
+    off = [(carried / t.subject.mass - 1.0, allowed) for t, carried, allowed, _, _ in weighings]
     wrong = any(min(other / share for other, _ in off) > 0.5 for share, allowed in off if abs(share) > allowed)
-    for (t, _, _, words, cure), (share, allowed) in zip(told, off, strict=True):
-        words += f"; subject.mass_kg is {t.subject.mass:g}"
+    for (t, _, _, message, cure), (share, allowed) in zip(weighings, off, strict=True):
+        message += f"; subject.mass_kg is {t.subject.mass:g}"
         if wrong:
             cause = "mass_kg is not what the plates weigh"
-            yield t.warning("body mass", words, cure, cause=cause, code=Code.BODY_MASS)
+            yield t.warning("body mass", message, cure, cause=cause, code=Code.BODY_MASS)
         else:
-            others = listed([f"{c:.1f} kg in {o.name}" for o, c, *_ in told if o is not t])
-            words += f": too far off, but not in all trials ({others})" if abs(share) > allowed else ""
-            yield t.info("body mass", words, code=Code.BODY_MASS)
+            others = listed([f"{c:.1f} kg in {o.name}" for o, c, *_ in weighings if o is not t])
+            message += f": too far off, but not in all trials ({others})" if abs(share) > allowed else ""
+            yield t.info("body mass", message, code=Code.BODY_MASS)
 
 
 def _standing(trial: MarkerEvidence) -> tuple[float, float, str, str] | None:
@@ -371,9 +371,9 @@ def _standing(trial: MarkerEvidence) -> tuple[float, float, str, str] | None:
         total, loaded = total + force, [*loaded, *([plate] if force > BODY_N else [])]
     if total < 0.5 * trial.subject.weight:
         return None  # a foot stood beside the plates
-    words = f"the plates carry {total:.0f} N = {total / GRAVITY:.1f} kg while standing"
+    message = f"the plates carry {total:.0f} N = {total / GRAVITY:.1f} kg while standing"
     cure = "correct mass_kg, if both feet stood on plates: torques and inertia follow from it"
-    return total / GRAVITY, MASS_DIFFERENCE + _offsets(loaded) / trial.subject.weight, words, cure
+    return total / GRAVITY, MASS_DIFFERENCE + _offsets(loaded) / trial.subject.weight, message, cure
 
 
 def _walking(trial: MarkerEvidence) -> tuple[float, float, str, str] | None:
@@ -387,13 +387,13 @@ def _walking(trial: MarkerEvidence) -> tuple[float, float, str, str] | None:
         return None
     stretches, lengths, masses = zip(*weighings, strict=True)
     carried = float(np.average(masses, weights=lengths))
-    words = (
+    message = (
         f"while every foot is on a plate ({spans(feet.time, stretches)}) the plates carry {carried:.1f} kg on average"
     )
     cure = "correct mass_kg, or the gain and offset of the plates: joint torques are wrong by the same share"
     allowed = MASS_DIFFERENCE + PELVIS_M_S / (GRAVITY * float(np.sum(lengths)))
     allowed += _offsets(trial.recording.plates) / trial.subject.weight
-    return carried, allowed, words, cure
+    return carried, allowed, message, cure
 
 
 def _offsets(plates: Sequence[ForcePlate]) -> float:

@@ -25,7 +25,9 @@ from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import SITTING_DEG
 from gaitcal.errors import InputError
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
+from gaitcal.faults.foot_on_plate import feet_of
 from gaitcal.findings import Finding, Severity, listed
+from gaitcal.io.axes import PROGRESSION_M
 from gaitcal.io.still import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.body_plan import body_axes
@@ -113,10 +115,8 @@ def length(trial: MarkerEvidence) -> Iterator[Finding]:
     if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
         return
     if len(time) == 1:  # landmarks of one moment: however the person moves, nothing blurs them
-        found = (
-            "one frame is the whole static trial: noise of the cameras is not averaged, some tenths of a millimetre "
-        )
-        found += "beside the 5 to 10 mm of palpation; whether the person stood still cannot be told"
+        found = "one frame is the whole static trial: noise of the cameras is not averaged, some tenths of a "
+        found += "millimetre beside the 5 to 10 mm of palpation; whether the person stood still cannot be told"
         yield trial.info("still window", found, code=Code.SHORT_STATIC)
         return
     yield trial.warning(
@@ -137,32 +137,36 @@ def stillness(trial: MarkerEvidence) -> Iterator[Finding]:
         window = still_window(trial.recording, trial.marker_set.labels)
     except InputError:
         return  # told as what keeps the nominal model from being made
-    words = f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at {1e3 * window.speed:.0f} mm/s RMS"
-    words += f" and stray by {1e3 * window.scatter:.1f} mm RMS from their means"
+    text = f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at {1e3 * window.speed:.0f} mm/s RMS"
+    text += f" and stray by {1e3 * window.scatter:.1f} mm RMS from their means"
     if window.speed <= RESTLESS * STILL_M_S:
-        yield trial.info("still window", words, code=Code.STILLNESS)
+        yield trial.info("still window", text, code=Code.STILLNESS)
         return
-    found = f"{words}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused"
+    found = f"{text}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused"
     cure = "let the person stand still for some seconds; segment frames come from this posture"
     yield trial.warning("still window", found, cure, weight=window.speed / STILL_M_S, code=Code.STILLNESS)
 
 
 def heading(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Whether the person goes where the pelvis faces, and is not carried along sideways."""
+    """Whether the person goes where the pelvis faces, over the floor or a belt, and is not carried along sideways."""
     if trial.facing is None or not trial.is_gait:
         return
-    length = float(np.linalg.norm(trial.way))
+    way, over = trial.way, ""
     if trial.on_the_spot:
-        found = f"the body moves {length:.2f} m (treadmill?): x is where the pelvis faces"
+        found = f"the body moves {np.linalg.norm(way):.2f} m (treadmill?): x is where the pelvis faces"
         yield trial.info("heading", found, code=Code.ON_THE_SPOT)
+        if (feet := feet_of(trial)) is not None:
+            way, over = way - np.ptp(trial.recording.time) * feet.belts.mean(axis=0)[[0, 2]], " over the belt"
+    if (length := float(np.linalg.norm(way))) < PROGRESSION_M:
         return
-    cosine = float(trial.facing @ trial.way) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
+    cosine = float(trial.facing @ way) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
     angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
     if angle > ALONG_DEG:
         yield trial.warning(
             "heading",
-            f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves",
-            "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or sides)",
+            f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves{over}",
+            "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or "
+            "sides), or time runs backwards",
             code=Code.HEADING,
         )
 
@@ -197,10 +201,10 @@ def declared_joint(trial: MarkerEvidence) -> Iterator[Finding]:
     if len(turns) < 2 or declared is None:
         return
     joint = max(turns, key=turns.__getitem__)
-    most, own = turns[joint], turns.get(declared)
-    if joint == declared or most < MOVES_RAD or (own is not None and most < LEAD * own):
+    most, turn = turns[joint], turns.get(declared)
+    if joint == declared or most < MOVES_RAD or (turn is not None and most < LEAD * turn):
         return
-    turned = "is not seen" if own is None else f"turns by {np.rad2deg(own):.0f} deg RMS"
+    turned = "is not seen" if turn is None else f"turns by {np.rad2deg(turn):.0f} deg RMS"
     others = [j for j in ISOLATED_JOINTS if j in turns and j not in (joint, declared)]
     rest = max((np.rad2deg(turns[j]) for j in others), default=0.0)
     yield trial.error(
@@ -209,7 +213,7 @@ def declared_joint(trial: MarkerEvidence) -> Iterator[Finding]:
         f"most {rest:.0f} deg",
         f'write joint = "{joint}", name the file of {declared}, or exchange the labels of right and left',
         cause=f"the trial is declared for {declared}, but this looks like {joint}",
-        weight=most / max(own or 0.0, MOVES_RAD),
+        weight=most / max(turn or 0.0, MOVES_RAD),
         code=Code.OTHER_JOINT,
     )
 
@@ -286,11 +290,11 @@ def standing_straight(trial: MarkerEvidence) -> Iterator[Finding]:
     if found is None:
         return
     knees = f"knees bent by {found.knees[0]:.0f} deg (right) and {found.knees[1]:.0f} deg (left)"
-    words = f"{knees}, thighs leaning by {found.thighs[0]:.0f} and {found.thighs[1]:.0f} deg"
+    message = f"{knees}, thighs leaning by {found.thighs[0]:.0f} and {found.thighs[1]:.0f} deg"
     if found.sitting:
         yield trial.error(
             "posture",
-            f"{words}; standing people lean by less than {SITTING_DEG:.0f}",
+            f"{message}; standing people lean by less than {SITTING_DEG:.0f}",
             "name the recording in which the person stands",
             cause="the person sits in the static trial",
             weight=5.0,
@@ -308,7 +312,7 @@ def standing_straight(trial: MarkerEvidence) -> Iterator[Finding]:
     elif found.bent:
         yield trial.warning(
             "posture",
-            f"{words}; most people stand within 10 deg",
+            f"{message}; most people stand within 10 deg",
             "record it again if the person can stand straighter; nothing to do if not: only the skin lies a little "
             "otherwise than over straight legs",
             cause="the person stands with bent knees in the static trial",
@@ -325,14 +329,14 @@ def statics_agree(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     reference = first.still_positions
     for other in others:
         positions = other.still_positions
-        told = [
+        disagreeing = [
             (away, label, segment)
             for segment, labels in _segments(first).items()
             if (found := _disagreement([m for m in labels if m in reference and m in positions], reference, positions))
             for away, label in [found]
             if away > DISAGREE_M
         ]
-        if not told:
+        if not disagreeing:
             if positions and reference:
                 yield other.info(
                     "static trial",
@@ -340,16 +344,16 @@ def statics_agree(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
                     code=Code.STATICS_DISAGREE,
                 )
             continue
-        told.sort(reverse=True)
-        words = listed([f"'{label}' {1e3 * away:.0f} mm ({segment})" for away, label, segment in told])
+        disagreeing.sort(reverse=True)
+        labels_off = listed([f"'{label}' {1e3 * away:.0f} mm ({segment})" for away, label, segment in disagreeing])
         yield other.finding(
-            Severity.ERROR if told[0][0] > GROSS_M else Severity.WARNING,
+            Severity.ERROR if disagreeing[0][0] > GROSS_M else Severity.WARNING,
             "static trial",
-            f"against the other markers of its segment: {words}; allowed: {1e3 * DISAGREE_M:.0f} mm",
+            f"against the other markers of its segment: {labels_off}; allowed: {1e3 * DISAGREE_M:.0f} mm",
             f"leave out the static trial whose markers moved or whose labels are wrong; '{first.name}', the first, "
             "gives the model",
             cause=f"static trials '{first.name}' and '{other.name}' do not show the same body",
-            weight=told[0][0] / DISAGREE_M,
+            weight=disagreeing[0][0] / DISAGREE_M,
             code=Code.STATICS_DISAGREE,
         )
 

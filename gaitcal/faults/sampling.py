@@ -159,9 +159,8 @@ def splines(trial: MarkerEvidence) -> Iterator[Finding]:
     for plate in trial.recording.plates:
         if filterable(plate, chosen):
             continue
-        name, sampled = f"plate {plate.name}", 0.0
-        if len(plate.time) > 1:
-            sampled = 1.0 / float(np.median(np.diff(plate.time)))
+        name = f"plate {plate.name}"
+        sampled = 1.0 / float(np.median(np.diff(plate.time))) if len(plate.time) > 1 else 0.0
         if by_default:
             found = f"{name}: forces sampled at {sampled:.4g} Hz hold nothing above {chosen:.3g} Hz"
             yield trial.info("sampling", found, "they are not filtered", code=Code.FORCE_FILTER)
@@ -272,9 +271,8 @@ def seam(trial: MarkerEvidence) -> Iterator[Finding]:
     if trial.is_whole_body:
         cure = "velocities, accelerations and torques are wrong there, and the plates' clock after it: choose a part "
         cure += "with time = [start, end]"
-    cause = "frames were cut out, or two parts joined"
-    if all(-1.5 < one.lost < -0.5 for one in found):
-        cause = "a frame stands in it twice"
+    twice = all(-1.5 < one.lost < -0.5 for one in found)
+    cause = "a frame stands in it twice" if twice else "frames were cut out, or two parts joined"
     yield trial.finding(
         Severity.WARNING if trial.is_whole_body else Severity.INFO,
         "jumps",

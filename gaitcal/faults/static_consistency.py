@@ -161,11 +161,11 @@ def _told(cause: Contradiction, other: str) -> tuple[str, str, str]:
             f"label this cluster again in the trial or in the static one; or {other}",
         )
     if cause.fault is Fault.CLUSTER:
-        seen = f"{mm:.0f} mm{_ways(cause)} and {deg:.0f} deg, seen at {listed([_part(j) for j in cause.seen_at])}"
+        offset = f"{mm:.0f} mm{_ways(cause)} and {deg:.0f} deg, seen at {listed([_part(j) for j in cause.seen_at])}"
         plane = f"; one of {listed(labels)} out of their plane would look alike" if len(labels) <= FEWEST else ""
         return (
             f"the markers of the {place} slid or turned together on the segment since the static trial",
-            seen + plane,
+            offset + plane,
             f"{other}, recorded with the markers as they sit in the trial; or label the segment again",
         )
     return (
@@ -177,12 +177,12 @@ def _told(cause: Contradiction, other: str) -> tuple[str, str, str]:
 
 def _ways(cause: Contradiction) -> str:
     """The directions of an offset in words."""
-    words = [
+    directions = [
         f"{1e3 * abs(value):.0f} mm {ways[0] if value > 0 else ways[1]}"
         for value, ways in zip(cause.direction, WAYS, strict=True)
         if abs(value) > PART_OF_OFFSET * cause.offset
     ]
-    return f" ({', '.join(words)})" if words else ""
+    return f" ({', '.join(directions)})" if directions else ""
 
 
 def _part(name: str) -> str:
@@ -210,10 +210,10 @@ def _whole_trial(trial: MarkerEvidence, causes: Sequence[Contradiction]) -> Find
     if not found:
         return None
     most = max(1e3 * c.offset for c in causes)
-    seen = f"explains contradictions at {listed([_part(c.segment) for c in causes])} of up to {most:.0f} mm"
+    explained = f"explains contradictions at {listed([_part(c.segment) for c in causes])} of up to {most:.0f} mm"
     return trial.error(
         "one body",
-        f"undoing it {seen} ({_whole_time(trial)})",
+        f"undoing it {explained} ({_whole_time(trial)})",
         "exchange right and left in the labels of the file, or export it again with right-handed axes",
         cause=f"{', or '.join(found)}, in this trial or in the static one",
         weight=max(c.excess for c in causes),
@@ -336,15 +336,15 @@ def scale(trial: MarkerEvidence) -> Iterator[Finding]:
     if not ratios:
         return
     ratio = float(np.median(ratios))
-    words = f"lengths between markers of one segment are {ratio:.3g} times those of the static trial"
+    message = f"lengths between markers of one segment are {ratio:.3g} times those of the static trial"
     if not LENGTHS_SCALE[0] <= ratio <= LENGTHS_SCALE[1]:
         cure = "check the unit of length of both files, and that both show the same person"
         if 500 < ratio < 2000:
             cure = "the numbers are mm where the static trial has m: declare mm, or divide by 1000"
-        yield trial.error("units", words, cure, code=Code.UNIT_OF_LENGTH)
+        yield trial.error("units", message, cure, code=Code.UNIT_OF_LENGTH)
     elif abs(ratio - 1) > SCALE_DOUBTED and len(ratios) >= 6:
         cure = "were the cameras calibrated anew, or markers put on again, between the two?"
-        yield trial.warning("units", words, cure, code=Code.OTHER_SCALE)
+        yield trial.warning("units", message, cure, code=Code.OTHER_SCALE)
 
 
 def _length_ratios(trial: MarkerEvidence) -> Iterator[float]:

@@ -137,16 +137,16 @@ def _worst(p: Landmarks, height: float, even: bool) -> Exchange | Displaced | No
         ((cost(measures(exchanged(p, c), height, even=even)), c) for c in _candidates(p)), key=lambda found: found[0]
     )
     moved = sorted((_displace(p, height, name, even) for name in p if name != "sacrum"), key=lambda found: found[1])
-    told = tuple(m for m in worst if abs(m.z) >= SUSPICIOUS_Z)
+    suspicious = tuple(m for m in worst if abs(m.z) >= SUSPICIOUS_Z)
     if j - best > EXCHANGE_SAVES and best < moved[0][1] + RIVAL:
-        return Exchange(pairs=pairs, before=told)
+        return Exchange(pairs=pairs, before=suspicious)
     name, least, away = moved[0]
     if j - least < DISPLACED_SAVES or np.linalg.norm(away) < DISPLACED_M:
         return None
     if cost_of_build(p, height, even=even) < least - BUILD_SAVES:
         return None  # somebody who is built so, or stands so: many landmarks lie otherwise, and no one is to blame
     rivals = tuple((n, float(np.linalg.norm(a))) for n, c, a in moved[1:] if c - least < RIVAL)
-    return Displaced(landmark=name, away=away, rivals=rivals, before=told)
+    return Displaced(landmark=name, away=away, rivals=rivals, before=suspicious)
 
 
 def _candidates(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
@@ -257,16 +257,16 @@ def landmarks(trial: MarkerEvidence) -> dict[str, Array]:
 
 def _exchanged(trial: MarkerEvidence, fault: Exchange) -> Finding:
     pairs = label_pairs(trial, fault.pairs)
-    words = listed([f"'{a}' and '{b}'" for a, b in pairs], 4)
+    exchanged_labels = listed([f"'{a}' and '{b}'" for a, b in pairs], 4)
     if {"asis_r", "heel_r", "knee_lat_r"} <= {name for pair in fault.pairs for name in pair}:
-        words = f"right and left ({words}), or an axis is mirrored: they"
+        exchanged_labels = f"right and left ({exchanged_labels}), or an axis is mirrored: they"
     swaps = ", ".join(f'"{a}" = "{b}", "{b}" = "{a}"' for a, b in pairs)
     return trial.error(
         "landmarks",
         _evidence(fault.before),
         f"exchange the labels in this file or, where every trial that has them has them so, with [markers] rename = "
         f"{{ {swaps} }}",
-        cause=f"{words} carry each other's labels in the static trial",
+        cause=f"{exchanged_labels} carry each other's labels in the static trial",
         leg=_leg(*(name for pair in fault.pairs for name in pair)),
         weight=10.0,
         code=Code.LANDMARKS_EXCHANGED,

@@ -188,9 +188,9 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
     spoilt = {f.where for f in findings if f.where in walks and f.severity is Severity.ERROR and touches_model(f.topic)}
     trials: dict[str, WalkVerdict] = {}
     for walk in walks:
-        own = _of_legs([f for f in findings if f.where == walk])
-        legs = {side: Judgement.worst((own[side], of_all[side])) for side in SIDES}
-        whole = Judgement.worst((own[""], of_all[""]))
+        of_walk = _of_legs([f for f in findings if f.where == walk])
+        legs = {side: Judgement.worst((of_walk[side], of_all[side])) for side in SIDES}
+        whole = Judgement.worst((of_walk[""], of_all[""]))
         legs = {side: Judgement.worst((leg, whole)) for side, leg in legs.items()}
         if spoilt - {walk}:
             legs = {side: Judgement.worst((leg, Judgement.DOUBTFUL)) for side, leg in legs.items()}
@@ -243,7 +243,7 @@ def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
     groups: dict[tuple[str, str], list[Finding]] = {}
     for f in findings:
         if f.severity is not Severity.INFO:
-            groups.setdefault((f.topic, f.cause or _without_numbers(f.found)), []).append(f)
+            groups.setdefault((f.topic, f.cause or re.sub(r"[\d.,+-]+", "#", f.found)), []).append(f)
     for group in groups.values():
         group.sort(key=_rank)
     return tuple(_reason(group) for group in sorted(groups.values(), key=lambda group: _rank(group[0])))
@@ -251,10 +251,6 @@ def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
 
 def _rank(finding: Finding) -> tuple[int, float]:
     return finding.severity.rank, -finding.weight
-
-
-def _without_numbers(text: str) -> str:
-    return re.sub(r"[\d.,+-]+", "#", text)
 
 
 def _reason(group: Sequence[Finding]) -> Reason:

@@ -129,9 +129,9 @@ class Convention:
             return GROUND_FORCES[name].title
         if kind is Kind.POWER:
             return f"{coordinate_words(name).title.capitalize()} power"
-        title, positive, usual = coordinate_words(name).title, self.senses(variable, "r")[0], _senses(name)[0]
-        turns = kind is Kind.MOMENT and usual.endswith(" rotation")
-        if title.endswith(f" {usual}") or turns:
+        title, positive, sense = coordinate_words(name).title, self.senses(variable, "r")[0], _senses(name)[0]
+        turns = kind is Kind.MOMENT and sense.endswith(" rotation")
+        if title.endswith(f" {sense}") or turns:
             title = f"{title.split()[0]} {positive}"
         return title if kind is Kind.ANGLE else f"{title} moment"
 

@@ -154,8 +154,8 @@ def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
     require_once(strides)
     found = mean_curves({name: strides[name].to_numpy() for name in CYCLE_COLUMNS})
     conventions = conventions_of(strides) if any(name in strides for name in TOLD) else {}
-    words = [conventions.get(str(variable), ("", "")) for variable in found["variable"]] if conventions else []
-    return pd.DataFrame({**found, **{name: [of[k] for of in words] for k, name in enumerate(TOLD) if words}})
+    senses = [conventions.get(str(variable), ("", "")) for variable in found["variable"]] if conventions else []
+    return pd.DataFrame({**found, **{name: [of[k] for of in senses] for k, name in enumerate(TOLD) if senses}})
 
 
 def mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict[str, NDArray[Any]]:

@@ -124,8 +124,8 @@ def corrected_findings(events: Sequence[FootEvent], shown: Sequence[FootEvent], 
         if any(unset.values()) or (unset and max(counts.values()) > 1):
             kinds = " and no ".join(m.value for m in unset)
             seen = " and ".join(f"{n} {m.value}{'s' * (n != 1)}" for m, n in unset.items())
-            told = "strides" if FootMoment.STRIKE in unset else "stance and swing"
-            found = f"forces and motion show {seen}, which are not used: {told} of this foot are not told"
+            missing = "strides" if FootMoment.STRIKE in unset else "stance and swing"
+            found = f"forces and motion show {seen}, which are not used: {missing} of this foot are not told"
             cure = "set them, too, or take the recording out of events.csv"
             findings.append(_warning(f"corrected events have no {kinds} of the {word} foot", found, cure))
     if lacking:
@@ -279,9 +279,7 @@ def _stand(fit: _Fit) -> str:
 
 
 def _warning(cause: str, found: str, cure: str, severity: Severity = Severity.WARNING) -> Finding:
-    return Finding(
-        severity=severity, topic="events", where="", cause=cause, found=found, cure=cure, code=Code.FILE_EVENTS
-    )
+    return Finding(severity=severity, topic="events", cause=cause, found=found, cure=cure, code=Code.FILE_EVENTS)
 
 
 def _info(cause: str, found: str) -> Finding:

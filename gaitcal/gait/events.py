@@ -35,13 +35,13 @@ from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, s
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findings, order_findings
 from gaitcal.gait.repetitions import alternate, repetitions
 from gaitcal.io.force_plate import LOADED_N
-from gaitcal.io.labels import FootEvent, FootMoment
+from gaitcal.io.labels import FootEvent, FootMoment, times_of
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.io.still import runs
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 
-SIDES = ("r", "l")
 PLATE_AGREES = 0.1
 """s between a plate's loading and the motion's strike: more, and the foot came onto the plate otherwise."""
 UNSEEN = 0.2  # s at either end of a trial, where the swing before a strike or after an off is not in the recording
@@ -64,8 +64,8 @@ class GaitEvents:
     def of(self, side: str) -> FootEvents:
         """Strikes and offs of one foot."""
         strikes = [e for e in self.events if e.side == side and e.moment is FootMoment.STRIKE]
-        offs = [e.time for e in self.events if e.side == side and e.moment is FootMoment.OFF]
-        return FootEvents(np.array([e.time for e in strikes]), np.array(offs), tuple(e.source for e in strikes))
+        offs = np.array(times_of(self.events, side, FootMoment.OFF))
+        return FootEvents(np.array([e.time for e in strikes]), offs, tuple(e.source for e in strikes))
 
 
 def trial_events(
@@ -132,11 +132,6 @@ def _of_their_foot(plates: Sequence[FootEvent], motion: Sequence[FootEvent], tim
         return unseen or min(abs(t - event.time) for t in of_foot) <= PLATE_AGREES
 
     return [event for event in plates if is_of_foot(event)]
-
-
-def times_of(events: Sequence[FootEvent], side: str, moment: FootMoment) -> list[float]:
-    """Times (s) of the events of one kind."""
-    return [e.time for e in events if e.side == side and e.moment is moment]
 
 
 def _further(

@@ -45,7 +45,7 @@ def own_error_of(errors: TorqueErrors, name: str) -> Array | None:
 
 @dataclass(frozen=True)
 class Extreme:
-    """The largest or smallest value of a moment."""
+    """The largest value of a moment."""
 
     value: float  # N·m/kg
     error: float | None  # N·m/kg, standard error
@@ -59,7 +59,6 @@ class MomentNumbers:
 
     name: str  # `hip_flexion_r`
     highest: Extreme | None  # over the valid frames of the stride that is drawn; None where there are none
-    lowest: Extreme | None
     change: float  # N·m/kg, RMS over all valid frames of the difference between calibrated and nominal model
     change_bwh: float  # the change in % of body weight times height
     peak: float  # N·m/kg, largest absolute value over all valid frames
@@ -94,18 +93,17 @@ def moment_numbers(
         moment, before = (moment_of(f, name) / subject.mass for f in (final, nominal))
         error = moment_of(errors, name) / subject.mass if errors else np.full(len(moment), np.nan)
         frames = np.flatnonzero(valid & layout.drawn(side))
-        extremes: list[Extreme | None] = []
-        for frame in (frames[moment[frames].argmax()], frames[moment[frames].argmin()]) if len(frames) else ():
+        highest = None
+        if len(frames):
+            frame = frames[moment[frames].argmax()]
             value, spread, time = float(moment[frame]), float(error[frame]), float(layout.time[frame])
             at = float(layout.main(side).percent(time)) if layout.by_cycle else time
-            extremes.append(Extreme(value, spread if np.isfinite(spread) else None, to_bwh * value, at))
+            highest = Extreme(value, spread if np.isfinite(spread) else None, to_bwh * value, at)
         change = float(np.sqrt(np.mean((moment - before)[valid] ** 2)))
-        highest, lowest = extremes or (None, None)
         numbers.append(
             MomentNumbers(
                 name=name,
                 highest=highest,
-                lowest=lowest,
                 change=change,
                 change_bwh=to_bwh * change,
                 peak=float(np.abs(moment[valid]).max()),

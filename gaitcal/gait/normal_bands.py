@@ -337,13 +337,13 @@ def norm_for(subject: Subject, speed: float | None) -> Norm:
     if speed is None:
         return Norm(steps=steps, remark="No norm of curves: no stride tells the speed, which chooses it.")
     relative = speed / np.sqrt(GRAVITY * length)
-    told = f"Walks at {speed:.2f} m/s, {relative:.2f} times √(g · leg length), {how}"
+    walk = f"Walks at {speed:.2f} m/s, {relative:.2f} times √(g · leg length), {how}"
     chosen = next((of for of in SPEEDS if SLOWEST <= relative < of.high), None)
     if chosen is None:
         limits = f"{SLOWEST:g} to {SPEEDS[-1].high:g}"
-        return Norm(steps=steps, remark=f"{told}: no norm of curves fits, those that gaitcal brings are of {limits}.")
+        return Norm(steps=steps, remark=f"{walk}: no norm of curves fits, those that gaitcal brings are of {limits}.")
     bands = read_normal_bands(chosen.name)
-    return Norm(bands=bands, steps=steps, words=sources(bands), remark=f"{told}: {chosen.words} speed. {MODEL}")
+    return Norm(bands=bands, steps=steps, words=sources(bands), remark=f"{walk}: {chosen.words} speed. {MODEL}")
 
 
 def own_norm(bands: Bands, name: str, subject: Subject) -> Norm:

@@ -30,7 +30,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from gaitcal.arrays import Array, IntArray
+from gaitcal.arrays import Array
 from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of, unit_of
 from gaitcal.gait.ensemble import spread
 from gaitcal.gait.spatiotemporal import LEAST_VALID
@@ -216,8 +216,9 @@ def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: floa
             case Figure.STRIKE:
                 out[peak.name] = (float(value[0]), float(error[0]), float(own[0]), 0.0)
             case _:
-                k = _turning(value if peak.figure is Figure.HIGHEST else -value, inside)
-                if k is not None:
+                signed = value if peak.figure is Figure.HIGHEST else -value
+                k = int(inside[np.nanargmax(signed[inside])])
+                if 0 < k < POINTS - 1 and signed[k] >= signed[k - 1] and signed[k] >= signed[k + 1]:
                     out[peak.name] = (float(value[k]), float(error[k]), float(own[k]), float(k))
     return out
 
@@ -234,12 +235,6 @@ def phase_peaks(curves: Mapping[str, tuple[Array, Array, Array]], phases: Sequen
             if np.isfinite(value[max(k - 1, 0) : k + 2]).all() and np.isfinite(value[inside]).mean() >= LEAST_SEEN:
                 out[peak.name] = (float(value[k]), float(error[k]), float(own[k]), float(k))
     return out
-
-
-def _turning(value: Array, inside: IntArray) -> int | None:
-    """Where a curve is highest in a window, if neither neighbour is above it; else None."""
-    k = int(inside[np.nanargmax(value[inside])])
-    return k if 0 < k < POINTS - 1 and value[k] >= value[k - 1] and value[k] >= value[k + 1] else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,10 +48,10 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.gait.cycles import CYCLE_RANGE, EventSource, FootEvents, between, is_stride, resample
 from gaitcal.gait.ensemble import spread
 from gaitcal.gait.event_clock import double_support
-from gaitcal.gait.events import SIDES, GaitEvents
+from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.moments import listed
 from gaitcal.gait.strides import turn_between, turns
-from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS
+from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
 
 PER_STRIDE: Final = 120.0  # two steps, sixty seconds
 LEAST_STRIDE: Final = 0.1  # m: feet that swing and get no further step on the spot, or on a belt that nothing tells of
@@ -285,13 +285,7 @@ def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...
     )
     return tuple(
         Finding(
-            severity=Severity.INFO,
-            topic="strides",
-            where=trial,
-            cause=cause,
-            found=f"{_named(found)}: {so}",
-            cure="",
-            code=code,
+            severity=Severity.INFO, topic="strides", where=trial, cause=cause, found=f"{_named(found)}: {so}", code=code
         )
         for code, found, cause, so in kinds
         if found

@@ -23,9 +23,9 @@ from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
-from gaitcal.gait.events import SIDES, GaitEvents
+from gaitcal.gait.events import GaitEvents
 from gaitcal.model.chain import chain_of, forward, jacobian, segment_poses
-from gaitcal.model.linkage import PELVIS_ANGLES, coordinates_before
+from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, coordinates_before
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import Motion
 

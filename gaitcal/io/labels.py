@@ -117,6 +117,11 @@ class FootEvent:
     """s, on the clock of the recording."""
 
 
+def times_of(events: Iterable[FootEvent], side: str, moment: FootMoment) -> list[float]:
+    """Times (s) of the events of one kind."""
+    return [e.time for e in events if e.side == side and e.moment is moment]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Facts:
     """What a file says about the person; None, or no entry for a side, where it says nothing."""

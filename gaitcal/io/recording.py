@@ -93,6 +93,12 @@ def seen_mask(markers: Array) -> BoolArray:
     return np.asarray(np.isfinite(markers).all(axis=2), dtype=np.bool_)
 
 
+def seen_means(paths: Mapping[str, Array]) -> dict[str, Array]:
+    """Name -> (3,) m, mean of a path (nf, 3) over the frames in which it is known; without those that never are."""
+    known = {name: path[np.isfinite(path).all(axis=1)] for name, path in paths.items()}
+    return {name: path.mean(axis=0) for name, path in known.items() if len(path)}
+
+
 def zeros_to_missing(markers: Array) -> tuple[Array, tuple[str, ...]]:
     """Markers (nf, nm, 3) with the literal 0 0 0 that some programs write for a gap made NaN, and a note if any was.
 

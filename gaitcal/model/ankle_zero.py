@@ -169,10 +169,10 @@ def _doubt(foot: _Foot, other: _Foot) -> str:
     lifted = _off_the_floor(foot, other)
     if foot.by_file is not None:
         off = np.rad2deg(foot.by_file - foot.by_sole)
-        words = (
+        message = (
             f"the file's static plantarflexion angle has it {abs(off):.0f} deg more {'dorsi' if off > 0 else 'plantar'}"
         )
-        return f"{words}flexed than a foot with its sole on the floor" if foot.disagrees and not lifted else ""
+        return f"{message}flexed than a foot with its sole on the floor" if foot.disagrees and not lifted else ""
     told_by_other = lifted and np.sin(other.slope) >= -HIGH
     if foot.slope >= -STEEP or told_by_other:
         return ""

@@ -150,27 +150,27 @@ def mass_shares(sex: str, age: float | None) -> dict[str, float]:
 
 def table_words(subject: Subject) -> str:
     """The table that the nominal masses are from, and what speaks against it."""
-    words = f"de Leva 1996, {subject.sex or 'the mean of women and men, as nobody says the sex'}"
+    source = f"de Leva 1996, {subject.sex or 'the mean of women and men, as nobody says the sex'}"
     if unknown := _unknown_spread(subject):
         thigh, trunk = 100 * unknown.get("thigh.mass", 0.0), 1e3 * unknown["head_trunk.com.sup"]
-        words += f"; what is not known of the person counts as an error, {thigh:.0f} % of the mass of a thigh and "
-        words += f"{trunk:.0f} mm of the trunk's mass centre among it"
+        source += f"; what is not known of the person counts as an error, {thigh:.0f} % of the mass of a thigh and "
+        source += f"{trunk:.0f} mm of the trunk's mass centre among it"
     youngest, adult = youngest_and_adult_age()
     if subject.age is not None and subject.age < adult:
-        words += f"; masses changed to {max(subject.age, youngest):g} years of age by Jensen 1989, measured on boys"
+        source += f"; masses changed to {max(subject.age, youngest):g} years of age by Jensen 1989, measured on boys"
         if subject.age < youngest:
-            words += f" of {youngest:g} years and more: the person is {subject.age:g} years old"
+            source += f" of {youngest:g} years and more: the person is {subject.age:g} years old"
     elif looks_like_child(subject):
         more = child_spread(subject)
-        words += (
+        source += (
             f"; a table of adults, though {subject.height:.2f} m looks like a child's, with "
             f"{subject.mass:.0f} kg, and no age is known: its masses count as less certain, "
             f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for head and trunk, as "
             f"those of children of {supposed_age(subject):g} differ (Jensen 1989); age_years tells which table to use"
         )
     elif subject.age is None:
-        words += "; a table of adults: no age is known"
-    return words
+        source += "; a table of adults: no age is known"
+    return source
 
 
 def child_spread(subject: Subject) -> dict[str, float]:

@@ -187,17 +187,17 @@ def likely_height(p: Landmarks) -> tuple[float, float] | None:
     Each length tells a height with the deviation that its share has among people. Whoever has long thighs has long
     shanks, too: the errors are taken as if they went wholly together. (Eleven people: 3.5 % RMS, 4.8 % claimed.)
     """
-    told = []
+    heights = []
     for name in ("shank", "medial shank", "ASIS to knee"):
         a, b, mean, sd = LENGTHS[name]
         pairs = [(p[f"{a}_{s}"], p[f"{b}_{s}"]) for s in SIDES if {f"{a}_{s}", f"{b}_{s}"} <= set(p)]
-        told += [(math.dist(*pair) / mean, sd / mean) for pair in pairs]
+        heights += [(math.dist(*pair) / mean, sd / mean) for pair in pairs]
     share, sd = HIP_HEIGHT
     standing = [s for s in SIDES if {f"asis_{s}", f"ankle_lat_{s}"} <= set(p)]
-    told += [(float(p[f"asis_{s}"][1] - p[f"ankle_lat_{s}"][1]) / share, sd / share) for s in standing]
-    if not told:
+    heights += [(float(p[f"asis_{s}"][1] - p[f"ankle_lat_{s}"][1]) / share, sd / share) for s in standing]
+    if not heights:
         return None
-    height, relative = np.array(told).T
+    height, relative = np.array(heights).T
     weight = relative**-2 / (relative**-2).sum()
     return float(weight @ height), float(weight @ height * (weight @ relative))
 
@@ -313,12 +313,12 @@ def moved(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
         return
     for joint, beyond in BEYOND.items():
         for side in SIDES:
-            own = [f"{name}_{side}" for name in beyond if f"{name}_{side}" in p]
+            points = [f"{name}_{side}" for name in beyond if f"{name}_{side}" in p]
             centre = [p[f"{name}_{side}"] for name in CENTRE[joint] if f"{name}_{side}" in p]
-            if not own or not centre:
+            if not points or not centre:
                 continue
             origin = np.mean(centre, axis=0)
             for axis in axes.T:
                 R = pin.exp3(np.deg2rad(STEP_DEG) * axis)
-                yield {**p, **{n: origin + R @ (p[n] - origin) for n in own}}, TURN_DEG / STEP_DEG
-                yield {**p, **{n: p[n] + STEP_M * axis for n in own}}, SHIFT_M / STEP_M
+                yield {**p, **{n: origin + R @ (p[n] - origin) for n in points}}, TURN_DEG / STEP_DEG
+                yield {**p, **{n: p[n] + STEP_M * axis for n in points}}, SHIFT_M / STEP_M

@@ -36,7 +36,7 @@ from gaitcal.model.linkage import (
     joint_elements,
     root_elements,
 )
-from gaitcal.model.parameters import JP_INDEX
+from gaitcal.model.parameters import JP_INDEX, Parameters
 
 
 class _Step(NamedTuple):
@@ -215,13 +215,13 @@ def axis_rotation(axis: int, angle: float) -> Array:
 
 
 def root_angles(r: Array) -> Array:
-    """(nf, 3) a, b, c of rotations (nf, 3, 3) Rz(a) Rx(b) Ry(c): tilt, list and rotation of a root segment."""
+    """(..., 3) a, b, c of rotations (..., 3, 3) Rz(a) Rx(b) Ry(c): tilt, list and rotation of a root segment."""
     angles = (
-        np.arctan2(-r[:, 0, 1], r[:, 1, 1]),
-        np.arcsin(np.clip(r[:, 2, 1], -1.0, 1.0)),
-        np.arctan2(-r[:, 2, 0], r[:, 2, 2]),
+        np.arctan2(-r[..., 0, 1], r[..., 1, 1]),
+        np.arcsin(np.clip(r[..., 2, 1], -1.0, 1.0)),
+        np.arctan2(-r[..., 2, 0], r[..., 2, 2]),
     )
-    return np.stack(angles, axis=1)
+    return np.stack(angles, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -311,6 +311,14 @@ def segment_poses(chain: Chain, constants: ChainConstants, poses: Poses) -> tupl
     """Segment axes (ns, 3, 3, nf) (axis j of segment s in [s, j]) and origins (ns, 3, nf), m."""
     both = segment_transforms(chain, constants, poses)
     return both[:, :3], both[:, 3]
+
+
+def body_poses(parameters: Parameters, q: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Of the whole body at coordinates (nf, nq): segment -> axes (3, 3, nf), one a row, and origin (3, nf) m."""
+    chain = chain_of()
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
+    return dict(zip(chain.segments, axes, strict=True)), dict(zip(chain.segments, origins, strict=True))
 
 
 def jacobian(chain: Chain, constants: ChainConstants, poses: Poses, secondary: SecondaryMotion | None = None) -> Array:

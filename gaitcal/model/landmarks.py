@@ -17,7 +17,6 @@ trials of two hospitals the corner lies within 0.1 mm of the knee marker that Vi
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -26,7 +25,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.codes import Code
 from gaitcal.errors import InputError, nearest
-from gaitcal.io.recording import Recording
+from gaitcal.io.recording import Recording, seen_means
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet, instead_of
 
@@ -66,8 +65,7 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
     Raises InputError: A required landmark is missing; the message names its marker and what would do instead.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
-    means = {m: _mean(recording.markers[window, column[m]]) for m in marker_set.labels if m in column}
-    markers = {label: mean for label, mean in means.items() if np.isfinite(mean).all()}
+    markers = seen_means({m: recording.markers[window, column[m]] for m in marker_set.labels if m in column})
     landmarks: dict[str, Array] = {}
     absent: dict[str, tuple[str, ...]] = {}
     for name, labels in marker_set.landmarks.items():
@@ -136,13 +134,6 @@ def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
     return p[PARTNER[name]] + (step if name.startswith("toe") else -step)
 
 
-def _mean(track: Array) -> Array:
-    """(3,) m, of (nf, 3) where it was seen; NaN where it never was."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen, which the caller tells
-        return np.asarray(np.nanmean(track, axis=0), dtype=np.float64)
-
-
 def _hips(
     recording: Recording, landmarks: Mapping[str, Array], window: slice
 ) -> tuple[dict[str, Array], dict[str, str]]:
@@ -151,11 +142,10 @@ def _hips(
     if recording.computed is not None:
         tracks = {n: recording.computed.points[:, i] for i, n in enumerate(recording.computed.labels)} | tracks
     places, names = {}, {}
-    for side, label in labelled_hips(tracks).items():
-        mean = _mean(tracks[label][window])
-        if np.isfinite(mean).all():
-            measured = label in recording.labels
-            places[side], names[side] = mean, label if measured else f"{label} (computed by another program)"
+    labels = labelled_hips(tracks)
+    for side, mean in seen_means({side: tracks[label][window] for side, label in labels.items()}).items():
+        by = "" if labels[side] in recording.labels else " (computed by another program)"
+        places[side], names[side] = mean, f"{labels[side]}{by}"
     for side in SIDES:
         if f"hjc_{side}" in landmarks:
             places[side], names[side] = landmarks[f"hjc_{side}"], f"landmark hjc_{side}"
@@ -263,9 +253,9 @@ def is_device(axis: Array, second: Array, third: Array) -> bool:
     """Whether three markers (nf, 3) m, NaN where not seen, are as far from each other as those of a device."""
     distances = _distances(axis, second, third)
     distances = distances[np.isfinite(distances).all(axis=1)]
-    usual = np.median(distances, axis=0) if len(distances) else np.full(3, np.nan)
-    mean = float(usual.mean())
-    return bool(SIZE_M[0] <= mean <= SIZE_M[1] and np.abs(usual - mean).max() <= EQUAL * mean)
+    typical = np.median(distances, axis=0) if len(distances) else np.full(3, np.nan)
+    mean = float(typical.mean())
+    return bool(SIZE_M[0] <= mean <= SIZE_M[1] and np.abs(typical - mean).max() <= EQUAL * mean)
 
 
 def _distances(a: Array, b: Array, c: Array) -> Array:

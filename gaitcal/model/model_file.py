@@ -49,7 +49,6 @@ _ARRAYS = {"joint_parameters": "joint", "zero_angles": "zero_angles", "inertial_
 _MEASURED = {"age": ("age_years", "kg"), "asis_distance": ("asis_distance_mm", "mm")}
 _MEASURED |= {"marker_diameter": ("marker_diameter_mm", "mm")}
 """Field of a subject that may be unknown -> its name in the file, and its unit there (years: as they are)."""
-
 _HEADER = """\
 # A person's linkage model. Frames: x anterior, y superior, z to the right, on both sides; ant sup lat = x y z,
 # front trans sag = turns about x y z. `value` is in use, `nominal` what calibration started from. All digits count.
@@ -156,10 +155,9 @@ def model_text(model: SubjectModel) -> str:
         *([f"height_error_m = {_text(s.height_error, 'm')}"] if s.height_error else []),
         *(f"{name} = {_text(value, unit)}" for name, (value, unit) in measured.items() if value is not None),
     ]
-    sided = {"knee_width": s.knee_width, "ankle_width": s.ankle_width, "leg_length": s.leg_length}
-    for name, lengths in sided.items():
-        inner = ", ".join(f"{side} = {_text(length, 'mm')}" for side, length in lengths.items())
-        lines += [f"{name}_mm = {{ {inner} }}"] if lengths else []
+    for field in ("knee_width", "ankle_width", "leg_length"):
+        inner = ", ".join(f"{side} = {_text(length, 'mm')}" for side, length in getattr(s, field).items())
+        lines += [f"{field}_mm = {{ {inner} }}"] if inner else []
     lines += [f"session = {toml_value(s.session)}"] if s.session else []
     lines += [f"record = {toml_value(s.record.known)}"] if s.record.known else []
     for table, (names, units, words) in _TABLES.items():

@@ -52,7 +52,7 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameter
 from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, lower_body, sign
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-from gaitcal.model.trunk import ArmJoints, upper_body
+from gaitcal.model.trunk import UpperBody, upper_body
 from gaitcal.runtime import with_one_blas_thread
 
 __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]
@@ -120,7 +120,7 @@ def nominal_model(
     body = upper_body(posture, marker_set, legs, subject)
     frames, centres = legs.frames | body.frames, legs.centres | body.centres
     standing = standing_ankles(posture, legs, static.facts.static_plantarflexion, ankle_zero)
-    joint, zero = nominal_joint_parameters(frames, centres, body.arms, standing.dorsiflexion)
+    joint, zero = nominal_joint_parameters(frames, centres, body, standing.dorsiflexion)
     inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres))
     parameters = Parameters(joint, inertial, zero)
     # segments of the legs that may do without markers and of which none was seen
@@ -224,13 +224,13 @@ def _placement(
 
 
 def nominal_joint_parameters(
-    frames: dict[str, Frame], centres: dict[str, Array], arms: ArmJoints, dorsiflexion: Mapping[str, float]
+    frames: dict[str, Frame], centres: dict[str, Array], body: UpperBody, dorsiflexion: Mapping[str, float]
 ) -> tuple[Array, Array]:
     """Joint parameters (np,) and zero angles (nz,), m and rad.
 
     `frames`: all segments but the tali.
     `centres`: `lumbar`, and for each side `hjc kjc ajc sjc ejc`, (3,) m in the laboratory.
-    `arms`: turn of the shoulders, axes of the elbows.
+    `body`: turn of the shoulders, axes of the elbows.
     `dorsiflexion`: side -> rad, ankle angle of the static posture.
     """
     values = {
@@ -240,11 +240,11 @@ def nominal_joint_parameters(
     }
     zero: dict[str, float] = {}
     for side in SIDES:
-        values[f"shoulder_{side}.upperarm.trans"] = arms.shoulder_turn[side]
+        values[f"shoulder_{side}.upperarm.trans"] = body.shoulder_turn[side]
         knee_axis = frames[f"thigh_{side}"].rotation[:, 2]
         for hinge, segment, axis in (
             (f"knee_{side}.shank", f"shank_{side}", knee_axis),
-            (f"elbow_{side}.forearm", f"forearm_hand_{side}", arms.elbow_axis[side]),
+            (f"elbow_{side}.forearm", f"forearm_hand_{side}", body.elbow_axis[side]),
         ):
             a = frames[segment].rotation.T @ axis
             values[f"{hinge}.front"] = np.arctan2(-a[1], a[2])

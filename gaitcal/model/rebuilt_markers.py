@@ -37,13 +37,13 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, seen_mask, seen_means
 from gaitcal.io.still import runs, spans, still_window
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, segment_kind
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.point_noise import PointNoise
 from gaitcal.model.present_markers import path_of
-from gaitcal.model.segment_frames import HipCentre, hip_centre, off_line, pelvis_frame, rigid_motions
+from gaitcal.model.segment_frames import HipCentre, hip_centre, off_line, pelvis_frame, place_variance, rigid_motions
 
 FEWEST = 3  # points that tell how a segment is turned
 FLAT_M = 0.012  # RMS distance from their line that companions must have: the turn about a line is not told by less
@@ -111,7 +111,8 @@ def rebuild_lost(
     except InputError:
         return Rebuilding(static=static)  # told where the model is made
     sources = [(name, static), *others]
-    standing, known = _means(static, window), set(marker_set.labels)
+    standing = seen_means({label: static.markers[window, k] for k, label in enumerate(static.labels)})
+    known = set(marker_set.labels)
     found, left = list[RebuiltMarker](), dict[str, str]()
     for label in _wanted(marker_set):
         showing = [(trial, recording) for trial, recording in sources if _shows(recording, label)]
@@ -151,13 +152,6 @@ def _shows(recording: Recording, label: str) -> bool:
     return label in recording.labels and bool(np.isfinite(path_of(recording, label)).any())
 
 
-def _means(recording: Recording, window: slice) -> dict[str, Array]:
-    """Label -> (3,) m, mean over the window, of the markers seen there."""
-    seen = seen_mask(recording.markers[window])
-    tracks = {label: recording.markers[window, k][seen[:, k]] for k, label in enumerate(recording.labels)}
-    return {label: track.mean(axis=0) for label, track in tracks.items() if len(track)}
-
-
 def _attempt(
     label: str, marker_set: MarkerSet, standing: Mapping[str, Array], trial: str, recording: Recording
 ) -> RebuiltMarker | str:
@@ -191,7 +185,7 @@ def _attempt(
         companions=tuple(names),
         trial=trial,
         frames=len(frames),
-        uncertainty=float(np.sqrt(scatter + differs * _lever(at, place))),
+        uncertainty=float(np.sqrt(scatter + differs * place_variance(at, place))),
     )
 
 
@@ -220,18 +214,10 @@ def _carried(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
     """(nf, 3) path of a place (3,) fixed to points, each a place (3,) and a path (nf, 3); NaN where one is not seen."""
     at, ways = np.array([point for point, _ in points]), np.stack([path for _, path in points], axis=1)
     out = np.full((len(ways), 3), np.nan)
-    seen = np.isfinite(ways).all(axis=(1, 2))
-    rotation, origin = rigid_motions(at, ways[seen])
-    out[seen] = rotation @ place + origin
+    visible = np.isfinite(ways).all(axis=(1, 2))
+    rotation, origin = rigid_motions(at, ways[visible])
+    out[visible] = rotation @ place + origin
     return out
-
-
-def _lever(points: Array, place: Array) -> float:
-    """1/n + trace([r] I^-1 [r]^T) / 3: variance of a place (3,) for one of every point (n, 3) that carries it."""
-    away, r = points - points.mean(axis=0), place - points.mean(axis=0)
-    inertia = np.eye(3) * (away**2).sum() - away.T @ away
-    cross = np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
-    return 1.0 / len(points) + float(np.trace(cross @ np.linalg.pinv(inertia) @ cross.T)) / 3.0
 
 
 def _joint_above(
@@ -308,18 +294,18 @@ def without_outliers(recording: Recording, segment_of: Mapping[str, str]) -> tup
     found, away = _outliers(recording, segment_of)
     if not found.any():
         return recording, ()
-    seen = seen_mask(recording.markers)
+    visible = seen_mask(recording.markers)
     outliers = tuple(
         Outlier(
             label=recording.labels[k],
             frames=int(found[:, k].sum()),
-            of=int(seen[:, k].sum()),
+            of=int(visible[:, k].sum()),
             farthest=float(away[found[:, k], k].max()),
             when=spans(recording.time, runs(found[:, k])),
         )
         for k in np.flatnonzero(found.any(axis=0))
     )
-    kept = [k for k in range(len(recording.labels)) if not found[:, k].any() or (seen[:, k] & ~found[:, k]).any()]
+    kept = [k for k in range(len(recording.labels)) if not found[:, k].any() or (visible[:, k] & ~found[:, k]).any()]
     masked = np.where(found[:, :, None], np.nan, recording.markers)
     note = f"Markers left out where they are metres away from the body: {'; '.join(o.words for o in outliers)}."
     labels = tuple(recording.labels[k] for k in kept)
@@ -328,8 +314,8 @@ def without_outliers(recording: Recording, segment_of: Mapping[str, str]) -> tup
 
 def _outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[BoolArray, Array]:
     """(nf, nm) where a marker is out of reach, and how far (m) each is from the median of the markers around it."""
-    x, seen = recording.markers, seen_mask(recording.markers)
-    out, away = np.zeros_like(seen), np.full(seen.shape, np.nan)
+    x, visible = recording.markers, seen_mask(recording.markers)
+    out, away = np.zeros_like(visible), np.full(visible.shape, np.nan)
     of_marker = np.array([segment_of.get(label, "") for label in recording.labels])
     known = np.flatnonzero(of_marker != "")
     if len(known) < FEWEST_AROUND:
@@ -340,7 +326,7 @@ def _outliers(recording: Recording, segment_of: Mapping[str, str]) -> tuple[Bool
         centre = _median(x[:, known if few else around])
         away[:, on] = np.linalg.norm(x[:, on] - centre[:, None], axis=2)
         out[:, on] = away[:, on] > (REACH_BODY_M if few else REACH_M)
-    out[out.sum(axis=1) > MOST_SHARE * np.maximum(seen[:, known].sum(axis=1), 1)] = False
+    out[out.sum(axis=1) > MOST_SHARE * np.maximum(visible[:, known].sum(axis=1), 1)] = False
     return out, away
 
 
@@ -400,6 +386,6 @@ def without_spikes(recording: Recording, noise: PointNoise | None = None) -> tup
         return recording, {}
     farthest = np.where(out[2:-2], away, 0.0).max(axis=0)
     found = {recording.labels[k]: (int(out[:, k].sum()), float(farthest[k])) for k in np.flatnonzero(out.any(axis=0))}
-    words = (f"{label} {n} frames, up to {1e3 * far:.0f} mm" for label, (n, far) in found.items())
-    note = f"Single positions out of line with their neighbours are left out: {'; '.join(words)}."
+    entries = (f"{label} {n} frames, up to {1e3 * far:.0f} mm" for label, (n, far) in found.items())
+    note = f"Single positions out of line with their neighbours are left out: {'; '.join(entries)}."
     return replace(recording, markers=np.where(out[:, :, None], np.nan, x)).with_notes(note), found

@@ -120,11 +120,26 @@ def sign(side: str) -> float:
 def rigid_motions(points: Array, paths: Array) -> tuple[Array, Array]:
     """R (nf, 3, 3) and o (nf, 3) of the rigid motions of points (n, 3) nearest to paths (nf, n, 3), Kabsch 1976."""
     middle, middles = points.mean(axis=0), paths.mean(axis=1)
-    spread = np.einsum("fni,nj->fij", paths - middles[:, None], points - middle)
-    u, _, vt = np.linalg.svd(spread)
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    rotation = u @ vt
+    rotation = nearest_rotation(np.einsum("fni,nj->fij", paths - middles[:, None], points - middle))
     return rotation, middles - rotation @ middle
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """(..., 3, 3) rotations nearest to matrices (..., 3, 3)."""
+    u, _, vt = np.linalg.svd(matrix)
+    u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    return u @ vt
+
+
+def place_variance(points: Array, place: Array) -> float:
+    """Variance of a place (3,) that points (n, 3) carry, for one of every point: 1/n + trace([r] I^-1 [r]^T) / 3.
+
+    I is the inertia of n unit masses at the points, r the way from their middle to the place.
+    """
+    away, (x, y, z) = points - points.mean(axis=0), place - points.mean(axis=0)
+    inertia = np.eye(3) * (away**2).sum() - away.T @ away
+    lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return 1.0 / len(points) + float(np.trace(lever @ np.linalg.pinv(inertia) @ lever.T)) / 3.0
 
 
 def off_line(points: Array) -> float:
@@ -333,10 +348,10 @@ def centre_notes(posture: StaticPosture, widths: JointWidths) -> list[str]:
             notes.append(f"{joint}, {where}: no medial marker; its centre is assumed {at}, and {along}")
     for (joint, side), width in widths.measured.items():
         if not widths.is_measured(joint, side):
-            usual = 2e3 * half_width(joint, widths.height)
+            expected_mm = 2e3 * half_width(joint, widths.height)
             notes.append(
                 f"{joint}, {SIDE_WORDS[side]}: a width of {1e3 * width:.0f} mm is not used: found, that is, "
-                f"{1e3 * width / usual:.1f} times the {usual:.0f} mm of a person of this height; allowed: "
+                f"{1e3 * width / expected_mm:.1f} times the {expected_mm:.0f} mm of a person of this height; allowed: "
                 f"{PLAUSIBLE_WIDTH[0]:g} to {PLAUSIBLE_WIDTH[1]:g} times"
             )
     return notes

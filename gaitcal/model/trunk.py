@@ -96,12 +96,12 @@ def trunk_of(posture: StaticPosture, marker_set: MarkerSet, pelvis: Frame, lumba
     `pelvis`, `lumbar`: frame of the pelvis and (3,) m lumbar joint in the static posture.
     `subject`: whose height and sex give the proportions where no acromion is known.
     """
-    seen = any(m in posture.markers and marker_set.weight(m) > 0 for m in marker_set.tracking.get("head_trunk", ()))
+    shown = any(m in posture.markers and marker_set.weight(m) > 0 for m in marker_set.tracking.get("head_trunk", ()))
     shoulders, z, notes = _shoulders(posture, pelvis, lumbar, subject)
     y = unit(0.5 * (shoulders["sjc_r"] + shoulders["sjc_l"]) - lumbar)
-    if not seen:
+    if not shown:
         notes = ("head and trunk are taken to stand upright, as no marker with weight shows them",)
-    return Trunk(frame=frame_yz(lumbar, y, z), shoulders=shoulders, seen=seen, notes=notes)
+    return Trunk(frame=frame_yz(lumbar, y, z), shoulders=shoulders, seen=shown, notes=notes)
 
 
 def _shoulders(
@@ -185,21 +185,14 @@ RAISED = np.deg2rad(45.0)
 BENT = 1.5  # distance of the elbow marker from the line shoulder-wrist, in half elbow widths, for the plane to be used
 
 
-@dataclass(frozen=True)
-class ArmJoints:
-    """What the arms' frames alone do not tell of their joints."""
-
-    shoulder_turn: dict[str, float]  # side -> `shoulder.upperarm.trans`, rad
-    elbow_axis: dict[str, Array]  # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
-
-
 @dataclass(frozen=True, kw_only=True)
 class UpperBody:
     """Frames and joint centres of trunk and arms, laboratory."""
 
     frames: dict[str, Frame]
     centres: dict[str, Array]  # `sjc ejc wjc` of both sides, (3,) m
-    arms: ArmJoints
+    shoulder_turn: dict[str, float]  # side -> `shoulder.upperarm.trans`, rad
+    elbow_axis: dict[str, Array]  # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
     raised: tuple[str, ...]  # sides whose arm is raised sideways in the static trial
     frozen_segments: tuple[str, ...]
     notes: tuple[str, ...]
@@ -217,8 +210,8 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
         """Why a segment of an arm cannot be measured; nothing where it can."""
         if not posture.has(landmark):
             return posture.why_not(landmark)
-        seen = any(label in posture.markers for label in marker_set.tracking.get(segment, ()))
-        return "" if seen else "no tracking marker was seen"
+        shown = any(label in posture.markers for label in marker_set.tracking.get(segment, ()))
+        return "" if shown else "no tracking marker was seen"
 
     for side in SIDES:
         upper_arm, forearm = f"upper_arm_{side}", f"forearm_hand_{side}"
@@ -248,7 +241,8 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
     return UpperBody(
         frames=frames,
         centres=centres,
-        arms=ArmJoints(turn, axis),
+        shoulder_turn=turn,
+        elbow_axis=axis,
         raised=tuple(raised),
         frozen_segments=tuple(frozen),
         notes=tuple(notes),

@@ -149,7 +149,7 @@ class DenseMotion:
         rough = smoothing(basis, self.information, self.highest)
         self.problem = replace(cut, basis=basis, smoothing=rough)
         start = starting_nodes(cut.chain, constants, cut.data, basis)
-        self.coefficients = track_nodes(self.problem, constants, start, LOOSE).coefficients
+        self.coefficients = track_nodes(self.problem, constants, start, LOOSE).x
         """(nn, nq) m, rad."""
         residual = self.problem.positions(self.coefficients, constants) - cut.data.measured
         self.residual = (np.sqrt(cut.data.weight)[:, None] * residual).reshape(-1, len(frames)).T

@@ -212,9 +212,14 @@ def coordinates_asked(
 
 def undetermined(asked: Sequence[str], coordinates: tuple[str, ...], hessians: Array) -> tuple[str, ...]:
     """Those of the coordinates `asked` that frames with Gauss-Newton matrices (nf, nq, nq), m^2, leave uncertain."""
-    inverse = np.linalg.inv(hessians / MARKER_M**2 + np.eye(len(coordinates)) / WIDEST**2)
-    s = np.sqrt(np.median(np.diagonal(inverse, axis1=1, axis2=2), axis=0))
+    s = np.sqrt(np.median(left_uncertain(hessians) ** 2, axis=0))
     return tuple(name for name in asked if s[coordinates.index(name)] > np.deg2rad(DEVIATION[name]))
+
+
+def left_uncertain(hessians: Array) -> Array:
+    """(nf, nq) m, rad: s_f of frames with Gauss-Newton matrices (nf, nq, nq), m^2."""
+    inverse = np.linalg.inv(hessians / MARKER_M**2 + np.eye(hessians.shape[1]) / WIDEST**2)
+    return np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
 
 
 def joints_left_open(guessed: Sequence[str]) -> frozenset[str]:

@@ -21,7 +21,7 @@ k and c keep 95 % efficiency when the three coordinates of a residual are Gaussi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 
@@ -30,11 +30,10 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import ChainConstants
-from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import ArrowEquations, BandFactor
-from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
 from gaitcal.motion.rigid import rigid_distances
 from gaitcal.motion.spline import HALF_POWER, NodeRule, SplineBasis, cutoff
 from gaitcal.motion.start import starting_nodes
@@ -45,36 +44,19 @@ LARGE_BYTES = 2**27  # of a normal matrix above which only one is held at a time
 NOTHING_LEFT_M = 1e-14  # m, RMS residual below which there is nothing left to fit
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tracked:
-    """The end of a tracking run."""
-
-    coefficients: Array  # (nn, nq) m, rad
-    cost: float  # m^2; where the last step was taken on its prediction alone, that of the nodes before it
-    steps: int
-    ending: Ending
-    curved: bool  # whether it ended with Newton's steps
-
-    @property
-    def converged(self) -> bool:
-        """Whether it reached its tolerance."""
-        return self.ending.converged
-
-
 def track_nodes(
     problem: MotionProblem,
     constants: ChainConstants,
     start: Array,
     settings: DescentSettings | None = None,
     known: BandFactor | None = None,
-) -> Tracked:
-    """Minimise the weighted sum of squared marker distances over the coefficients, starting at `start` (nn, nq).
+) -> Descent[Evaluation, BandFactor]:
+    """Minimise the weighted sum of squared marker distances over the coefficients x (nn, nq), starting at `start`.
 
     `known`: the factor of a matrix that serves at `start`, if there is one: it does not depend on the markers.
     """
     end = descend(_Tracking(problem, constants), start.ravel(), settings or DescentSettings(), known)
-    coefficients = end.x.reshape(start.shape)
-    return Tracked(coefficients=coefficients, cost=end.cost, steps=end.steps, ending=end.ending, curved=end.curved)
+    return replace(end, x=end.x.reshape(start.shape), factor=None)  # a large factor makes room
 
 
 class _Tracking:
@@ -170,9 +152,9 @@ class MarkerErrors:
 
     def kept(self, *segments: str) -> BoolArray:
         """(nm,) markers with weight that were seen at all, of some segments or all."""
-        seen = np.isfinite(self.distance).any(axis=0)
+        visible = np.isfinite(self.distance).any(axis=0)
         here = np.array([not segments or s in segments for s in self.segments], dtype=bool)
-        return (self.weight > 0) & seen & here
+        return (self.weight > 0) & visible & here
 
     def largest(self) -> tuple[float, str] | None:
         """Largest distance (m) over markers with weight, and which marker."""
@@ -251,10 +233,10 @@ def tracked_motion(problem: MotionProblem, parameters: Parameters, settings: Des
     constants = problem.constants(parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     tracked = track_nodes(problem, constants, start, settings)
-    again = problem.followed(tracked.coefficients)
+    again = problem.followed(tracked.x)
     if again is not problem:  # what an undetermined trunk does hangs on the pelvis, which is known now
-        tracked = track_nodes(again, constants, tracked.coefficients, settings)
-    return motion_of(problem, parameters, tracked.coefficients, converged=tracked.converged)
+        tracked = track_nodes(again, constants, tracked.x, settings)
+    return motion_of(problem, parameters, tracked.x, converged=tracked.converged)
 
 
 def rigid_floor(problem: MotionProblem) -> MarkerErrors:
@@ -275,15 +257,7 @@ def _errors(problem: MotionProblem, distance: Array) -> MarkerErrors:
 
 
 @with_one_blas_thread
-def track(
-    model: SubjectModel,
-    recording: Recording,
-    *,
-    rule: NodeRule | None = None,
-    root: str = "pelvis",
-    segments: tuple[str, ...] = SEGMENTS,
-    settings: DescentSettings | None = None,
-) -> Motion:
+def track(model: SubjectModel, recording: Recording, *, rule: NodeRule | None = None) -> Motion:
     """Track the markers of a recording with a person's model: 27 quintic splines that bring the model's markers
     nearest to the measured ones, over all frames at once.
 
@@ -292,16 +266,14 @@ def track(
     model : the person's model, nominal or calibrated.
     recording : markers in m, y up; gaps are NaN and get no weight.
     rule : number of spline nodes; 20 spans a second unless given (`NODES_PER_SECOND`).
-    root, segments : a part of the linkage to track alone.
-    settings : when to stop, and how outliers are treated.
 
     Raises
     ------
     InputError
         Too few markers of a segment are seen, or the recording is too short for its nodes.
     """
-    problem = trial_problem(recording.source, model, recording, rule or NodeRule(), root=root, segments=segments)
-    return tracked_motion(problem, model.parameters, settings)
+    problem = trial_problem(recording.source, model, recording, rule or NodeRule())
+    return tracked_motion(problem, model.parameters)
 
 
 HUBER = 1.7
@@ -335,9 +307,7 @@ class RobustTracking:
     problem: MotionProblem  # with the weights w f(u)
     factor: Array  # (nm, nf) f(u); 1 where a marker was not seen or has no weight
     scale: float  # m, s
-    tracked: Tracked
-    rounds: int
-    settled: bool
+    tracked: Descent[Evaluation, BandFactor]
 
     @property
     def outliers(self) -> BoolArray:
@@ -368,13 +338,13 @@ def robust_tracking(
     scale, settled, count = LEAST_SCALE, False, 0
     while count < MOST_ROUNDS and not settled:
         shape = Loss.HUBER if begun + count < FIRST_ROUNDS else loss
-        residual = problem.positions(tracked.coefficients, constants) - problem.data.measured
+        residual = problem.positions(tracked.x, constants) - problem.data.measured
         standardised = np.sqrt(weight)[:, None] * residual
         scale = residual_scale(standardised.transpose(0, 2, 1)[used])
         changed = np.where(used, shape.factor(np.linalg.norm(standardised, axis=1) / scale), 1.0)
         settled = shape is loss and float(np.abs(changed - present).max(initial=0.0)) < SETTLED
         present = changed
         weighted = problem.with_weight(weight * present)
-        tracked = track_nodes(weighted, constants, tracked.coefficients)
+        tracked = track_nodes(weighted, constants, tracked.x)
         count += 1
-    return RobustTracking(problem=weighted, factor=present, scale=scale, tracked=tracked, rounds=count, settled=settled)
+    return RobustTracking(problem=weighted, factor=present, scale=scale, tracked=tracked)

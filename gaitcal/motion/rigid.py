@@ -17,6 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.model.segment_frames import nearest_rotation
+from gaitcal.model.subject_model import MarkerPlacement
 from gaitcal.motion.marker_residual import MarkerData
 
 COLLINEAR = 1e-3
@@ -41,6 +44,22 @@ def rigid_fit(local: Array, measured: Array, weight: Array) -> RigidFit:
     determined = ((weight > 0).sum(axis=0) >= FEWEST_MARKERS) & two_dimensional
     origin = x_mean - np.einsum("ijf,jf->if", rotation, l_mean)
     return RigidFit(np.ascontiguousarray(rotation.transpose(2, 0, 1)), origin.T.copy(), determined)
+
+
+def segment_fit(markers: MarkerPlacement, segment: str, recording: Recording) -> RigidFit | None:
+    """Of the markers on a segment that a recording names; None of fewer than three, or where none of it shows its turn.
+
+    Every marker counts as much.
+    """
+    column = {label: i for i, label in enumerate(recording.labels)}
+    on = markers.on(segment, column)
+    if len(on) < FEWEST_MARKERS:
+        return None
+    measured = recording.markers[:, [column[markers.labels[i]] for i in on]]
+    seen = seen_mask(measured)
+    placed = np.where(seen[:, :, None], measured, 0.0).transpose(1, 2, 0)
+    fit = rigid_fit(markers.local[on], placed, seen.T.astype(float))
+    return fit if fit.determined.any() else None
 
 
 class SegmentMoments:
@@ -90,9 +109,8 @@ def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
     spread, x_mean, l_mean = _moments(local, measured, weight)
     rotation, determined = best_rotation(spread)
     if not determined.all():  # one or two markers, or all on a line: any of the best rotations will do
-        u, _, vt = np.linalg.svd(spread[:, :, ~determined].transpose(2, 0, 1))
-        u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-        rotation[:, :, ~determined] = (u @ vt).transpose(1, 2, 0)
+        any_best = nearest_rotation(spread[:, :, ~determined].transpose(2, 0, 1))
+        rotation[:, :, ~determined] = any_best.transpose(1, 2, 0)
     model = np.einsum("ijf,mjf->mif", rotation, local[:, :, None] - l_mean) + x_mean
     distance: Array = np.linalg.norm(model - measured, axis=1)
     distance[weight <= 0] = np.nan

@@ -89,9 +89,9 @@ class MotionProblem:
 
     @cached_property
     def _pairs(self) -> VariablePairs:
-        seen = np.zeros(len(self.chain.segments), dtype=bool)
-        seen[self.data.segment[np.asarray(self.data.weight.any(axis=1))]] = True
-        return VariablePairs(self.chain, seen, self.held)
+        with_markers = np.zeros(len(self.chain.segments), dtype=bool)
+        with_markers[self.data.segment[np.asarray(self.data.weight.any(axis=1))]] = True
+        return VariablePairs(self.chain, with_markers, self.held)
 
     @cached_property
     def _assembler(self) -> Assembler:
@@ -337,8 +337,8 @@ def trial_problem(
     index = np.array([chain.segments.index(segment_of[i]) for i in chosen], dtype=np.intp)
     labels = tuple(all_labels[i] for i in chosen)
     measured = recording.markers[:, [at[label] for label in labels]].transpose(1, 2, 0)
-    seen = np.asarray(np.isfinite(measured).all(axis=1))
-    weight = np.where(seen, model.markers.weight[chosen][:, None], 0.0)
+    visible = np.asarray(np.isfinite(measured).all(axis=1))
+    weight = np.where(visible, model.markers.weight[chosen][:, None], 0.0)
     on_root = (index == 0) & (weight > 0).any(axis=1)
     held: tuple[str, ...] = ()
     if carrier and carrier != root and shown_share(weight[index == 0]) < CARRIES_ITSELF:
@@ -355,7 +355,7 @@ def trial_problem(
         raise InputError(message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN)
     basis = spline_basis(recording.time, rule.nodes(recording.time))
     placed = PlacedMarkers(index, model.markers.local[chosen])
-    data = MarkerData(placed, np.ascontiguousarray(np.where(seen[:, None], measured, 0.0)), weight)
+    data = MarkerData(placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight)
     moved = coordinates_before(joint.child for joint in moved_joints(isolated)) if isolated else ()
     problem = MotionProblem(
         name=name,

@@ -323,9 +323,7 @@ def _scale_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
     """The published cost with each normalisation, with the joints and motions of phase 1."""
     nominal, motions = calibration.nominal, []
     for trial, loads in _loaded(calibration):
-        body, forces = trial.body, loads.reactions
-        state = body.q, body.velocity, body.acceleration
-        motions.append(LoadedMotion(state=state, wrench=forces.wrench, valid=forces.valid))
+        motions.append(LoadedMotion.of(trial.body, loads.reactions))
     for scale, (_, divisor) in SCALES.items() if motions else ():
         parameters, width = calibration.model.parameters, pelvis_width(nominal)
         equations = equations_of(motions, parameters, nominal.subject, scale, width)

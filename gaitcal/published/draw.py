@@ -270,8 +270,8 @@ def refit(
     factor = known or BandFactor(problem.equations(start, constants).band)
     tracked = track_nodes(problem, constants, start, rule, factor)
     if tracked.ending is Ending.MOST_STEPS:
-        return Refit(tracked.coefficients, tracked.steps, f"{tracked.steps} evaluations did not settle it")
-    return Refit(tracked.coefficients, tracked.steps, "" if tracked.converged else tracked.ending.value)
+        return Refit(tracked.x, tracked.steps, f"{tracked.steps} evaluations did not settle it")
+    return Refit(tracked.x, tracked.steps, "" if tracked.converged else tracked.ending.value)
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ def path(
 def _gauss_newton(context: MonteCarloContext, model: DisturbedModel, coefficients: Array, steps: int) -> Array:
     """So many steps with a new matrix each; one that raised the cost and was damped counts too."""
     rule = DescentSettings(gain=0.0, kept_gain=0.0, most_steps=steps, keep_within=0.0, curved_tries=0)
-    return track_nodes(model.problem, model.constants, coefficients, rule).coefficients if steps else coefficients
+    return track_nodes(model.problem, model.constants, coefficients, rule).x if steps else coefficients
 
 
 def _steepest_descent(context: MonteCarloContext, model: DisturbedModel, coefficients: Array, steps: int) -> Array:

@@ -187,7 +187,7 @@ def solve(problem: str, markers: MotionProblem, held: Parameters, *, compare: bo
     if not compare:
         return found
     at_truth = track_nodes(markers, markers.constants(truth), true_motion(problem).coefficients)
-    from_truth = JointSearch([markers], held, free, [at_truth.coefficients]).run(truth.joint[_index(free)])
+    from_truth = JointSearch([markers], held, free, [at_truth.x]).run(truth.joint[_index(free)])
     return replace(found, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
 
 

@@ -25,9 +25,8 @@ from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, Kind, gait_cycles, kind_of, normalise
-from gaitcal.gait.events import times_of
 from gaitcal.io import result_folder
-from gaitcal.io.labels import FootMoment
+from gaitcal.io.labels import FootMoment, times_of
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version, read_toml
 from gaitcal.model.linkage import SIDES

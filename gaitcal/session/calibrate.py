@@ -205,10 +205,7 @@ def weighing(session: Session) -> list[Loaded]:
 def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> InertialFit:
     began = time.perf_counter()
     nominal, parameters, settings = session.model, session.parameters, session.settings
-    motions = [
-        LoadedMotion(state=(t.motion.q, t.motion.velocity, t.motion.acceleration), wrench=r.wrench, valid=r.valid)
-        for t, r in loaded
-    ]
+    motions = [LoadedMotion.of(t.motion, r) for t, r in loaded]
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
     subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
     equations = equations_of(motions, parameters, subject, scale, width)

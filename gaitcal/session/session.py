@@ -33,7 +33,7 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameter
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.motion.rigid import rigid_fit
+from gaitcal.motion.rigid import segment_fit
 from gaitcal.motion.soft_tissue import SoftTissue
 from gaitcal.motion.spline import NODES_PER_SECOND, NodeRule
 from gaitcal.motion.trial_problem import FEWEST_FRAMES, MotionProblem, trial_problem
@@ -226,17 +226,8 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
 
 def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
     """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen together."""
-    column = {label: i for i, label in enumerate(recording.labels)}
-    pelvis = model.markers.on("pelvis", column)
-    if len(pelvis) < 3:
-        return None
-    measured = recording.markers[:, [column[model.markers.labels[i]] for i in pelvis]].transpose(1, 2, 0)
-    seen = np.asarray(np.isfinite(measured).all(axis=1))
-    fit = rigid_fit(model.markers.local[pelvis], np.where(seen[:, None], measured, 0.0), seen.astype(float))
-    if not fit.determined.any():
-        return None
-    out: Array = fit.rotation[fit.determined][:, :, 0].mean(axis=0)
-    return out
+    fit = segment_fit(model.markers, "pelvis", recording)
+    return None if fit is None else np.asarray(fit.rotation[fit.determined][:, :, 0].mean(axis=0))
 
 
 def standing_problem(model: SubjectModel, static: Recording) -> MotionProblem:

@@ -22,10 +22,11 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points
 from gaitcal.dynamics.plate_errors import outline_known, outside
-from gaitcal.gait.events import SIDES, motion_events, plate_events, times_of
+from gaitcal.gait.events import motion_events, plate_events
 from gaitcal.io.force_plate import LOADED_N
-from gaitcal.io.labels import FootEvent, FootMoment
+from gaitcal.io.labels import FootEvent, FootMoment, times_of
 from gaitcal.io.recording import Recording
+from gaitcal.model.linkage import SIDES
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.session.session import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of

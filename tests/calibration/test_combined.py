@@ -61,7 +61,7 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     wrench = residual_free_wrench(model.parameters.with_inertial(heavier), motion)
     constants = problem.constants(model.parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    coefficients = track_nodes(problem, constants, start).coefficients
+    coefficients = track_nodes(problem, constants, start).x
     valid = np.arange(len(motion.basis.time)) % 3 != 0
 
     chart = LogChart(model.parameters.inertial, symmetric_set())

@@ -52,7 +52,7 @@ def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_mor
         np.repeat(rng.normal(0, WHITE, (2, 3, shape[2])), 4, axis=0),  # each cluster as a whole
     ):
         noisy = problem.with_measured(problem.data.measured + noise)
-        found.append(forbidden_noise(noisy, parameters, track_nodes(noisy, constants, coefficients).coefficients))
+        found.append(forbidden_noise(noisy, parameters, track_nodes(noisy, constants, coefficients).x))
     assert np.sqrt(found[0].variance) == pytest.approx(WHITE, rel=0.15)
     # four markers alike: their mean has four times the variance that independent ones would give it
     assert np.sqrt(found[1].variance) == pytest.approx(2.0 * WHITE, rel=0.25)

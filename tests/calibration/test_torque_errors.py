@@ -223,7 +223,7 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
     def motion(problem: MotionProblem, parameters: Parameters) -> Array:
         constants = problem.constants(parameters)
         start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-        return track_nodes(problem, constants, start, DescentSettings(gain=1e-15)).coefficients
+        return track_nodes(problem, constants, start, DescentSettings(gain=1e-15)).x
 
     coefficients = motion(problem, parameters)
     moves = marker_moves(problem, coefficients, parameters, source)
@@ -296,7 +296,7 @@ FIRST_ORDER = 0.05
 
 
 def solved(problem: MotionProblem, start: Array, parameters: Parameters = PARAMETERS) -> Array:
-    return track_nodes(problem, problem.constants(parameters), start, DescentSettings(gain=1e-15)).coefficients
+    return track_nodes(problem, problem.constants(parameters), start, DescentSettings(gain=1e-15)).x
 
 
 def smoothed_trial() -> tuple[MotionProblem, Array]:

@@ -15,7 +15,9 @@ from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.rebuilt_markers import without_outliers
-from gaitcal.motion.motion import Motion, track
+from gaitcal.motion.motion import Motion, tracked_motion
+from gaitcal.motion.spline import NodeRule
+from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import Study, cleaned, nominal_of
 from tests.faults.spoilt import Array, moved, put, sound_study, with_trial
@@ -192,7 +194,9 @@ def test_a_while_with_one_marker_is_a_note_with_its_seconds(pig: Study) -> None:
 
 
 def tracked(study: Study) -> Motion:
-    return track(nominal_of(study), study.trials[1].recording, root="pelvis", segments=LOWER_BODY)
+    model, recording = nominal_of(study), study.trials[1].recording
+    problem = trial_problem("gait", model, recording, NodeRule(), root="pelvis", segments=LOWER_BODY)
+    return tracked_motion(problem, model.parameters)
 
 
 def test_the_posture_found_is_that_of_all_markers(pig: Study) -> None:

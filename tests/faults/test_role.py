@@ -55,6 +55,20 @@ def test_a_walk_that_is_declared_for_one_joint(sound: Study) -> None:
     assert "the pelvis goes" not in still.found and "of the other leg turn by" in still.found
 
 
+def test_on_a_belt_a_person_goes_where_the_feet_go(sound: Study) -> None:
+    """A belt under the same walk; then the same with its frames in reverse."""
+
+    def on_a_belt(r: Recording) -> Recording:
+        return replace(r, markers=r.markers - r.markers.mean(axis=1, keepdims=True) * [1, 0, 1], plates=())
+
+    def heading(change: Change) -> list[Severity]:
+        return [f.severity for f in check_study(with_trial(sound, "walk", change)) if f.topic == "heading"]
+
+    assert heading(on_a_belt) == [Severity.INFO]
+    backwards = heading(lambda r: replace(on_a_belt(r), markers=on_a_belt(r).markers[::-1]))
+    assert sorted(backwards, key=lambda s: s.rank) == [Severity.WARNING, Severity.INFO]
+
+
 def with_second(study: Study, change: Change) -> Study:
     """The study with its static trial given again, elsewhere in the room, turned, and changed."""
     angle = np.deg2rad(130.0)

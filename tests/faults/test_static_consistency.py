@@ -14,10 +14,12 @@ from gaitcal.faults.cluster import alignment, clusters_of
 from gaitcal.faults.contradiction import contradictions, offset_limit, possible_moves
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import by_lengths
-from gaitcal.faults.joint_link import flexion_of, links_of, nearest_rotation, side_turns
+from gaitcal.faults.joint_link import links_of
 from gaitcal.faults.study import check_further, check_study, examined, further_evidence
 from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.io.recording import Recording
+from gaitcal.model.chain import root_angles
+from gaitcal.model.segment_frames import nearest_rotation
 from gaitcal.study.study import Study
 from tests.faults.spoilt import Change, moved, scaled, swapped, with_trial
 from tests.real_studies import write_study
@@ -196,7 +198,7 @@ def test_alignment_and_turns_are_exact() -> None:
         rx = np.array([[1.0, 0, 0], [0, cos[1], -sin[1]], [0, sin[1], cos[1]]])
         ry = np.array([[cos[2], 0, sin[2]], [0, 1.0, 0], [-sin[2], 0, cos[2]]])
         rotation = rz @ rx @ ry
-        np.testing.assert_allclose(side_turns(rotation), [a, r], atol=ROUNDING)
+        np.testing.assert_allclose(root_angles(rotation)[1:], [a, r], atol=ROUNDING)
         np.testing.assert_allclose(nearest_rotation(2.0 * rotation), rotation, atol=ROUNDING)
         points, shift = rng.normal(size=(4, 3)), rng.normal(size=3)
         turn, back = alignment(points, points @ rotation.T + shift, rng.uniform(0.5, 2.0, 4))
@@ -269,10 +271,8 @@ def test_in_a_further_trial_the_marker_itself_is_named(
 
 def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: dict[str, MarkerEvidence]) -> None:
     walk = trials["walk"]
-    flexion = np.abs(
-        flexion_of(walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation)
-    )
-    bent = np.argsort(flexion)[-12:]
+    hip = walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation
+    bent = np.argsort(np.abs(root_angles(hip)[:, 0]))[-12:]
     part = replace(walk.recording, time=walk.recording.time[:12], markers=walk.recording.markers[bent])
     centres = {**walk.stance.centres, "hip_r": walk.stance.centres["hip_r"] + [0.08, 0.0, 0.0]}
     clusters = clusters_of(part, walk.stance, {}, lambda _: True)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
+from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.gait.cycles import POINTS, GaitCycle
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
@@ -121,9 +121,8 @@ def numbers(by_cycle: bool) -> MomentNumbers:
 
 def test_peaks_of_a_moment_over_the_drawn_stride() -> None:
     knee = numbers(by_cycle=True)
-    assert knee.highest is not None and knee.lowest is not None
+    assert knee.highest is not None
     assert (knee.highest.value, knee.highest.at) == pytest.approx((1.0, 25.0))
-    assert (knee.lowest.value, knee.lowest.at) == pytest.approx((-1.0, 75.0))
     assert knee.highest.error == pytest.approx(4.0 / MASS)
     assert knee.highest.bwh == pytest.approx(100.0 / (9.81 * HEIGHT), rel=1e-3)
     against_time = numbers(by_cycle=False)
@@ -225,7 +224,7 @@ def test_axes_of_the_foot_err_about_what_moves_progression() -> None:
     """A flat foot: 3 deg about the vertical beside 4 by markers are 5; about the foot itself they are none."""
     flat, lines = np.tile(axis_to(0.0), (1, 2, 1)), np.zeros((1, 2))
     turned = {"foot_r": np.radians([[[0.0, 3.0, 0.0]]]), "foot_l": np.radians([[[3.0, 0.0, 0.0]]])}
-    feet = _foot_axes(flat, lines, {ErrorSource.MOTION: np.full((1, 2), np.radians(4.0) ** 2)}, turned)
+    feet = _foot_axes(flat, lines, (np.full((1, 2), np.radians(4.0) ** 2),) * 2, turned)
     assert feet.error is not None and feet.own is not None
     np.testing.assert_allclose(np.degrees(feet.error), [[5.0, 4.0]])
     np.testing.assert_allclose(np.degrees(feet.own), 4.0)

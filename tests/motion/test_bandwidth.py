@@ -126,7 +126,7 @@ def test_one_dense_motion_foretells_the_others() -> None:
     for hz in (4.0, 8.0):
         foretold = dense.at(hz)
         problem = replace(dense.problem, smoothing=smoothing(basis, dense.information, hz))
-        coefficients = track_nodes(problem, constants, dense.coefficients).coefficients
+        coefficients = track_nodes(problem, constants, dense.coefficients).x
         change, gap = (basis.evaluate(coefficients - other) for other in (dense.coefficients, foretold.coefficients))
         in_markers = [np.vdot(x @ dense.information, x) for x in (gap, change)]
         assert in_markers[0] < 0.1 * in_markers[1]
@@ -308,8 +308,8 @@ def test_tracking_ends_where_a_dense_solver_does() -> None:
     reference = least_squares(residual, true.ravel(), tr_solver="exact", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     result = track_nodes(problem, constants, true, DescentSettings(gain=1e-15))
     assert result.cost == pytest.approx(2 * reference.cost, rel=1e-8)
-    assert result.cost > 1.01 * problem.marker_cost(result.coefficients, constants)
-    np.testing.assert_allclose(result.coefficients.ravel(), reference.x, atol=1e-6)
+    assert result.cost > 1.01 * problem.marker_cost(result.x, constants)
+    np.testing.assert_allclose(result.x.ravel(), reference.x, atol=1e-6)
 
 
 def test_smoothing_survives_and_idle_coordinates_keep_their_start() -> None:
@@ -326,8 +326,8 @@ def test_smoothing_survives_and_idle_coordinates_keep_their_start() -> None:
     idle = ~lost.active
     assert idle.any() and not idle.all()
     tracked = track_nodes(lost, lost.constants(PARAMETERS), true)
-    np.testing.assert_array_equal(tracked.coefficients[:, idle], true[:, idle])
-    assert np.abs(tracked.coefficients[:, ~idle] - true[:, ~idle]).max() > 1e-6
+    np.testing.assert_array_equal(tracked.x[:, idle], true[:, idle])
+    assert np.abs(tracked.x[:, ~idle] - true[:, ~idle]).max() > 1e-6
 
 
 def test_smoother_is_a_dense_hat_matrix_and_its_trace_a_sum_of_gains() -> None:

@@ -118,7 +118,7 @@ def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     start[:, k] += np.deg2rad(370.0)
     most = [
-        np.rad2deg(np.abs(loose.basis.evaluate(track_nodes(p, constants, start).coefficients)[:, k]).max())
+        np.rad2deg(np.abs(loose.basis.evaluate(track_nodes(p, constants, start).x)[:, k]).max())
         for p in (loose, replace(loose, priors=()))
     ]
     assert most[0] < 60.0

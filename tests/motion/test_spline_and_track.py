@@ -64,7 +64,7 @@ def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
     result = track_nodes(problem, constants, start, DescentSettings(first_damping=1e-3 if zero else 0.0))
     assert result.converged
     assert np.sqrt(result.cost / problem.data.weight.sum()) < 1e-12
-    np.testing.assert_allclose(problem.basis.evaluate(result.coefficients), problem.basis.evaluate(true), atol=1e-9)
+    np.testing.assert_allclose(problem.basis.evaluate(result.x), problem.basis.evaluate(true), atol=1e-9)
 
 
 @given(st.floats(-np.pi, np.pi), st.integers(0, 2**31))
@@ -138,7 +138,7 @@ def test_tracking_ends_where_gauss_newton_does_not() -> None:
     found = track_nodes(problem, constants, start, EXACT)
     assert found.converged and found.curved
     size = np.abs(problem.gradient(start, constants)[1]).max()
-    assert np.abs(problem.gradient(found.coefficients, constants)[1]).max() < 1e-9 * size
+    assert np.abs(problem.gradient(found.x, constants)[1]).max() < 1e-9 * size
     without = track_nodes(problem, constants, start, replace(EXACT, curved_tries=0))
     assert without.steps > 2 * found.steps
     assert found.cost <= without.cost * (1 + 1e-9)
@@ -173,10 +173,10 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     assert with_keeping[-1] == "gradient"
     assert "gradient" not in calls
     assert with_keeping.count("equations") < calls.count("equations")
-    exact = track_nodes(problem, constants, fresh.coefficients, DescentSettings(gain=1e-15))  # type: ignore[arg-type]
+    exact = track_nodes(problem, constants, fresh.x, DescentSettings(gain=1e-15))  # type: ignore[arg-type]
     for found in (kept, fresh):
         assert found.converged
-        np.testing.assert_allclose(found.coefficients, exact.coefficients, rtol=0, atol=SAME)
+        np.testing.assert_allclose(found.x, exact.x, rtol=0, atol=SAME)
 
 
 def test_a_kept_factor_that_no_longer_serves_is_formed_anew() -> None:
@@ -187,7 +187,7 @@ def test_a_kept_factor_that_no_longer_serves_is_formed_anew() -> None:
     found = track_nodes(problem, constants, far, DescentSettings(gain=1e-10, keep_within=np.inf))  # type: ignore[arg-type]
     assert found.converged
     assert found.steps < FEW
-    np.testing.assert_allclose(found.coefficients, exact.coefficients, rtol=0, atol=SAME)
+    np.testing.assert_allclose(found.x, exact.x, rtol=0, atol=SAME)
 
 
 SLOPE_GIB = 0.3
@@ -204,7 +204,7 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
     monkeypatch.setattr(motion, "LARGE_BYTES", 0)
     lean = track_nodes(problem, constants, start, settings)
     assert (lean.steps, lean.converged) == (plain.steps, plain.converged)
-    np.testing.assert_allclose(lean.coefficients, plain.coefficients, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(lean.x, plain.x, rtol=0, atol=1e-9)
     assert lean.cost == pytest.approx(plain.cost, rel=1e-6, abs=1e-18)
 
 

@@ -74,7 +74,7 @@ def test_a_segment_lost_for_a_while_is_bridged() -> None:
     gappy, constants = problem.with_weight(weight), problem.constants(parameters)
     start = starting_nodes(gappy.chain, constants, gappy.data, gappy.basis)
     result = track_nodes(gappy, constants, start)
-    np.testing.assert_allclose(problem.basis.evaluate(result.coefficients), problem.basis.evaluate(true), atol=1e-8)
+    np.testing.assert_allclose(problem.basis.evaluate(result.x), problem.basis.evaluate(true), atol=1e-8)
 
 
 def test_two_markers_in_disorder_do_not_turn_a_thigh_about_itself() -> None:

@@ -119,7 +119,7 @@ def test_speed(clean: SeedResult, draws: list[SeedResult]) -> None:
     assert _verdict("faster", slow(clean), [slow(d) for d in draws]) is Verdict.FAILS
 
 
-AS_PUBLISHED = dict(zip(TORQUES, (4.14, 1.06, 0.7, 0.92, 0.95, 0.50, 0.55), strict=True))
+AS_PUBLISHED = dict.fromkeys(TORQUES, 0.55) | dict(zip(TORQUES, (4.14, 1.06, 0.7, 0.92, 0.95, 0.50), strict=False))
 """%BW*H: JP errors at 100 % that would make every claim hold."""
 
 

@@ -234,7 +234,7 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         assert found.failure == ""
         tight = DescentSettings(gain=0.0, most_steps=60)
         kept = track_nodes(context.problem, constants, found.coefficients, tight)
-        assert np.abs(kept.coefficients - found.coefficients).max() < NODES
+        assert np.abs(kept.x - found.coefficients).max() < NODES
         afar = track_nodes(context.problem, constants, context.case.coefficients, DescentSettings(gain=1e-12))
         assert context.problem.cost(found.coefficients, constants) <= afar.cost * (1 + 1e-9)
 
