@@ -54,7 +54,7 @@ USUAL_VERTICAL = Vertical(2, 1, "the usual practice, as the data do not tell")
 
 # ------------------------------------------------------------------------------------------ ezc3d in its own process
 
-START_SECONDS = 30.0
+START_SECONDS = 120.0
 """A process that loads its libraries on a busy machine is no fault of the file."""
 BASE_SECONDS = 6.0
 """An honest file takes 0.1 s; a user should not wait 10 s to learn that one is damaged."""
