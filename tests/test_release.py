@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 from types import ModuleType
@@ -226,3 +227,19 @@ def test_the_readme_is_short_and_its_links_lead_somewhere() -> None:
     assert [link for link in links if not (ROOT / link).exists()] == []
     scripts = set(re.findall(r"scripts/\w+\.\w+", text))
     assert [name for name in scripts if not (ROOT / name).exists()] == []
+
+
+def test_a_package_without_its_data_stops_the_release(tmp_path: Path) -> None:
+    wheel, sdist = tmp_path / "gaitcal-1-py3-none-any.whl", tmp_path / "gaitcal-1.tar.gz"
+    for packed in (release.PACKED, release.PACKED[1:]):
+        with zipfile.ZipFile(wheel, "w") as archive:
+            for name in packed:
+                archive.writestr(f"gaitcal/{name}", "x")
+        with tarfile.open(sdist, "w:gz") as tar:
+            for name in ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md"):
+                tar.add(ROOT / name, f"gaitcal-1/{name}")
+        if packed is release.PACKED:
+            release.check_content(wheel, sdist)
+        else:
+            with pytest.raises(SystemExit, match="missing .*models/nominal_subject.json"):
+                release.check_content(wheel, sdist)

@@ -3,7 +3,7 @@
     muscles [--parts back,people,drawn,same] [--draws 25] [--models 20] [--noise MM] [--only REGEX] [--osim FILE ...]
 
 Two people that OpenSim simulated walk once (`opensim_truth`). In their models the joints of the legs are put 10 to 20
-mm off, across their axes, as nothing tells where along it a hinge is; `gaitcal.export.into_osim` brings them back by
+mm off, across their axes, as nothing tells where along it a hinge is; `gaitcal export --into` brings them back by
 what calibration finds.
 
 back      without noise, by the walk, and by isolated trials of hip, knee and ankle, too: the largest errors of moment

@@ -76,6 +76,7 @@ def test_units(tmp_path: Path, units: str, height: float) -> None:
     [
         (ROWS, "inch", "Units: found 'inch'; allowed are mm, cm and m"),
         (ROWS.replace("900", "9x0", 1), "mm", "line 6, column 4: found '9x0'"),
+        (ROWS.replace("900", "9_0", 1), "mm", "found '9_0'"),
         (ROWS.replace("900", "1e999", 1), "mm", "infinite number"),
         (ROWS.replace("0.02", "0.01"), "mm", "line 8, time: found 0.01 s after 0.01 s; time must increase"),
         (ROWS.replace("0.01", ""), "mm", "line 7, time: found no number"),

@@ -15,10 +15,12 @@ from gaitcal.published.statistics import (
     FEWEST,
     TOLERANCE_PERCENT,
     expect,
+    left_out,
     levels_of,
     linear_agreement,
     settling,
     statistics,
+    unconverged,
     variance_contributions,
 )
 from gaitcal.published.study import monte_carlo
@@ -245,3 +247,19 @@ def test_contributions_are_written_into_the_cells(context: MonteCarloContext) ->
     image = figure.axes[0].images[0].get_array()
     assert image is not None
     np.testing.assert_allclose((np.asarray(image) ** 2).sum(axis=0), 100.0)
+
+
+def test_unconverged_looks_at_every_torque() -> None:
+    draws = made_up(1000)
+    assert unconverged(statistics(draws)).empty
+    late = (draws["set"] == "both") & (draws["level"] == 50) & (draws["draw"] > 950)
+    draws.loc[late, "ankle_angle_r.foot.rms"] *= 4
+    found = unconverged(statistics(draws))
+    assert found[["set", "level", "quantity", "grf"]].to_numpy().tolist() == [["both", 50, "ankle_angle_r", "foot"]]
+
+
+def test_draws_left_out_are_counted_by_cell() -> None:
+    draws = made_up(10)
+    assert left_out(statistics(draws)).empty
+    draws.loc[(draws["set"] == "jp") & (draws["level"] == 50) & (draws["draw"] < 3), "failure"] = "did not settle"
+    assert left_out(statistics(draws)).to_dict("records") == [{"set": "jp", "level": 50, "draws": 7, "failed": 3}]

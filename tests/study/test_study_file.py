@@ -125,6 +125,7 @@ FAULTS = {
     "mass missing": ("mass_kg = 72.6\n", "", ["subject.mass_kg", "missing", "body mass in kg"]),
     "mass misspelt": ("mass_kg", "mas_kg", ["subject", "'mas_kg'", "did you mean 'mass_kg'"]),
     "height negative": ("1.803", "-1.8", ["subject.height_m", "found -1.8", "0.3 to 2.6"]),
+    "height in mm": ("1.803", "1803", ["subject.height_m", "millimetres", "1.803"]),
     "height in cm": ("1.803", "180.3", ["subject.height_m", "centimetres", "1.803"]),
     "sex": ('"male"', '"mail"', ["subject.sex", "'mail'", "'male' or 'female'"]),
     "name empty": ('"subject01"', '" "', ["subject.name", "printable"]),

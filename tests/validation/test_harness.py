@@ -99,3 +99,11 @@ def test_motion_is_measured_against_plates(data_dir: Path, tmp_path: Path, capsy
         assert np.abs(found).max() < NEAR_MS and found.std() < 0.2 * NEAR_MS
     said = capsys.readouterr().out.splitlines()
     assert said[1].startswith("subject01   foot strike") and " plates " in said[1] and "(3)" in said[1]
+
+
+def test_names_are_matched_and_none_is_an_error() -> None:
+    names = ("kad", "multi", "p01", "p18")
+    assert harness.matching("", names) == list(names)
+    assert harness.matching("kad,P0", names) == ["kad", "p01"]
+    with pytest.raises(SystemExit, match="found 'nobody'; allowed: kad, multi"):
+        harness.matching("nobody", names)

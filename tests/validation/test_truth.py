@@ -270,3 +270,11 @@ def test_the_truth_is_told_in_the_frames_of_the_calibration(kept: Path) -> None:
         in_pelvis = [truth[n.format("pelvis")] - nominal[n.format("pelvis")] for n in names]
         in_thigh = [truth[n.format("thigh")] - nominal[n.format("thigh")] for n in names]
         np.testing.assert_allclose(np.linalg.norm(in_thigh), np.linalg.norm(in_pelvis), rtol=1e-3)
+
+
+def test_bars_count_what_holds() -> None:
+    held = error_bars.bars(np.array([0.5, -1.5, 3.0, 0.1]), np.array([1.0, 1.0, 1.0, np.nan]))
+    assert (held.count, held.within) == (4, (1, 2))
+    assert held.rms == pytest.approx(np.sqrt(3 / 4))
+    both = held + held
+    assert (both.count, both.within, both.shares) == (8, (2, 4), (25.0, 50.0))
