@@ -8,7 +8,7 @@ people show (`soft_tissue_artefact.py`). The motions are eliminated (`reduced_pr
 The published protocol (Reinbolt et al. 2007, eq. 1) is this with z = 0, without a prior (or a weak one), and with one
 f nu^2 for all trials of a phase, the mean of their own.
 
-nu_t is the noise of the trial's independent samples (`joint_noise.py`), from a fit of its own kind of task alone: what
+nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its own kind of task alone: what
 gait disagrees with is no noise of an isolated trial. Trials of one task repeat their errors. With g_t and H_t the
 reduced gradients and matrices by p at the common estimate, in units of each trial's own noise, K trials err
 independently if

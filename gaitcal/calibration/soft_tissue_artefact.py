@@ -29,7 +29,7 @@ segments deform *together*, joints left out. What the rigid fit of a segment lea
     p(s) ~ N(ln s; 0, 0.7^2)  prod_j  int L_j(s_j) N(ln s_j; ln s, 0.7^2) d ln s_j,        j: segments,
 
 P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle explains, its frames
-counted as far as they are independent (`joint_noise.py`). Pooling is the point: a cluster that slides as a whole shows
+counted as far as they are independent (`joint_prior.py`). Pooling is the point: a cluster that slides as a whole shows
 no deformation itself, so that how far it slides follows the person's s and not the segment's s_j, and z has the
 variance E[s^2] Sigma. That segments differ by a factor of two keeps one soft thigh from softening the feet: with the
 same s for all, hips of people with quadratic artefacts came to 15 mm from the truth, with segments that differ to 8.

@@ -53,7 +53,7 @@ class ErringForces:
     ) -> None:
         """Set up.
 
-        `problem`, `nodes`: the whole-body trial and its motion, (nn, 27) m, rad.
+        `problem`, `coefficients`: the whole-body trial and its motion, (nn, 27) m, rad.
         `wrenches`: (nf, 2, 6) N, N·m, ground reactions on the feet.
         `joint`: errors of the joint parameters; None where they were not calibrated.
         `inertial`: (84, n) R with covariance R R^T of the inertial parameters; None where they were not calibrated.

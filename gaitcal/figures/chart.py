@@ -170,7 +170,7 @@ class Panel:
 class Chart:
     """Panels that belong together."""
 
-    name: str  # Stem of the file in `write_figures`: plain ASCII
+    name: str  # Stem of the file in `write_charts`: plain ASCII
     title: str
     panels: tuple[Panel, ...]
     keys: tuple[Key, ...]

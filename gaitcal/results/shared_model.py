@@ -39,6 +39,7 @@ from gaitcal.errors import ConvergenceError
 from gaitcal.faults.study import examined
 from gaitcal.gait.cycles import typed
 from gaitcal.io.result_folder import MANIFEST, read_object
+from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -270,6 +271,8 @@ def retracked(
     """The session with other joint parameters `names`: every walk tracked anew."""
     model, settings, clean = session.model, study.settings, examined(study)
     joints = model.parameters.with_joint(tuple(names), values)
+    if settings.ip == "consistent":  # else mass centres would stay apart by what the joints of both sessions were
+        joints = joints.with_inertial(with_joints_of(joints.inertial, model.parameters, joints))
     if settings.keeps_ankle_zero:
         begun = Parameters(joints.joint, joints.inertial, model.nominal.zero_angles)
         joints = counted_from_static(model.with_parameters(model.nominal), begun, clean.completed.static).parameters

@@ -7,7 +7,7 @@ log-normal about ON_ONE if they are on one segment, about APART if not.
 
 Where a foot is higher it swings forward, over the ground and on a treadmill, and where it is lower it stays, or goes
 back with the belt. With h the height and u the horizontal velocity of a low marker, in the axes of the standing person
-(`turns_to`: the turn about the vertical that fits all markers best),
+(`_turns_to`: the turn about the vertical that fits all markers best),
 
     forward ~ sum over frames of (h - mean h) (u - mean u),
 

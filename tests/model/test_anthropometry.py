@@ -68,6 +68,8 @@ def test_inertia_of_joints_found_elsewhere_is_the_table_s_of_these_lengths() -> 
         expected[MASSIVE_SEGMENTS.index(segment), 2] += by
     moved = table(with_joints_of(inertial_parameters(PUBLISHED, lengths), before, after))
     np.testing.assert_allclose(moved, expected, rtol=ROUNDING, atol=ROUNDING)
+    back = with_joints_of(moved.ravel(), after, before)  # what two sessions' joints moved apart, shared ones bring back
+    np.testing.assert_allclose(back, inertial_parameters(PUBLISHED, lengths), rtol=ROUNDING, atol=ROUNDING)
     aside = before.with_joint(("hip_r.thigh.lat",), np.array([0.02]))
     share = 1.0 + before.inertial[IP_INDEX["thigh_r.com.sup"]] / 0.4198
     found = table(with_joints_of(before.inertial, before, aside))[MASSIVE_SEGMENTS.index("thigh_r"), 3]
