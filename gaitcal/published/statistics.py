@@ -259,7 +259,7 @@ def variance_contributions(context: draw.MonteCarloContext) -> pd.DataFrame:
         slopes = np.concatenate([by_joint[frame], by_inertial], axis=2)[valid]
         variance = (bounds**2 / 3.0) * ((to_percent * slopes) ** 2).mean(axis=0)
         for k, torque in enumerate(draw.LEG_TORQUES):
-            share = 100.0 * variance[k] / variance[k].sum()
+            share = 100.0 * variance[k] / (variance[k].sum() or 1.0)  # where nothing changes a torque: none of it
             columns = {"parameter": names, "kind": kinds, "rms": np.sqrt(variance[k]), "share": share}
             parts.append(pd.DataFrame({"torque": torque, "grf": frame.value, **columns}))
     return pd.concat(parts, ignore_index=True)

@@ -108,7 +108,7 @@ def test_conclusions_hold_where_they_do_and_fail_where_they_do_not() -> None:
     found = conclusions(table)
     assert len(found) == 8
     assert {c.verdict for c in found} == {"holds"}
-    assert "10.0" in next(c.numbers for c in found if c.claim == "joint parameters dominate")
+    assert ": 10." in next(c.numbers for c in found if c.claim == "joint parameters dominate")
     assert "limit 0.25" in next(c.numbers for c in found if c.claim == "marker noise matters little")
     worse = table.copy()
     worse.loc[worse["set"] == "ip", ["average"]] *= 20
@@ -244,4 +244,5 @@ def test_contributions_are_written_into_the_cells(context: MonteCarloContext) ->
     assert texts[4, rows.index("knee: thigh front")] == f"{share:.0f}"
     image = figure.axes[0].images[0].get_array()
     assert image is not None
-    np.testing.assert_allclose((np.asarray(image) ** 2).sum(axis=0), 100.0)
+    whole = (np.asarray(image) ** 2).sum(axis=0)
+    np.testing.assert_allclose(whole[whole > 0], 100.0)

@@ -113,7 +113,11 @@ Q = np.zeros((11, len(COORDINATES)))
         ("motion", lines(motion_text(TIME, Q), "knee_angle_r", "knee_flexion_r"), "which is no column"),
         ("motion", lines(motion_text(TIME, Q), "\n0.3,0,", "\n0.3,x,"), "no finite number"),
         ("motion", lines(motion_text(TIME, Q), "\n0.3,", "\n0.1,"), "increasing times"),
-        ("motion", lines(motion_text(TIME, Q), "\n0.3,", "\n0.3,1,"), "cannot be read as CSV: found 29 cells in row 4"),
+        (
+            "motion",
+            lines(motion_text(TIME, Q), "\n0.3,", "\n0.3,1,"),
+            f"cannot be read as CSV: found {len(Q[0]) + 2} cells in row 4",
+        ),
         ("motion", lines(motion_text(TIME, Q), "pelvis_list", "pelvis_tilt"), "column pelvis_tilt twice"),
         ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,x\n", "allowed: a finite number"),
         ("landmarks", "name,x,y,z\n", "a landmark a row"),
