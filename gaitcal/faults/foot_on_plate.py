@@ -151,12 +151,15 @@ def steps_of(trial: MarkerEvidence) -> tuple[Step, ...]:
 
 def contacts(trial: MarkerEvidence) -> Iterator[Finding]:
     """Everything about feet on plates in a gait trial."""
-    feet = feet_of(trial)
-    if feet is None or not trial.recording.plates:
+    feet, plates = feet_of(trial), trial.recording.plates
+    if not trial.is_gait or not plates:
         return
+    most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in plates)
     steps = steps_of(trial)
-    if not steps:
-        yield _no_step(trial, feet)
+    if not steps and (feet is not None or most < BODY_N):
+        yield _no_step(trial, feet, most)
+    if feet is None:
+        return
     for step in steps:
         far = step.distance > UNDER_FOOT
         # a total force that was divided, told in `outside_sole`, may be far from both feet
@@ -223,16 +226,18 @@ def _height(trial: MarkerEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
         )
 
 
-def _no_step(trial: MarkerEvidence, feet: Feet) -> Finding:
-    """No plate is loaded: a fault where a foot stands on one or outlines are missing, else the walk has missed them."""
-    plates, points = trial.recording.plates, feet.points(trial.subject.height)
-    most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in plates)
+def _no_step(trial: MarkerEvidence, feet: Feet | None, most: float) -> Finding:
+    """No plate is loaded: a fault where a foot stands on one, or where a foot is never seen or outlines are missing;
+    else the walk has missed them. `most`: N.
+    """
     found, severity = f"no plate is stepped on: at most {most:.0f} N", Severity.INFO
-    outlined = [plate for plate in plates if plate.corners is not None]
-    if len(outlined) < len(plates):
+    outlined = [plate for plate in trial.recording.plates if plate.corners is not None]
+    if feet is None or not feet.seen.any(axis=0).all() or len(outlined) < len(trial.recording.plates):
         severity = Severity.WARNING
     for foot, name in enumerate(FEET):
-        sole = sole_of(points, foot, slice(None))
+        if feet is None or not feet.seen[:, foot].any():
+            continue
+        sole = sole_of(feet.points(trial.subject.height), foot, slice(None))
         on_plate = sole.share_of_halves(sole.beside(outlined)).max(axis=1) <= MOST_BESIDE
         stands = sole.resting.all(axis=1) & on_plate & feet.seen[:, foot]
         if long := [run for run in runs(stands, 2) if duration(feet.time, run) > SHORTEST]:

@@ -204,11 +204,11 @@ class TrialResult:
         found = [replace(f, where=self.name) for f in self.loads.reactions.findings]
         if not self.loads.reactions.has_torques:
             swing = self.loads.reactions.valid_legs.any()
-            # that nobody stepped on a plate is a finding of its own, and no fault where all feet passed beside them
-            stepped = any(np.nan_to_num(plate.force[:, 1]).max() >= BODY_N for plate in self.recording.plates)
+            # of walks, that nobody stepped on a plate is a finding of its own: no fault where feet passed beside them
+            loaded = any(np.nan_to_num(plate.force[:, 1]).max() >= BODY_N for plate in self.recording.plates)
             found.append(
                 Finding(
-                    severity=Severity.WARNING if stepped else Severity.INFO,
+                    severity=Severity.WARNING if loaded or self.role is not Role.GAIT else Severity.INFO,
                     topic="plates",
                     where=self.name,
                     cause="no stance has torques; those of the swing remain" if swing else "no torque is valid",

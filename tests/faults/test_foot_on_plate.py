@@ -297,5 +297,7 @@ def test_plates_that_nobody_loads_are_a_fault_only_where_a_foot_stands_on_them(
     plate = pressed(np.zeros((61, 2)), np.zeros(61), corners=outline)
     recording = replace(standing(np.array([1.0, 0.0])), plates=(plate,))
     (found,) = contacts(evidence(recording))
+    unseen = replace(recording, labels=("R.Heel", "a", "L.Heel", "b"))  # toes that the static trial alone has
+    assert [f.severity for f in contacts(evidence(unseen))] == [Severity.WARNING]
     assert (found.code, found.severity) == (Code.NO_STEP_ON_PLATE, severity)
     assert found.found == "no plate is stepped on: at most 0 N" + (f", {words}" if words else "")

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.plate_errors import DEFAULT
 from gaitcal.faults.study import examined
+from gaitcal.findings import Severity
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth
@@ -18,9 +20,10 @@ from gaitcal.motion.motion import Motion
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.result import Calibration
+from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.trial_result import axis_deviations
 from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role
 from tests.synthetic_studies import write_synthetic_study
 
 SAME = 1e-9
@@ -79,3 +82,16 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
     ).errors()
     np.testing.assert_allclose(trial.loads.errors.tau, errors.tau, rtol=1e-6)
     np.testing.assert_allclose(trial.loads.errors.knee_adduction, errors.knee_adduction, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("role", "newtons", "severity"),
+    [(Role.GAIT, 0.0, Severity.INFO), (Role.GAIT, 700.0, Severity.WARNING), (Role.MOTION, 0.0, Severity.WARNING)],
+)
+def test_dead_plates_of_a_squat_stay_a_warning(role: Role, newtons: float, severity: Severity) -> None:
+    """Of a walk, soles and outlines say whether plates should have read something; of another activity nothing does."""
+    reactions = SimpleNamespace(findings=(), has_torques=False, valid_legs=np.zeros((3, 2), dtype=bool))
+    recording = SimpleNamespace(plates=(SimpleNamespace(force=np.full((3, 3), newtons)),))
+    trial = SimpleNamespace(name="trial", role=role, recording=recording, loads=SimpleNamespace(reactions=reactions))
+    (found,) = TrialResult._of_loads(trial)
+    assert found.severity is severity
