@@ -28,8 +28,8 @@ values? Linear in x, the Bayes factor is
 
     2 ln K = g0^T (G^-1 - (G + M S^2 M^T)^-1) g0 - ln det (1 + G^-1 M S^2 M^T).
 
-Below `STRONG` (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995: "strong evidence") the parameters stay nominal, and the
-spread of people is their covariance.
+Below `STRONG` (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995: "strong evidence") the parameters stay the table's, and
+the spread of people is their covariance.
 """
 
 from __future__ import annotations
@@ -197,7 +197,7 @@ def stay_nominal(
         iterations=0,
         seconds=0.0,
         converged=True,
-        message=f"inertial parameters stay nominal{why and f': {why}'}",
+        message=f"inertial parameters stay the table's{why and f': {why}'}",
         moved=False,
     )
 
@@ -210,7 +210,7 @@ def residual_words(rms: tuple[float, float]) -> str:
 def spread_of_the_rest(inertial: Array, which: InertialSet) -> Array:
     """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
 
-    They stay nominal, and people scatter about them as about others; pelvis and trunk are taken to be symmetric.
+    They stay the table's, and people scatter about them as about others; pelvis and trunk are taken to be symmetric.
     """
     every = full_set()
     chart = inertial_calibration.LogChart(inertial, every)
