@@ -4,8 +4,6 @@ GC-0..: what the checks find in recordings. GC-1..: what a result tells of itsel
 A code is never used for another kind, nor taken away and given again: papers, notes and scripts name them.
 """
 
-from __future__ import annotations
-
 from enum import Enum
 
 

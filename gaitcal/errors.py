@@ -1,7 +1,5 @@
 """The one exception root of gaitcal, and what the command line makes of it."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterable

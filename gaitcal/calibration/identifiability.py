@@ -12,8 +12,6 @@ Where a real one does, a fit of its joints may find an elbow that bends the othe
 about: a motion far from the one that the markers begin with. The joints of that arm are then left where they were.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ Options of a further trial are written on the command line as in a study file; e
 would hold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`gaitcal explain`, the page of a code, and `gaitcal example`, public recordings that are fetched into a folder."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import textwrap

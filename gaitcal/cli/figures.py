@@ -1,7 +1,5 @@
 """`gaitcal figures`: what a result folder holds, drawn for a paper or for a report."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`gaitcal init` and `gaitcal check`, and what commands do with a folder instead of a study file."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`gaitcal montecarlo`, and `gaitcal reproduce`, the published study."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -1,7 +1,5 @@
 """`gaitcal convert` and `export`: files from other programs, and for them, and joints for a model of the user's own."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

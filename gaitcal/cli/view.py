@@ -8,8 +8,6 @@ machine (a page elsewhere that points its own name at 127.0.0.1 gets nothing) an
 another user of this machine), and nothing else.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import secrets

@@ -10,8 +10,6 @@ m being where they alone would have it (`results/shared_model.py` does the same 
 in units of anatomy's prior, y = G^-1 (d - a), in which x = F^-1 G y - F^-1 (m0 - a), whatever prior their fit had.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import Counter

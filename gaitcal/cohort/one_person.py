@@ -10,8 +10,6 @@ that is the same for everybody: people can be packed one by one. Three bytes are
 bytes are divisible by three, so that people's texts one behind the other are the text of all.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

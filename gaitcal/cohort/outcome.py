@@ -5,8 +5,6 @@ so that nothing but people at work is lost, whatever ends the run. What a result
 settings, version) is one SHA-256, `fingerprint`: where it has not changed, a worker does nothing.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -5,8 +5,6 @@ own sub-folders all hold a complete set (a study file, or at least two recording
 `people.csv`, as spreadsheets write it, says what no file does; `cohort.toml` names people one by one.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

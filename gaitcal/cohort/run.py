@@ -5,8 +5,6 @@ the same bytes, in whatever order, on whatever machine and in however many runs 
 (seconds, memory) is in `times.csv` alone.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

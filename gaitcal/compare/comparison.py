@@ -13,8 +13,6 @@ What an OpenSim model differs in from ours, in words: `their hip centres lie 42 
 Both sides are told together, by their mean; lateral differences and turns of the left side are mirrored first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

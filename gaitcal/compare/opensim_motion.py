@@ -10,8 +10,6 @@ the offset being the mean over the frames that count: coordinates of two models 
 bent by negative angles in their model is turned round first.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

@@ -5,8 +5,6 @@ strides of one calibrated person share, c^2 = se_ij^2 - s_ij^2. What of c two se
 turn, f, are the axes of the segments and, of loads, the masses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum

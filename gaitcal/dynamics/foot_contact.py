@@ -13,8 +13,6 @@ other is divided where the first has left the ground and the second rests. One t
 carries both feet, is of each foot from where it stands alone on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

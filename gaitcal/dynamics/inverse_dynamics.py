@@ -18,8 +18,6 @@ laboratory axes. Without ground reactions tau is linear in the dynamic parameter
 segment origin); their matrix is the regressor. Pinocchio gives the same frame by frame (tested).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -24,8 +24,6 @@ A foot bears a little before it is seen to rest, and after: as much of it is los
 known, the centre of pressure says whether the other foot stands on it too: it leaves the sole then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

@@ -4,8 +4,6 @@ A page has a title, says how bad it can be, and has the parts `PARTS`. The progr
 documentation show the same text.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ a muscle's length with the coordinate, all constraints held. Between two neighbo
 -(r_1 + r_2) / 2 times the step; where it does not by more than `JUMP`, the muscle has jumped over a wrapping surface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec

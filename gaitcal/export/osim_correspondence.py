@@ -14,8 +14,6 @@ centre,
 so that a linkage with that hinge is what markers of such a knee would tell. For a hinge it is the hinge itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -6,8 +6,6 @@ bodies stand in `PhysicalOffsetFrame`s (OpenSim 4) or in the joint (OpenSim 3); 
 it, text is put in.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -9,8 +9,6 @@ and its turn s^2 J^-1. Where fewer than three are shared, points on the joints' 
 models have them; what they disagree in is then in the residual as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -21,8 +21,6 @@ word: a row that holds one is left out, and the header says so. Ground reactions
 of pressure and the moment about it, with an XML file that says which columns act on which foot.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -14,8 +14,6 @@ Bodies: limits that nobody who walks or runs exceeds, whatever the data. Angles,
 limits no torque means anything.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

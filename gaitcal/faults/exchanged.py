@@ -13,8 +13,6 @@ Exchanges that the shape of a whole trial shows are one of the causes of `contra
 one of `static_landmarks.py`, those that only a fit shows one of `after_fit.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, zip_longest

@@ -5,8 +5,6 @@ whose torques do not count there. A fault that puts soles, plates or clocks in d
 what it does here is not told again (`_explained`).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

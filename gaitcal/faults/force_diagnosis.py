@@ -17,8 +17,6 @@ How far a fault of the forces moves the torques of the legs.
 over the frames of the evidence, each plate on the foot that stands at that time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias

@@ -15,8 +15,6 @@ judged alike. The distance between the hips is judged in the same way. A doubted
 A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 

@@ -13,8 +13,6 @@ share k, so that people's own build scatters e less than that and no error of a 
 about a line far off is told by itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -15,8 +15,6 @@ from where they stand (the limits of `joint_link.py` over SPREAD) is how far the
 so much the joint parameters in that segment may lie elsewhere than its neighbours say.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

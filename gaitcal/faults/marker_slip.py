@@ -8,8 +8,6 @@ second difference while the others go their way. A position repeated bit for bit
 never changes, needs no static trial to be told.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -12,8 +12,6 @@ ankle came out within 5 deg RMS of those with all markers, s being 6 to 12 deg; 
 and angles were wrong by up to 31. With one marker on each of the three, s is no guide: a leg has two postures then.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 

@@ -19,8 +19,6 @@ body's momentum: mean force = m (g + (v_b - v_a) / (t_b - t_a)). The pelvis stan
 velocities are a little wrong; the longer the stretch, the less that matters.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from itertools import permutations

@@ -13,8 +13,6 @@ the others; of four or more the one without which the rest agrees best is named.
 distance between them is compared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

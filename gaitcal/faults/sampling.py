@@ -14,8 +14,6 @@ The step d along the velocity v tells how many frames of length h are missing: n
 twice.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ twice that on the result is wrong by more than its own error bar. Skin and gaps 
 per cent; the median of seven says more than any of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

@@ -10,8 +10,6 @@ The candidate with the least cost is told if it saves enough; what it leaves is 
 Candidates that cost hardly more than the best are told beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -15,8 +15,6 @@ off, in the air after an off and before a strike. The ends of a recording hide n
 down; a foot whose first strike comes later may have been down before it, and have left the ground out of sight.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

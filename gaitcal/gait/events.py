@@ -20,8 +20,6 @@ thresholds lie where vertical forces pass 20 N, as the median of laboratories ha
 late, and the off early.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final

@@ -42,8 +42,6 @@ There are no curves of adults that gaitcal could bring, and whose age is not tol
 against children. Own norms (`--normal FILE`) are taken as they are.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 from collections.abc import Iterator, Mapping, Sequence

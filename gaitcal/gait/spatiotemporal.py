@@ -32,8 +32,6 @@ and supports beside them, to which both feet belong: what makes a leg's markers 
 need not spare its clock.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ it are ignored, so that cleaning up is not itself cut off. A signal within `unbr
 A file is written under its own name in a hidden folder beside its place, and then renamed.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

@@ -8,8 +8,6 @@ The folder holds the recordings, study.toml, and SOURCE.txt, which says whose th
 whatever ends a run: the next one asks for the rest only. A folder with anything else in it is refused.
 """
 
-from __future__ import annotations
-
 import hashlib
 import http.client
 import json

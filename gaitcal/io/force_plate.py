@@ -33,8 +33,6 @@ a triangular band matrix, begun as if the first sample had been there for ever: 
 the laboratory origin are filtered, both linear in the channels; never the centre of pressure, a quotient.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

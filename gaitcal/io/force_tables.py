@@ -9,8 +9,6 @@ A name is taken apart into what it measures (force, point, moment), its axis, an
 Where all that is given of a moment is its vertical part, it is the free moment.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

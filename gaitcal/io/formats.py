@@ -13,8 +13,6 @@ What `convert` makes of a file:
 | CSV forces  | MOT                                                                                    |
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from os import PathLike

@@ -16,8 +16,6 @@ that name, given to the foot to which its body belongs. Refused by name: a force
 expressed in the frame of a body that moves.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence

@@ -14,8 +14,6 @@ never while it holds an input of the run. What later commands added to it (`KEPT
 links, so that it is in both until the old one goes.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

@@ -23,8 +23,6 @@ A standing posture is none of the recording's (`upright`): the segments of the f
 one before it where it is on average. All trials of a person give the same one, standing is not needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ A file that does not match the SHA-256 in the manifest was damaged (a flipped bi
 is named before it is used.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ says 0.017, 0.033, 0.050, up to 0.5 ms off, which at 5 m/s is 2.5 mm. Where all 
 a uniform grid of a whole number of hertz, that grid is what was meant, and is put back. Else they stay as they are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps

@@ -3,8 +3,6 @@
 Also the data folder `models/`, whose tables are read in the same way, and versions of installed packages.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

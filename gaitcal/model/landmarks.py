@@ -15,8 +15,6 @@ way to the middle of the pelvis would not do, as it is mostly vertical. (Vicon, 
 trials of two hospitals the corner lies within 0.1 mm of the knee marker that Vicon's own program computed.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 

@@ -5,8 +5,6 @@ decimal arithmetic of PRECISION digits: with 15 digits where they serve, else wi
 is told apart from its neighbours by 17). Reading keeps the text as a decimal, so that nothing is lost on either way.
 """
 
-from __future__ import annotations
-
 from decimal import Context, Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated

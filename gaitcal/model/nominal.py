@@ -16,8 +16,6 @@ angle is the foot at right angles to the shank. The subtalar point of the foot c
 pose is met exactly, whatever the person's feet are.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 

@@ -7,8 +7,6 @@
 - A marker that only an alternative needs which was not chosen is missed by nobody.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 

@@ -9,8 +9,6 @@ without zlib. Polygons of more than three corners become fans of triangles. Data
 OpenSim's files have none.
 """
 
-from __future__ import annotations
-
 import base64
 import xml.etree.ElementTree as ET
 import zlib

@@ -24,8 +24,6 @@ directions across the axis. The angle is that between u and the line through bot
 same root of C_u.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

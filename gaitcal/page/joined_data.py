@@ -1,7 +1,5 @@
 """Page data of several runs of one person, joined: further trials after those of a calibration, and some alone."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 

@@ -10,8 +10,6 @@ sections            preset of the page -> blocks: headings, sentences, tables, p
 The page is made from it again at any time; trials of several runs of one person are joined here.
 """
 
-from __future__ import annotations
-
 import datetime
 import json
 import math

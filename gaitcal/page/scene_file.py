@@ -9,8 +9,6 @@ trial (0.03 mm on two metres, however far the person walks), a gap as -32768; th
 quaternions in 1/32767. Frames go where all trials together would be more than the page may hold.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import struct

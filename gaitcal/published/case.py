@@ -8,8 +8,6 @@ Two real people stand beside the unpublished experimental trial: `subject01` (a 
 (isolated trials of six joints and a walk), from the folder that GAITCAL_DATA names, as any user's study.
 """
 
-from __future__ import annotations
-
 import hashlib
 import zlib
 from collections.abc import Container, Iterator, Mapping

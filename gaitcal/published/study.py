@@ -10,8 +10,6 @@ a chunk ends in the beginning of its SHA-256: a chunk that was damaged is remove
 which settings it was made with, so that a damaged `settings.json` costs no draw.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -5,8 +5,6 @@ from their iterator as there is room for them, so that memory stays bounded. One
 again, a few times: who killed the worker is not known.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import signal

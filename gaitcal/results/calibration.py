@@ -2,8 +2,6 @@
 those of further trials. `saved.py` reads back what further trials need.
 """
 
-from __future__ import annotations
-
 import json
 import platform
 from collections.abc import Mapping, Sequence

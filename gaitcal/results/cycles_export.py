@@ -9,8 +9,6 @@ the folder of the command, where the study that was drafted for it has them, or 
 must have the SHA-256 of what was read then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath

@@ -4,8 +4,6 @@ Curves are means over straight strides of all walks with the standard error of `
 in clinical signs (`gait/conventions.py`); comments come from a file that the clinic writes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ markers and, where its forces can be laid on the markers' clock, its plates. Tor
 count; of a trial that is refused there are none.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from dataclasses import replace

@@ -2,8 +2,6 @@
 uncertainty), and single moving trials for other programs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Two result folders of one person, read for `gaitcal compare A B`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The folder of further trials (`gaitcal dynamics`): every run adds its trials to those that are there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path

@@ -16,8 +16,6 @@ alone and take no further part in the motion, and their say is limited:
 One motion leaves the trial, the one that the torques are of.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import Enum
 

@@ -4,8 +4,6 @@ Where none follows: why, in one line and file by file. Trials in which the check
 are left out of a drafted study.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ A recording that has plates of its own needs no table. For another one, a table 
 time and if, under load, the centre of pressure lies near a foot: the feet decide, names only where feet do not.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Mapping, Sequence

@@ -10,8 +10,6 @@ blocks left out. The four folds together visit every frame once. The motion in a
 markers, as for the nominal model: what is tested is the joint parameters, not a guess of the motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial

@@ -11,8 +11,6 @@ after every fit of joint parameters the zero angles z of the two joints are move
 in the direction of their coordinate, and every motion's coordinate by -dz: positions, torques and markers are the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace

@@ -9,8 +9,6 @@ Forces are judged after the joint parameters and with nominal masses: inertial p
 them, take a fault of the forces up (a clock 66 ms late leaves 96 N before and 7 N after).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

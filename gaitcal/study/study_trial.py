@@ -7,8 +7,6 @@ person whose trunk stands as it is carried on average while walking. A note says
 mean posture in those walks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum

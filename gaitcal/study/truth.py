@@ -13,8 +13,6 @@ something else, and is refused. Landmarks are compared by their distances from e
 mean, which no turn of the laboratory about the vertical, height of its floor or format of the recording changes.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ bytes changed among their first 1500, eleven ended ezc3d 1.7 by a segmentation f
 process of its own, which parses one file after the other; a new one follows when it has died.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import pickle

@@ -9,8 +9,6 @@ masks keep their values exactly, coordinates are those integers times the file's
 float. Parameters that are not concerned are copied byte for byte.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
