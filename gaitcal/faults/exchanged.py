@@ -20,9 +20,8 @@ from itertools import combinations, permutations, zip_longest
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
+from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
-from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import duration, runs, spans
 from gaitcal.model.linkage import LOWER_BODY

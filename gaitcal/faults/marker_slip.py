@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
+from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
 from gaitcal.faults.evidence import MarkerEvidence, side_of
 from gaitcal.faults.exchanged import undone
-from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.still import runs, spans
 from gaitcal.runtime import remembered
 

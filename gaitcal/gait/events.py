@@ -28,7 +28,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, has_feet
-from gaitcal.findings import Finding
+from gaitcal.errors import Finding
 from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findings, order_findings
 from gaitcal.gait.repetitions import alternate, repetitions

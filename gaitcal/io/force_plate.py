@@ -39,8 +39,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import ForcePlate
 from gaitcal.io.still import runs
 

@@ -29,7 +29,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.io.key_points import CARRIER, holds_key_points, segments_of
 from gaitcal.io.recording import Recording
 from gaitcal.io.text_file import FileFault

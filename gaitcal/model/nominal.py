@@ -22,8 +22,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.io.toml import models_path

@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.csv import events_beside, with_corrected_events
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables

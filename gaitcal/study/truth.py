@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.recording import Recording
 from gaitcal.io.still import still_window
 from gaitcal.io.text_file import parse_number
