@@ -34,8 +34,7 @@ from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findi
 from gaitcal.gait.repetitions import alternate, repetitions
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment, times_of
-from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.still import runs
+from gaitcal.io.recording import ForcePlate, Recording, runs
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
