@@ -1,4 +1,4 @@
-"""The still part of a recording, stretches of frames, gaps.
+"""The still part of a recording, stretches of frames, gaps."""
 
 from dataclasses import replace
 
