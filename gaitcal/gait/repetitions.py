@@ -21,8 +21,6 @@ its lowest or highest h, where that is beyond both its ends by more than `NEAR` 
     landing            h falls, and flight was before
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
@@ -30,7 +28,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.gait.cycles import FootEvents, GaitCycle
-from gaitcal.io.still import runs
+from gaitcal.io.recording import runs
 from gaitcal.model.subject_model import GRAVITY
 
 STILL, NEAR, FAR = 0.05, 0.1, 0.5

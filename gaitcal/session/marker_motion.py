@@ -15,8 +15,6 @@ by each foot for itself; what counts is in how far both say the same, 2 min(a, b
 says, and a recording counts by 2 min(a, b): one in which one foot moves says nothing.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 
@@ -24,8 +22,7 @@ import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, seen_mask, still_window
 from gaitcal.motion.rigid import best_rotation
 
 ON_ONE, APART = (0.005, 0.8), (0.05, 1.2)

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.codes import Code
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject, SubjectModel

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.study.study import Study
 from tests.faults.spoilt import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from gaitcal.findings import Finding, Severity
+from gaitcal.errors import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
 from tests.faults.spoilt import Array, Change, findings, moved, put, recording_of, with_trial

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.exchanged import exchanged
 from gaitcal.faults.markers import gaps
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.rebuilt_markers import without_outliers

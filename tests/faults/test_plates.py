@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.codes import Code
-from gaitcal.findings import Finding, Severity
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.study.study import Study

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from gaitcal.errors import Severity
 from gaitcal.faults.study import check_file, check_study
-from gaitcal.findings import Severity
 from gaitcal.study.study import Study
 from tests.real_studies import REAL, write_study
 

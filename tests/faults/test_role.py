@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
 from tests.faults.spoilt import Change, backwards, findings, lying, moved, recording_of, serious, with_trial

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitcal.codes import Code
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.verdict import (
     BOUNDS,
     FORCES,
@@ -22,7 +22,6 @@ from gaitcal.faults.verdict import (
     stopping,
     without_consequences,
 )
-from gaitcal.findings import STUDY, Finding, Severity
 
 GOOD, DOUBTFUL, REFUSED = Judgement
 WALKS = ("walk", "walk2")

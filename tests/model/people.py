@@ -8,8 +8,7 @@ import numpy as np
 
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.io.formats import read_recording
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.model.chain import Chain, axis_rotation, forward, segment_poses
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set

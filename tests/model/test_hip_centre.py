@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitcal.findings import Severity
+from gaitcal.errors import Severity
 from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import Recording
 from gaitcal.model.landmarks import labelled_hips
