@@ -18,8 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import NULL
-from gaitcal.codes import Code
-from gaitcal.findings import STUDY, Finding, Severity, listed
+from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
 from gaitcal.model.linkage import LEG_JOINTS, LOWER_BODY, SIDE_WORDS, SIDES, moved_joints
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters

@@ -22,12 +22,10 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import pandas as pd
 
-from gaitcal.codes import Code
 from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
-from gaitcal.errors import InputError
+from gaitcal.errors import STUDY, Code, InputError
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement, stopping
-from gaitcal.findings import STUDY
 from gaitcal.gait.cycles import WALKING, Kind, kind_of
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS

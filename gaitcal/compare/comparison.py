@@ -19,8 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim_correspondence import ARMS, segment_of
 from gaitcal.export.osim_reader import read_osim
 from gaitcal.export.osim_registration import Registration, registered, shared_markers

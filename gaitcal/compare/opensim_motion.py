@@ -23,8 +23,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim_correspondence import LegJoint, leg_joints, same_label
 from gaitcal.export.osim_reader import read_osim
 from gaitcal.export.peer_model import PeerModel

@@ -24,8 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross, stretches
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.model import linkage
 from gaitcal.model.chain import Chain, ChainConstants, chain_of, forward, jacobian, segment_poses
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_parameters

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Final, TypeAlias
 
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 
 PARTS: Final = (
     "What it means",

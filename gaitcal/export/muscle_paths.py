@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim_correspondence import LegJoint
 
 VALUES = 13  # Of a coordinate, over its range

@@ -29,9 +29,8 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
 from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import (
     COORDINATE_RANGES,
     DOCUMENT_VERSION,

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gaitcal.errors import InputError
+from gaitcal.errors import Finding, InputError, Severity
 from gaitcal.faults import (
     exchanged,
     foot_on_plate,
@@ -30,7 +30,6 @@ from gaitcal.faults.cluster import Stance
 from gaitcal.faults.contradiction import PossibleMove, possible_moves
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
-from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind

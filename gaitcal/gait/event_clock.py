@@ -23,8 +23,7 @@ from typing import Final
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.findings import Finding, Severity, listed
+from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.gait.cycles import FootEvents, changes
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS

@@ -28,7 +28,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.gait.cycles import FootEvents, GaitCycle
-from gaitcal.io.still import runs
+from gaitcal.io.recording import runs
 from gaitcal.model.subject_model import GRAVITY
 
 STILL, NEAR, FAR = 0.05, 0.1, 0.5

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.io.axes import AXES, UP_TO_Y, Turn, force_axis, turn_plate
 from gaitcal.io.force_plate import TURNED_ROUND, UP, pushes_down, turned_round
 from gaitcal.io.recording import ForcePlate

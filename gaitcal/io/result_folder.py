@@ -29,8 +29,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import FULL, UNFINISHED, disk_errors, real_path, unbroken
 
 MANIFEST = "manifest.json"

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.result_folder import MANIFEST, ResultKind, listed, put_back, read_object, sha256_of
 
 PEOPLE = "people"

@@ -16,8 +16,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
-from gaitcal.codes import Code
-from gaitcal.errors import GaitcalError, InputError, nearest
+from gaitcal.errors import Code, GaitcalError, InputError, nearest
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -35,8 +35,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording, seen_mask, seen_means
-from gaitcal.io.still import runs, spans, still_window
+from gaitcal.io.recording import Recording, runs, seen_mask, seen_means, spans, still_window
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, segment_kind
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.point_noise import PointNoise

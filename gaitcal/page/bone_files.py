@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.page.body_meshes import Mesh, read_stl, with_fewer_triangles
 
 PACKAGE = "myo-sim"

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.faults.verdict import Judgement, Verdict, WalkVerdict
 from gaitcal.model.linkage import SIDES
 from gaitcal.page.page_data import explained_code, verdict_line

@@ -22,8 +22,7 @@ from typing import Any, TypeVar
 from joblib.externals.loky import ProcessPoolExecutor, cpu_count
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
-from gaitcal.codes import Code
-from gaitcal.errors import GaitcalError, InputError, UsageError
+from gaitcal.errors import Code, GaitcalError, InputError, UsageError
 from gaitcal.io.atomic import disk_errors
 from gaitcal.io.result_folder import locked
 

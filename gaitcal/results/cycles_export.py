@@ -17,10 +17,9 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, Kind, gait_cycles, kind_of, normalise
 from gaitcal.io import result_folder

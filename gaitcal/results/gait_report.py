@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, ReportContent
 from gaitcal.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs

@@ -5,8 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, cast
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Verdict
 from gaitcal.io.atomic import disk_errors

@@ -17,8 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.csv import (
     CORNER_HEADER,
     EVENTS,

@@ -30,9 +30,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import other_side
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
-from gaitcal.io.key_points import holds_key_points
 from gaitcal.io.recording import Recording
-from gaitcal.io.segment_poses import holds_poses
+from gaitcal.io.segment_poses import holds_key_points, holds_poses
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import REQUIRED, MarkerSet
 from gaitcal.session.movement import Standing, standing

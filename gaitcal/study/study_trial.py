@@ -15,14 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.csv import events_beside, with_corrected_events
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, duration, runs, seen_mask, spans, still_window
 from gaitcal.io.segment_poses import upright
-from gaitcal.io.still import duration, runs, spans, still_window
 from gaitcal.model.linkage import carrier_of
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.point_noise import PointNoise

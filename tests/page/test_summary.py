@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.errors import Severity
 from gaitcal.faults.force_diagnosis import beyond_expected
-from gaitcal.findings import Severity
 from gaitcal.gait.moments import parameter_words
 from gaitcal.gait.strides import strides_of
 from gaitcal.model.linkage import COORDINATE_INDEX

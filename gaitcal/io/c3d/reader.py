@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.io.axes import UP_TO_Y, Vertical, find_vertical, turn_up
 from gaitcal.io.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
 from gaitcal.io.c3d.plates import measured_plates, stand_up
