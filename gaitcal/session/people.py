@@ -7,7 +7,7 @@ differ in several segments by more. D(a, b) is the median distance of two marker
 
 Within sessions of eight people the second largest d_s of pelvis and legs is at most 9 mm, between people from 11 mm.
 
-Points that are no markers (`model/point_noise.py`) show bones, from joint to joint: corners of a pose keep their
+Points that are no markers (`model/subject_model.py`) show bones, from joint to joint: corners of a pose keep their
 distances whoever moves. Their errors sigma last for a time tau each, so that a median over T errs by
 
     e = sqrt(2) sigma / sqrt(max(T / tau, 1)),

@@ -27,19 +27,17 @@ from gaitcal.calibration.error_sources import (
 from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
-from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import FEET, moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import EXACT, PALPATED_DEG, AxisErrors, PlateErrors, TorqueErrors
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.gait.cycles import FootEvents
-from gaitcal.gait.events import GaitEvents, activity_events, trial_events
+from gaitcal.gait.events import GaitEvents, activity_events, crouches, trial_events
 from gaitcal.gait.moments import segment_words
-from gaitcal.gait.repetitions import crouches
 from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
 from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
 from gaitcal.io.recording import Recording
