@@ -19,11 +19,8 @@ from threadpoolctl import threadpool_limits
 from tests.kept import run_folder
 
 if TYPE_CHECKING:
-<<<<<<< HEAD
-    from gaitcal.study.study import Study
-=======
     from gaitcal import Calibration
->>>>>>> main
+    from gaitcal.study.study import Study
 
 # A busy machine may take ten times as long for one example: time is judged by the benchmarks, not here.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -129,7 +126,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def whole() -> "Calibration":
+def whole() -> Calibration:
     """A whole calibration, made of plain numbers (`tests/fake_result.py`); nobody changes it."""
     from tests.fake_result import fake_calibration
 
