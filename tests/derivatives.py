@@ -123,3 +123,9 @@ def from_band(band: Array) -> Array:
         values = band[: len(band) - d, d]
         out += np.diag(values, -d) + (np.diag(values, d) if d else 0.0)
     return out
+
+
+def assert_covariance(found: Array, expected: Array, atol: float = 1e-4) -> None:
+    """Fail unless two covariances agree in units of the expected standard deviations."""
+    unit = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / unit, expected / unit, rtol=0, atol=atol)
