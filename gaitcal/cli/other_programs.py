@@ -36,7 +36,7 @@ from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.atomic import atomic_bytes, atomic_text, disk_errors
 from gaitcal.io.formats import convert
 from gaitcal.io.result_folder import amended
-from gaitcal.results.cycles import CYCLES
+from gaitcal.results.cycles import CYCLES, Json
 from gaitcal.results.cycles_export import (
     made_with_another_model,
     trial_files,
@@ -45,7 +45,6 @@ from gaitcal.results.cycles_export import (
 )
 from gaitcal.results.recordings import write_recordings
 from gaitcal.results.saved import MODEL, load_result, load_result_model, recorded_coordinates
-from gaitcal.results.table_file import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
 JOINTS, MASSES = "joints", "masses"  # What `--parameters` allows; the second never without the first

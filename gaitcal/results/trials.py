@@ -25,10 +25,10 @@ from gaitcal.page.provenance import Origin
 from gaitcal.page.scene import person_scene, trial_scene
 from gaitcal.page.view import Shown, after_trials, doubted, merged, only
 from gaitcal.results.calibration import AGAIN, OTHER_MODEL, SCENE, json_text, read_page, write_page, write_trial
+from gaitcal.results.cycles import Json
 from gaitcal.results.saved import MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import SUMMARY, entries_of, table_of, trial_summary, verdict_summary
-from gaitcal.results.table_file import Json
 from gaitcal.session.result import TrialResult
 
 
