@@ -38,7 +38,8 @@ class Segment:
     markers: bool = True  # markers can sit on it, and so soft tissue between them and the bone
     needed: bool = False  # a segment of a leg without whose markers there are no joint torques of that leg
     parts: tuple[str, ...] = ()
-    """Segments of de Leva's table in it, from which it has its inertia; none: it is massless."""
+    """Rows of `models/de_leva_1996.json` in it, from which it has its inertia; none: it is massless."""
+    forward: bool = False  # its parts follow one another along x from its origin, as those of feet; else along -y
     palpated: tuple[float, float, float] | None = None
     """deg, standard deviations of turns of its axes about x, y and z by landmarks off their place
     (`dynamics/axis_errors.py`); None: it has no landmarks, and no error."""
@@ -56,7 +57,8 @@ _SEGMENTS = (
     Segment(name="shank", needed=True, parts=("Shank2",), palpated=(1.0, 5.5, 1.0), free_centre=("com.sup",)),
     Segment(name="talus", markers=False),
     # foot: z across the shank; heel and toe 190 mm apart
-    Segment(name="foot", needed=True, parts=("Foot",), palpated=(1.0, 2.5, 2.5), free_centre=("com.ant",)),
+    Segment(name="foot", needed=True, parts=("Foot",), forward=True, palpated=(1.0, 2.5, 2.5),
+        free_centre=("com.ant",)),
     # head_trunk: the lumbar joint and the acromia, 450 mm above and 350 mm apart
     Segment(name="head_trunk", short="trunk", words="head and trunk", paired=False,
         parts=("MiddleTrunk", "UpperTrunk", "Head2"), palpated=(2.0, 1.5, 2.0), free_centre=("com.sup",)),
