@@ -43,8 +43,6 @@ noise in a short trial weighs little. White noise of variance s^2 gives nu = s; 
 their bones give more than their deformation tells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ Options of a further trial are written on the command line as in a study file; e
 would hold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,12 +22,10 @@ from gaitcal.cli.console import (
     tell_kept,
 )
 from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft
-from gaitcal.codes import Code
-from gaitcal.errors import ConvergenceError, InputError, UsageError
+from gaitcal.errors import Code, ConvergenceError, Finding, InputError, Severity, UsageError
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.study import check_further, check_study, further_evidence, further_moves
 from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_consequences
-from gaitcal.findings import Finding, Severity
 from gaitcal.gait.events import activity_events
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.csv import events_beside

@@ -12,8 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from gaitcal.errors import Severity
 from gaitcal.faults.verdict import Verdict
-from gaitcal.findings import Severity
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.runtime import Progress, silent
 

@@ -46,8 +46,6 @@ inside bars of 68, 93 inside those of 95 (68 and 87 while those thighs were take
 `python -m scripts.validation people`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -21,8 +21,6 @@ limits of a magnitude, for motions that were changed until they agree with the f
 nothing is judged by them: plates have the impact of a heel, and a smoothed motion does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -24,8 +24,6 @@ A foot bears a little before it is seen to rest, and after: as much of it is los
 known, the centre of pressure says whether the other foot stands on it too: it leaves the sole then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -33,10 +31,9 @@ from itertools import combinations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
 from gaitcal.dynamics import foot_contact
 from gaitcal.dynamics.plate_errors import outline_known
-from gaitcal.findings import Finding, Severity
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.io.recording import ForcePlate
 from gaitcal.io.still import runs, spans

@@ -1,7 +1,5 @@
 """What putting joints into a model did, in tables and sentences: for the screen, and for a page beside the model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ a muscle's length with the coordinate, all constraints held. Between two neighbo
 -(r_1 + r_2) / 2 times the step; where it does not by more than `JUMP`, the muscle has jumped over a wrapping surface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -15,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim_correspondence import LegJoint
 
 VALUES = 13  # Of a coordinate, over its range

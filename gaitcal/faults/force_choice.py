@@ -17,8 +17,6 @@ clean walks leave. TEMPER counts rows as half: noise is not as Gaussian as that.
 A cause without a coefficient has p = 1 / 2, being one of a few.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

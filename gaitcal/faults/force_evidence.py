@@ -23,8 +23,6 @@ Which foot stands on a plate, told by time alone: forces that are at fault may p
 A plate's loading and a foot's contact belong together where they last together for most of the time that either does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """A page without a script: one HTML file of words, tables and pictures that opens offline and requests nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Final

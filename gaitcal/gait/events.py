@@ -20,8 +20,6 @@ thresholds lie where vertical forces pass 20 N, as the median of laboratories ha
 late, and the off early.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -30,7 +28,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, has_feet
-from gaitcal.findings import Finding
+from gaitcal.errors import Finding
 from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findings, order_findings
 from gaitcal.gait.repetitions import alternate, repetitions

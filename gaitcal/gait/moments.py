@@ -4,8 +4,6 @@ A gait laboratory reads the right hip's flexion for `hip_flexion_r`. Coordinates
 words here; names from the data (markers, trials) stay as they are.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

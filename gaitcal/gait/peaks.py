@@ -20,8 +20,6 @@ repetition (`gait/repetitions.py`). Their highest or lowest value counts whereve
 samples that are not valid, as on a seat: the curve may go on there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum

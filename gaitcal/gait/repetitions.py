@@ -21,8 +21,6 @@ its lowest or highest h, where that is beyond both its ends by more than `NEAR` 
     landing            h falls, and flight was before
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 

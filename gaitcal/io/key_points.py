@@ -13,8 +13,6 @@ They make a standing posture as segment poses do (`segment_poses.py`), and the f
 by the key points themselves: how a leg turns about its length is then told by knee, ankle and foot together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 
 import numpy as np

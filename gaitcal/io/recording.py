@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.io.labels import ComputedPoints, Facts, FootEvent, clean
 from gaitcal.io.text_file import FileFault
 

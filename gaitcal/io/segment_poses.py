@@ -23,15 +23,13 @@ A standing posture is none of the recording's (`upright`): the segments of the f
 one before it where it is on average. All trials of a person give the same one, standing is not needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.io.key_points import CARRIER, holds_key_points, segments_of
 from gaitcal.io.recording import Recording
 from gaitcal.io.text_file import FileFault

@@ -7,8 +7,6 @@ Where noise is so large that no stretch looks still, paths are first averaged ov
 as 73 mm/s across the lag at 100 Hz, and as 12 mm/s after that; whoever walks or sways slowly keeps the speed.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording, seen_mask
 
 LAG_S = 0.1

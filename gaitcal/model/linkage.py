@@ -15,8 +15,6 @@ enters in exactly one element of one joint, a coordinate in exactly one. What co
 in `coordinates.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum

@@ -5,8 +5,6 @@ decimal arithmetic of PRECISION digits: with 15 digits where they serve, else wi
 is told apart from its neighbours by 17). Reading keeps the text as a decimal, so that nothing is lost on either way.
 """
 
-from __future__ import annotations
-
 from decimal import Context, Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated
@@ -15,8 +13,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import atomic_file
 from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES

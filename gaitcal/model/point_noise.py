@@ -8,8 +8,6 @@ say the same (`memory_s`); and where the program has fitted a body of its own, i
 (`size_mm` is the least that is believed of them).
 """
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from gaitcal.io.toml import Table

@@ -27,8 +27,6 @@ x_k-1 and x_k+1, and s the step between these two less the steps before and afte
 any acceleration of a body makes of it and s is not. A path that steps aside, as where labels are exchanged, is not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias

@@ -1,11 +1,9 @@
 """Page data of several runs of one person, joined: further trials after those of a calibration, and some alone."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.faults.verdict import Judgement, Verdict, WalkVerdict
 from gaitcal.model.linkage import SIDES
 from gaitcal.page.page_data import explained_code, verdict_line

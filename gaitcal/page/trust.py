@@ -5,8 +5,6 @@ Verdict and reasons are data of the page itself. At the frame of a peak, and ove
 independent sources add; the largest comes first, as better input of its kind would mend most.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

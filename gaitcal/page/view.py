@@ -5,8 +5,6 @@ the file lets exactly these scripts run, known by their SHA-256, and forbids eve
 subject is called, it is text.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import re

@@ -4,8 +4,6 @@ What depends on the noise is judged by medians over the draws; how many draws ag
 such as "far smaller" or "nearly" are ours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum

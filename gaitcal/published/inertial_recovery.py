@@ -9,8 +9,6 @@ Errors are summed up as in the published Table III: sqrt(mean e^2) over the two-
 mass-centre coordinates; residuals over frames and the three components. That gives Table III from Table IV.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

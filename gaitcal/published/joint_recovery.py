@@ -10,8 +10,6 @@ Errors are summed up as in the published Table I: sqrt(mean e^2) over the joint'
 orientations (deg) apart. That definition gives the printed figures of Table I from those of Table II.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -28,8 +28,6 @@ whatever, of as many nodes as one likes, absorbs rank(J_f) / (3 * markers) on av
 of all frames together, and absorb some more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims, real people."""
 
-from __future__ import annotations
-
 import json
 import platform
 import shutil

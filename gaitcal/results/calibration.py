@@ -2,8 +2,6 @@
 those of further trials. `saved.py` reads back what further trials need.
 """
 
-from __future__ import annotations
-
 import json
 import platform
 from collections.abc import Mapping, Sequence
@@ -12,8 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_external_loads, write_mjcf, write_mot, write_sto_moments, write_urdf
 from gaitcal.gait.normal_bands import Bands, Norm, norm_for, own_norm

@@ -1,14 +1,11 @@
 """The folder of further trials (`gaitcal dynamics`): every run adds its trials to those that are there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, cast
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Verdict
 from gaitcal.io.atomic import disk_errors

@@ -15,8 +15,6 @@ by each foot for itself; what counts is in how far both say the same, 2 min(a, b
 says, and a recording counts by 2 min(a, b): one in which one foot moves says nothing.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 

@@ -7,8 +7,6 @@ the ground or on a treadmill. One joint alone is seen by how far the joints turn
 (`faults/role.py`), while pelvis and other leg stay. Whoever runs, climbs, squats, rises or jumps moves the whole body.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass, replace
 from enum import Enum

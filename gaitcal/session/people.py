@@ -20,8 +20,6 @@ two of pelvis and legs, or all of the right with those of the left) explains the
 recording stays in the study, and the checks find what is wrong with it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace

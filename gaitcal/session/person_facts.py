@@ -5,8 +5,6 @@ subject's name is that of the folder: a file's may be the patient's. A mass is h
 standing person, and the height: in pounds it is 2.2 times, as a weight in newtons 9.81 times the mass in kg.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

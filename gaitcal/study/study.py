@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.csv import events_beside
 from gaitcal.io.labels import OLDEST, Facts, years_between
 from gaitcal.io.opensim_files import loads_tables

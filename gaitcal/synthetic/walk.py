@@ -19,8 +19,6 @@ What each may deviate by is a standard deviation below. The result is no fit to 
 what they then are. It holds for any linkage; the nominal person's angles change by 0.3 to 1 degree (RMS).
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from functools import cache

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.findings import Severity
+from gaitcal.errors import Severity
 from gaitcal.gait.cycles import EventSource, source_words
 from gaitcal.gait.event_clock import checked_events
 from gaitcal.gait.events import OFF, STRIKE, corrected, joined_events, plate_events, swing_events

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.errors import InputError
+from gaitcal.errors import InputError, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Severity
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import Recording

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.gait.cycles import GaitCycle, normalise, usable
 from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, OF_BOTH_LEGS, Stride, counting
 from gaitcal.model.subject_model import Subject

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.errors import Severity
 from gaitcal.faults.force_diagnosis import beyond_expected
-from gaitcal.findings import Severity
 from gaitcal.gait.moments import parameter_words
 from gaitcal.model.linkage import COORDINATE_INDEX
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES

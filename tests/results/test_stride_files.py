@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.cli.console import _residuals
-from gaitcal.findings import Severity
+from gaitcal.errors import Severity
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.events import joined_events
 from gaitcal.io.labels import FootEvent

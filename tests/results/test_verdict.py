@@ -10,10 +10,8 @@ import pytest
 
 from gaitcal.cli.calibrate import calibrate_study as run_calibrate
 from gaitcal.cli.console import Console
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.faults.verdict import judge
-from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.results.saved import load_result
 from gaitcal.results.summary import of_the_model, require_not_refused, summary
 from gaitcal.results.table_file import REFUSED_HEADER
