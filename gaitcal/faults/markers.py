@@ -25,7 +25,16 @@ from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import seen_mask
 from gaitcal.io.still import duration, marker_gaps, runs, spans
 from gaitcal.model.landmarks import one_psis, sacrum_words
-from gaitcal.model.linkage import LEG_SEGMENTS, LOWER_BODY, SIDES, carrier_of, joint_segments
+from gaitcal.model.linkage import (
+    JOINTS,
+    LEG_SEGMENTS,
+    LOWER_BODY,
+    NEEDED_JOINTS,
+    SIDES,
+    carrier_of,
+    coordinates_before,
+    joint_segments,
+)
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.coordinate_prior import MARKER_M, left_uncertain
 from gaitcal.motion.motion import tracked_motion
@@ -381,8 +390,8 @@ def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float
     uncertain = left_uncertain(problem.frame_hessians(motion.q, problem.constants(nominal)))
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
-    names = zip(problem.chain.coordinates, worst, strict=True)
-    return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l")}
+    legs = coordinates_before(joint.child for joint in JOINTS if joint.name[:-2] in NEEDED_JOINTS)
+    return {name: float(s) for name, s in zip(problem.chain.coordinates, worst, strict=True) if name in legs}
 
 
 def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:

@@ -183,6 +183,8 @@ LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # pelvis
 LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES}
 """Side -> segments of that leg, each after its parent."""
 LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)  # joints of a leg from hip to foot, without the side
+NEEDED_JOINTS: tuple[str, ...] = LEG_JOINTS[: 1 + max(k for k, row in enumerate(_LEG) if _OF_SHORT[row[2]].needed)]
+"""Those on the way to a segment that needs markers."""
 LEG_SEGMENTS: tuple[str, ...] = tuple(f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed)
 """Without markers on these there are no joint torques of a leg."""
 
