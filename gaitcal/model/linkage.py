@@ -185,6 +185,8 @@ LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endsw
 LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)  # joints of a leg from hip to foot, without the side
 NEEDED_JOINTS: tuple[str, ...] = LEG_JOINTS[: 1 + max(k for k, row in enumerate(_LEG) if _OF_SHORT[row[2]].needed)]
 """Those on the way to a segment that needs markers."""
+HANGS_ON: dict[str, str] = {j.child: j.parent for j in JOINTS if j.name[:-2] in LEG_JOINTS[len(NEEDED_JOINTS) :]}
+"""Segment of a leg beyond those -> the one with which it goes where it has no markers."""
 LEG_SEGMENTS: tuple[str, ...] = tuple(f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed)
 """Without markers on these there are no joint torques of a leg."""
 
