@@ -117,7 +117,7 @@ def test_a_marker_two_metres_off_is_told_and_left_out_throughout(sound: Study, l
     assert f"'{label}' is metres away" in told[0].cause and "208 of 208 frames (0.00-1.03 s)" in told[0].found
     walk = next(t for t in cleaned(spoilt).trials if t.name == "walk")
     fitted = prepare_trial(walk, nominal_of(spoilt), spoilt.settings).recording
-    assert label not in fitted.labels and any(f"'{label}'" in note for note in fitted.notes)
+    assert label not in fitted.labels and any(label in note for note in fitted.notes)
 
 
 def test_a_marker_that_flies_off_is_left_out_there_alone(sound: Study) -> None:
