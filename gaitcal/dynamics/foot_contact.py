@@ -23,8 +23,7 @@ from gaitcal.dynamics.plate_errors import outside
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.labels import FootEvent, FootMoment, times_of
-from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import duration, runs, spans
+from gaitcal.io.recording import ForcePlate, duration, runs, spans
 from gaitcal.model.linkage import SIDES
 
 RESTING = 0.4

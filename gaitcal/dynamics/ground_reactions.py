@@ -24,8 +24,7 @@ from gaitcal.dynamics.plate_errors import foot_tip
 from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_wrench
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.still import duration, runs, spans
+from gaitcal.io.recording import ForcePlate, Recording, duration, runs, spans
 from gaitcal.model.chain import body_poses
 from gaitcal.model.coordinates import LEG_COORDINATES, split_side
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES

@@ -35,8 +35,7 @@ from gaitcal.dynamics import foot_contact
 from gaitcal.dynamics.plate_errors import outline_known
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
-from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import runs, spans
+from gaitcal.io.recording import ForcePlate, runs, spans
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 
 OUTLINE_M = 0.03

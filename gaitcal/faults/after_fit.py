@@ -25,7 +25,7 @@ from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.marker_slip import STRAIGHT_M, bend
 from gaitcal.faults.verdict import BOUNDS, MARKERS_AFTER_FIT
 from gaitcal.gait.moments import moment_of
-from gaitcal.io.still import runs, spans
+from gaitcal.io.recording import runs, spans
 from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.model.linkage import LOWER_BODY, SIDE_WORDS
 from gaitcal.motion.motion import MarkerErrors, Motion

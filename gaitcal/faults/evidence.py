@@ -12,8 +12,7 @@ from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.faults.cluster import Cluster, Stance, clusters_of
 from gaitcal.faults.joint_link import JointLink, links_of
 from gaitcal.io.axes import PROGRESSION_M, net_progression
-from gaitcal.io.recording import Recording, seen_mask, seen_means
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, seen_mask, seen_means, still_window
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.rebuilt_markers import Outlier, Rebuilding

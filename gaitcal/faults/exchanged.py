@@ -22,8 +22,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import duration, runs, spans
+from gaitcal.io.recording import Recording, duration, runs, spans
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.rebuilt_markers import jump_limit
 

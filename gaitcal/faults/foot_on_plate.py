@@ -32,7 +32,7 @@ from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import DISORDERS_PRESSURE
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, resample_wrench
-from gaitcal.io.still import duration, runs, spans
+from gaitcal.io.recording import duration, runs, spans
 from gaitcal.model.linkage import SIDES
 from gaitcal.runtime import remembered
 

@@ -18,7 +18,7 @@ from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
 from gaitcal.faults.evidence import MarkerEvidence, side_of
 from gaitcal.faults.exchanged import undone
-from gaitcal.io.still import runs, spans
+from gaitcal.io.recording import runs, spans
 from gaitcal.runtime import remembered
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}

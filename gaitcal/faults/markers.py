@@ -22,8 +22,7 @@ from gaitcal.dynamics.foot_contact import distance_to_line
 from gaitcal.errors import Code, Finding, GaitcalError, Severity, alike, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.io.labels import is_unlabelled
-from gaitcal.io.recording import seen_mask
-from gaitcal.io.still import duration, marker_gaps, runs, spans
+from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
 from gaitcal.model.landmarks import one_psis, sacrum_words
 from gaitcal.model.linkage import (
     JOINTS,

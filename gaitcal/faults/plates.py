@@ -32,8 +32,7 @@ from gaitcal.errors import Code, Finding, listed
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of
 from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N, empty_samples, resample_wrench
-from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import duration, runs, spans, still_window
+from gaitcal.io.recording import ForcePlate, duration, runs, spans, still_window
 from gaitcal.model.subject_model import GRAVITY
 
 OFFSET_N = 15.0

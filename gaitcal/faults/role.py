@@ -24,7 +24,7 @@ from gaitcal.errors import Code, Finding, InputError, Severity, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.faults.foot_on_plate import feet_of
 from gaitcal.io.axes import PROGRESSION_M
-from gaitcal.io.still import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
+from gaitcal.io.recording import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.body_plan import body_axes
 from gaitcal.model.landmarks import StaticPosture

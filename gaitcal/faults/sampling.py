@@ -27,7 +27,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.io.force_plate import filterable
-from gaitcal.io.still import runs
+from gaitcal.io.recording import runs
 from gaitcal.io.text_file import UNEVEN
 from gaitcal.model.rebuilt_markers import jump_limit
 from gaitcal.motion.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff

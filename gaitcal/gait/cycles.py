@@ -25,7 +25,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, InputError
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.still import runs
+from gaitcal.io.recording import runs
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, LEG_GROUPS, LOCKED, SEGMENT_ANGLES
 
 if TYPE_CHECKING:

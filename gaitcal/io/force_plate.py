@@ -40,8 +40,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.errors import Code, InputError
-from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import runs
+from gaitcal.io.recording import ForcePlate, runs
 
 UP = np.array([0.0, 1.0, 0.0])
 LOADED_N = 20.0

@@ -18,8 +18,7 @@ from gaitcal.io.atomic import atomic_file
 from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
-from gaitcal.model.point_noise import PointNoise
-from gaitcal.model.subject_model import MarkerPlacement, PatientRecord, Subject, SubjectModel
+from gaitcal.model.subject_model import MarkerPlacement, PatientRecord, PointNoise, Subject, SubjectModel
 
 FORMAT = 1
 PRECISION = 60

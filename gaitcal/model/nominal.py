@@ -23,8 +23,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.toml import models_path
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words

@@ -31,7 +31,7 @@ from gaitcal.calibration.joint_phases import (
 from gaitcal.calibration.joint_prior import WEAK
 from gaitcal.calibration.soft_tissue_artefact import task_tissue
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
-from gaitcal.io.still import runs, spans
+from gaitcal.io.recording import runs, spans
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, gait_parameters, leg_parameters
 from gaitcal.motion.motion import Loss, RobustTracking, robust_tracking, tracked_motion

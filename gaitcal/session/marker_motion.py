@@ -22,8 +22,7 @@ import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, seen_mask, still_window
 from gaitcal.motion.rigid import best_rotation
 
 ON_ONE, APART = (0.005, 0.8), (0.05, 1.2)

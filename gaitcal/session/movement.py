@@ -20,9 +20,8 @@ from gaitcal.faults.cluster import UP, Stance, clusters_of
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
 from gaitcal.faults.joint_link import links_of
 from gaitcal.faults.role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
-from gaitcal.io.recording import Recording
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.segment_poses import upright
-from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet

@@ -13,8 +13,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.labels import OLDEST, Facts, years_between
-from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.still import duration, runs
+from gaitcal.io.recording import ForcePlate, Recording, duration, runs
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import GRAVITY

@@ -37,9 +37,8 @@ from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.force_diagnosis import beyond_expected
 from gaitcal.gait.cycles import FootEvents
-from gaitcal.gait.events import GaitEvents, activity_events, trial_events
+from gaitcal.gait.events import GaitEvents, activity_events, crouches, trial_events
 from gaitcal.gait.moments import segment_words
-from gaitcal.gait.repetitions import crouches
 from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
 from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
 from gaitcal.io.recording import Recording

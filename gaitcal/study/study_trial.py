@@ -19,15 +19,13 @@ from gaitcal.errors import Code, InputError
 from gaitcal.io.csv import events_beside, with_corrected_events
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, duration, runs, seen_mask, spans, still_window
 from gaitcal.io.segment_poses import upright
-from gaitcal.io.still import duration, runs, spans, still_window
 from gaitcal.model.linkage import carrier_of
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.point_noise import PointNoise
 from gaitcal.model.rebuilt_markers import Outlier, Spikes, without_outliers, without_spikes
 from gaitcal.model.segment_frames import off_line, unit
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import PointNoise, SubjectModel
 from gaitcal.model.trunk import IN_A_PLANE
 from gaitcal.study.study_file import TrialTable
 

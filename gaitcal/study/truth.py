@@ -23,8 +23,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.text_file import parse_number
 from gaitcal.io.toml import shown
 from gaitcal.model.landmarks import static_posture

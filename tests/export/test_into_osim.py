@@ -15,10 +15,17 @@ from gaitcal import cli
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.errors import InputError
-from gaitcal.export.account import joint_tables, muscle_table
+from gaitcal.export.account import (
+    MusclePath,
+    joint_tables,
+    leg_ranges,
+    muscle_changes,
+    muscle_paths,
+    muscle_table,
+    muscles_csv,
+)
 from gaitcal.export.joint_moves import JOINTS_HEADER, Verdict, joints_csv
 from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.muscle_paths import MusclePath, leg_ranges, muscle_changes, muscle_paths, muscles_csv
 from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import peer_of, read_document, read_osim

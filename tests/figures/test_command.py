@@ -17,7 +17,7 @@ from gaitcal.cli.figures import chosen
 from gaitcal.cli.figures import draw_figures as run
 from gaitcal.cli.view import print_report
 from gaitcal.errors import InputError, UsageError
-from gaitcal.export.muscle_paths import MusclePath, muscle_changes, muscles_csv
+from gaitcal.export.account import MusclePath, muscle_changes, muscles_csv
 from gaitcal.figures import report
 from gaitcal.figures.chart import SIDE_COLOURS, Chart
 from gaitcal.figures.paper import LINE, Strides, moment_arm_charts, paper_charts

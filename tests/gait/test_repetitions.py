@@ -10,8 +10,7 @@ import pytest
 
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import FootEvents
-from gaitcal.gait.events import GaitEvents
-from gaitcal.gait.repetitions import alternate, crouches, repetitions
+from gaitcal.gait.events import GaitEvents, alternate, crouches, repetitions
 from gaitcal.session.trial_result import _crouch_findings
 from gaitcal.synthetic.walk import ramp
 

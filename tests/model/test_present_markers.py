@@ -14,8 +14,7 @@ from gaitcal.errors import InputError, Severity
 from gaitcal.faults.study import check_study
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import ComputedPoints
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model
