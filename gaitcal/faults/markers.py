@@ -25,10 +25,9 @@ from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
 from gaitcal.model.landmarks import one_psis, sacrum_words
 from gaitcal.model.linkage import (
-    JOINTS,
+    HANGS_ON,
     LEG_SEGMENTS,
     LOWER_BODY,
-    NEEDED_JOINTS,
     SIDES,
     carrier_of,
     coordinates_before,
@@ -389,8 +388,8 @@ def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float
     uncertain = left_uncertain(problem.frame_hessians(motion.q, problem.constants(nominal)))
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
-    legs = coordinates_before(joint.child for joint in JOINTS if joint.name[:-2] in NEEDED_JOINTS)
-    return {name: float(s) for name, s in zip(problem.chain.coordinates, worst, strict=True) if name in legs}
+    names, beyond = zip(problem.chain.coordinates, worst, strict=True), coordinates_before(HANGS_ON)
+    return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l") and name not in beyond}
 
 
 def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:
