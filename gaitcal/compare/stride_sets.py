@@ -14,7 +14,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.dynamics.axis_errors import AxisErrors
+from gaitcal.dynamics.measurement_errors import AxisErrors
 from gaitcal.errors import Code, InputError
 from gaitcal.export.peer_model import our_leg
 from gaitcal.gait.cycles import POINTS, WALKING, Kind, coordinate_of, kind_of
@@ -47,7 +47,7 @@ class Session:
     remarks: tuple[str, ...] = ()
     """What else to know of its files: edited, or made with another model than lies there now."""
     axis_deviations: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    """Segment -> deg, how far its axes may point elsewhere (`dynamics/axis_errors.py`)."""
+    """Segment -> deg, how far its axes may point elsewhere (`dynamics/measurement_errors.py`)."""
     error_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Torque -> source -> part of the variance of its error, 0 to 1."""
     prior: JointPrior | None = None

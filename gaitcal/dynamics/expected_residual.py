@@ -29,9 +29,9 @@ import pinocchio as pin
 from scipy.special import chdtri
 
 from gaitcal.arrays import Array, BoolArray, cross
-from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.io.force_plate import low_pass
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATE_INDEX

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.plate_errors import outside
+from gaitcal.dynamics.measurement_errors import outside
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.labels import FootEvent, FootMoment, times_of

@@ -26,8 +26,8 @@ from gaitcal.dynamics.foot_contact import (
     sole_of,
     taken_in_turn,
 )
+from gaitcal.dynamics.measurement_errors import foot_tip, outline_known
 from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
-from gaitcal.dynamics.plate_errors import foot_tip, outline_known
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import DISORDERS_PRESSURE

@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from scipy.special import softmax
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.faults.force_causes import Cause, Corrected, Kind, causes_of
 from gaitcal.faults.force_evidence import ForceEvidence, ForceResidual
 from gaitcal.faults.plate_forces import surprise

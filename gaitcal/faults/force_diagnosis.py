@@ -26,7 +26,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.expected_residual import ExpectedResidual
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.force_causes import Kind
 from gaitcal.faults.force_choice import ForceFit, Named, Unexplained, choose, told_size

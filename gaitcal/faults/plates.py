@@ -27,7 +27,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.foot_contact import near
-from gaitcal.dynamics.plate_errors import OUTSIDE_SHARE, share_outside
+from gaitcal.dynamics.measurement_errors import OUTSIDE_SHARE, share_outside
 from gaitcal.errors import Code, Finding, listed
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of

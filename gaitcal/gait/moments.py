@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES, Moments
+from gaitcal.dynamics.measurement_errors import ErrorSource, TorqueErrors
 from gaitcal.gait.strides import Layout
 from gaitcal.model import linkage
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side

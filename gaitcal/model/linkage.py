@@ -40,7 +40,7 @@ class Segment:
     forward: bool = False  # its parts follow one another along x from its origin, as those of feet; else along -y
     palpated: tuple[float, float, float] | None = None
     """deg, standard deviations of turns of its axes about x, y and z by landmarks off their place
-    (`dynamics/axis_errors.py`); None: it has no landmarks, and no error."""
+    (`dynamics/measurement_errors.py`); None: it has no landmarks, and no error."""
     free_centre: tuple[str, ...] = ()
     """Coordinates of its mass centre that the symmetric set of inertial parameters frees (Reinbolt et al. 2007)."""
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.dynamics.expected_residual import HeldResidual
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES
+from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.gait.moments import (
     capitalised,
     coordinate_title,

@@ -30,8 +30,8 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, is_physical, symmetric_set
 from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.motion.spline import spline_basis
-from gaitcal.published.inertial_recovery import pelvis_width
 from gaitcal.published.protocol import SIDE
+from gaitcal.published.recovery import pelvis_width
 from gaitcal.published.tables import RESIDUALS, SCALES, TableRow
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.calibrate import calibrate

@@ -12,11 +12,11 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.ground_reactions import GroundReactions, leg_of
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.joint_kinetics import JointKinetics
+from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.errors import Code, Finding, InputError, Severity, nearest, note_of
 from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.gait.cycles import WALKING

@@ -27,12 +27,11 @@ from gaitcal.calibration.error_sources import (
 from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
-from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import FEET, moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import EXACT, PALPATED_DEG, AxisErrors, PlateErrors, TorqueErrors
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.force_diagnosis import beyond_expected

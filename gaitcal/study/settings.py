@@ -39,7 +39,7 @@ class Protocol(Enum):
 
 class PlateErrorTable(Table):
     """`plate_error` in `[calibration]`: standard deviations of what force plates say; sources in
-    `dynamics/plate_errors.py`.
+    `dynamics/measurement_errors.py`.
     """
 
     place_mm: float = Field(

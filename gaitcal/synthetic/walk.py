@@ -31,7 +31,7 @@ from scipy.linalg import solveh_banded
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.dynamics.plate_errors import FOOT_LENGTH
+from gaitcal.dynamics.measurement_errors import FOOT_LENGTH
 from gaitcal.io.toml import models_path
 from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
 from gaitcal.model.coordinates import group_of, split_side

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.torque_errors import ErringForces
-from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.dynamics.plate_errors import DEFAULT
+from gaitcal.dynamics.measurement_errors import DEFAULT, AxisErrors
 from gaitcal.errors import Severity
 from gaitcal.faults.study import examined
 from gaitcal.model.linkage import COORDINATES
