@@ -42,11 +42,6 @@ from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_c
 ROUNDED = 1e-6
 
 
-@pytest.fixture(scope="module")
-def whole() -> Calibration:
-    return fake_calibration()
-
-
 def one(table: pd.DataFrame, side: str, variable: str) -> pd.DataFrame:
     rows: pd.DataFrame = table[(table["side"] == side) & (table["variable"] == variable) & (table["stride"] == 1)]
     return rows
@@ -56,7 +51,6 @@ def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibratio
     table = cycle_table(whole.model, whole.trials)
     assert tuple(table.columns) == CYCLE_COLUMNS
     trial = whole.trial("walk")
-    assert trial.loads is not None
     strides = strides_of(trial.events)
     for side, found in strides.items():
         own = table[(table["trial"] == "walk") & (table["side"] == side)]

@@ -168,7 +168,7 @@ def test_options_that_cannot_be(results: tuple[Path, Path], tmp_path: Path) -> N
         (after, {"study": (tmp_path / "study.toml",)}),
     ):
         with pytest.raises(UsageError):
-            run(console, before, other, **options)  # type: ignore[arg-type]
+            run(console, before, other, **options)
 
 
 def test_a_shared_model_says_what_it_needs(results: tuple[Path, Path], tmp_path: Path) -> None:
