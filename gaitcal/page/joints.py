@@ -56,8 +56,8 @@ def joint_blocks(calibration: Calibration) -> list[Block]:
         heading("What was calibrated"),
         text(
             f"{parameter_words.counts_sentence(calibration)} Positions are in the axes of the named segment: forward, "
-            "up, and to the right, on both sides of the body (so a left hip centre lies at a negative “to the right”). A "
-            f"standard error says by how much a value would scatter if the same trials were recorded again{errors}."
+            "up, and to the right, on both sides of the body (so a left hip centre lies at a negative “to the right”). "
+            f"A standard error says by how much a value would scatter if the same trials were recorded again{errors}."
         ),
     ]
     if blind := parameter_words.blind_spots(calibration):
