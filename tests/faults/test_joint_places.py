@@ -14,13 +14,14 @@ from gaitcal.calibration.joint_prior import ANATOMY, COVARIANCE, prior_root
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.joint_places import RARE, UNUSUAL, Place, joint_place_findings
 from gaitcal.faults.verdict import Judgement, judge
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, Parameters
 from gaitcal.study.joint_prior import JointPrior
 
 ROOT = Path(__file__).parents[2]
 MODEL = published_model(static_only=True)
-LEGS = tuple(name for name in JP_NAMES if name.split(".")[0][:-2] in ("hip", "knee", "talocrural", "subtalar"))
+LEGS = tuple(name for name in JP_NAMES if name.split(".")[0][:-2] in LEG_JOINTS)
 EXACT = ErrorSources(LEGS, np.zeros((len(LEGS), 1)), ("markers/walk/R.Knee/x",))
 
 
@@ -100,7 +101,7 @@ def test_what_people_scatter_by_accuses_nobody() -> None:
     rng = np.random.default_rng(0)
     root = prior_root(JP_NAMES, None)
     found = sum(len(told(drawn(root @ rng.normal(size=len(JP_NAMES))))) for _ in range(300))
-    looked_at = 300 * 17  # 8 joints of a leg as segments see them, and the distance of the hips
+    looked_at = 300 * (1 + len({name.rpartition(".")[0] for name in LEGS}))  # joints as segments see them, hips apart
     assert found <= looked_at * RARE + 4 * np.sqrt(looked_at * RARE)
     near = np.array([0.010 if name.endswith(("ant", "sup", "lat")) else np.deg2rad(10) for name in JP_NAMES])
     for _ in range(100):

@@ -109,7 +109,7 @@ def test_a_marker_two_metres_off_is_told_and_left_out_throughout(sound: Study, l
     assert told.severity is Severity.WARNING
     assert f"'{label}' is metres away" in told.cause and "208 of 208 frames (0.00-1.03 s)" in told.found
     fitted = prepare_trial(cleaned(spoilt).trials[1], nominal_of(spoilt), spoilt.settings).recording
-    assert label not in fitted.labels and label in fitted.notes[-1]
+    assert label not in fitted.labels and any(label in note for note in fitted.notes)
 
 
 def test_a_marker_that_flies_off_is_left_out_there_alone(sound: Study) -> None:
