@@ -70,7 +70,10 @@ def person(
 
 def places(seed: int) -> dict[str, Array]:
     """Segment -> (nm, 3) m."""
-    problem = person(seed, {})[0]
+    return places_of(person(seed, {})[0])
+
+
+def places_of(problem: MotionProblem) -> dict[str, Array]:
     return {problem.chain.segments[s]: problem.data.local[markers] for s, markers in problem.data.placed.groups}
 
 
@@ -172,7 +175,7 @@ def of_kind(problem: MotionProblem, kind: str) -> MotionProblem:
 
 def dense_density(trials: Sequence[MotionProblem], segment: str, variances: Sequence[Mapping[bool, float]]) -> Array:
     """Log p of what the rigid fits of a segment leave of its markers; `variances` of linear columns, and of squares."""
-    parts, psis, local = [], [], places_of(trials[0], segment)
+    parts, psis, local = [], [], places_of(trials[0])[segment]
     rigid = together(local - local.mean(axis=0)).reshape(-1, 6)
     free = np.linalg.svd(rigid)[0][:, 6:]
     for problem in trials:
@@ -192,11 +195,6 @@ def dense_density(trials: Sequence[MotionProblem], segment: str, variances: Sequ
         root = np.linalg.cholesky(covariance)
         out.append(-0.5 * np.sum(np.linalg.solve(root, left.ravel()) ** 2) - np.log(np.diag(root)).sum())
     return np.array(out)
-
-
-def places_of(problem: MotionProblem, segment: str) -> Array:
-    (local,) = [problem.data.local[g.markers] for g in groups_of(problem) if g.carrier == segment]
-    return local
 
 
 @pytest.mark.parametrize(("ending", "kinds"), [("", 1), (SQUARES, 1), ("", 2)])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 import gaitcal as gc
@@ -127,9 +126,6 @@ def test_a_leg_that_no_weighted_marker_shows_is_not_valid(walk: Recording, track
     before, after = (gc.ground_reactions(model, m, walk) for m in (tracked, motion))
     assert before.valid[hidden].all(), "valid while the shank is seen"
     np.testing.assert_array_equal(after.valid, before.valid & ~lost)
-
-
-Array = NDArray[np.float64]
 
 
 def reactions(recording: Recording) -> GroundReactions:

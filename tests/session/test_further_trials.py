@@ -25,6 +25,7 @@ from tests.synthetic_studies import write_synthetic_study
 
 RENAMED = {"R.Shank.Front": "RTIB", "L.Heel": "LHEE"}
 WEIGHTED = "R.Thigh.Front"
+SOME = ("Shank.Upper", "Shank.Rear", "Toe.Tip", "Toe.Lat", "Toe.Med")
 SAME = 1e-9
 """N·m, N: the calibration's own trial, tracked once more with the same model and spline nodes."""
 Change = Callable[[pd.DataFrame], pd.DataFrame]
@@ -103,18 +104,10 @@ def _scaled(factor: float) -> Change:
     return lambda t: t.assign(**{c: factor * t[c] for c in t if c != "time"})
 
 
-def _renamed(t: pd.DataFrame, other: Callable[[str], str], *starts: str) -> pd.DataFrame:
-    return t.rename(columns={c: other(c) for c in t if c.startswith(starts)})
-
-
-def _exchanged(t: pd.DataFrame) -> pd.DataFrame:
-    other = {"Shank": "Thigh", "Thigh": "Shank"}
-    return _renamed(t, lambda c: f"L.{other[c[2:7]]}{c[7:]}", "L.Shank.Front", "L.Thigh.Front")
-
-
-def _sides(t: pd.DataFrame) -> pd.DataFrame:
-    parts = [f"{side}{part}" for side in "RL" for part in (".Shank.Upper", ".Shank.Rear", ".Toe")]
-    return _renamed(t, lambda c: {"R": "L", "L": "R"}[c[0]] + c[1:], *parts)
+def _exchanged(*pairs: tuple[str, str]) -> Change:
+    """The columns of markers under each other's label."""
+    names = {f"{a}_{axis}": f"{b}_{axis}" for pair in pairs for a, b in (pair, pair[::-1]) for axis in "xyz"}
+    return lambda t: t.rename(columns=names)
 
 
 @pytest.mark.parametrize(
@@ -122,8 +115,8 @@ def _sides(t: pd.DataFrame) -> pd.DataFrame:
     [
         (_scaled(1000.0), "units.*mm"),
         (_scaled(1.4), "units.*1.4 times those of the static trial"),
-        (_exchanged, "exchanged"),
-        (_sides, "sides|exchanged"),
+        (_exchanged(("L.Shank.Front", "L.Thigh.Front")), "exchanged"),
+        (_exchanged(*((f"R.{m}", f"L.{m}") for m in SOME)), "sides|exchanged"),
     ],
     ids=["mm read as m", "another body", "labels exchanged", "sides exchanged"],
 )
