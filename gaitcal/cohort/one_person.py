@@ -10,8 +10,6 @@ that is the same for everybody: people can be packed one by one. Three bytes are
 bytes are divisible by three, so that people's texts one behind the other are the text of all.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json
@@ -24,12 +22,10 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import pandas as pd
 
-from gaitcal.codes import Code
 from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
-from gaitcal.errors import InputError
+from gaitcal.errors import STUDY, Code, InputError
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement, stopping
-from gaitcal.findings import STUDY
 from gaitcal.gait.cycles import WALKING, Kind, kind_of
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS
@@ -38,9 +34,9 @@ from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_room, sha256_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.calibration import write_results
+from gaitcal.results.cycles import read_csv
 from gaitcal.results.stride_files import PEAKS as PEAKS_FILE
 from gaitcal.results.summary import SUMMARY
-from gaitcal.results.table_file import read_csv
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import (
     Draft,

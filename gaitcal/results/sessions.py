@@ -1,7 +1,5 @@
 """Two result folders of one person, read for `gaitcal compare A B`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +9,10 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.calibration.joint_prior import prior_of_study
-from gaitcal.codes import Code
 from gaitcal.compare.difference import DIFFERENCES_HEADER, MDC
 from gaitcal.compare.sessions import CURVE_HEADER, SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Session
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.figures.comparison import comparison_page, figure_rows, paper_panels
 from gaitcal.figures.document import ComparisonContent
 from gaitcal.figures.report_sheets import Sheet
@@ -31,13 +28,12 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.model_file import load_model
 from gaitcal.page.page_data import SHOWN_MEASURES, person_facts
 from gaitcal.results.calibration import json_text
-from gaitcal.results.cycles import CYCLES, read_cycles
+from gaitcal.results.cycles import CYCLES, Json, read_csv, read_cycles, write_csv
 from gaitcal.results.cycles_export import made_with_another_model, trial_files
 from gaitcal.results.gait_report import CLINICAL, KINEMATICS, KINETICS
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty, settings_of
 from gaitcal.results.stride_files import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
 from gaitcal.results.summary import JOINT_PRIOR, SUMMARY, entries_of, table_of
-from gaitcal.results.table_file import Json, read_csv, write_csv
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.trial_result import axis_deviations
 

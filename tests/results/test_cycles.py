@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gaitcal.dynamics.axis_errors import ErrorSource
+from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, typed, unit_of
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
@@ -28,22 +28,18 @@ from gaitcal.results.cycles import (
     cycle_table,
     cycles,
     cycles_to_xarray,
+    read_csv,
     read_cycles,
+    write_csv,
     write_cycles,
 )
 from gaitcal.results.saved import _static_angles
 from gaitcal.results.stride_files import SPATIOTEMPORAL, STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import STATIC_ANGLES, summary
-from gaitcal.results.table_file import read_csv, write_csv
 from gaitcal.session.result import Calibration
 from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
 
 ROUNDED = 1e-6
-
-
-@pytest.fixture(scope="module")
-def whole() -> Calibration:
-    return fake_calibration()
 
 
 def one(table: pd.DataFrame, side: str, variable: str) -> pd.DataFrame:
@@ -55,7 +51,6 @@ def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibratio
     table = cycle_table(whole.model, whole.trials)
     assert tuple(table.columns) == CYCLE_COLUMNS
     trial = whole.trial("walk")
-    assert trial.loads is not None
     strides = strides_of(trial.events)
     for side, found in strides.items():
         own = table[(table["trial"] == "walk") & (table["side"] == side)]

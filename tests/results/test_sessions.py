@@ -11,13 +11,13 @@ import pytest
 from gaitcal.cli.console import Console
 from gaitcal.cli.view import compare_sessions_or_models as run
 from gaitcal.cli.view import print_report
-from gaitcal.codes import Code
 from gaitcal.compare.stride_sets import Common
-from gaitcal.errors import InputError, UsageError
+from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.figures.document import write_pdf
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.model_file import save_model
 from gaitcal.results.calibration import json_text
+from gaitcal.results.cycles import read_csv
 from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.sessions import (
     CURVES,
@@ -32,7 +32,6 @@ from gaitcal.results.sessions import (
 from gaitcal.results.shared_model import compare_with_shared_model, study_of_result
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import SUMMARY, summary
-from gaitcal.results.table_file import read_csv
 from gaitcal.session.result import Calibration
 from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import HOSTILE, Names, fake_calibration
@@ -169,7 +168,7 @@ def test_options_that_cannot_be(results: tuple[Path, Path], tmp_path: Path) -> N
         (after, {"study": (tmp_path / "study.toml",)}),
     ):
         with pytest.raises(UsageError):
-            run(console, before, other, **options)  # type: ignore[arg-type]
+            run(console, before, other, **options)
 
 
 def test_a_shared_model_says_what_it_needs(results: tuple[Path, Path], tmp_path: Path) -> None:
