@@ -36,7 +36,7 @@ from gaitcal.calibration.joint_prior import prior_root
 from gaitcal.cohort.learn_priors import Rules, learn_cohort, parts_of, priors_words
 from gaitcal.cohort.learning import PersonEvidence
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import ISOLATED_JOINTS
+from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
 from gaitcal.model.segment_frames import HipCentre
@@ -202,7 +202,6 @@ def recording(trial: str, model: SubjectModel, motion: TrueMotion, size: float, 
 
 
 LEGS = np.array([JP_INDEX[name] for name in LEG_PARAMETERS])
-JOINTS = ("hip", "knee", "talocrural", "subtalar")
 SEEN = (0.3, 3.0)
 """Information in units of the default prior's: directions with less are hardly seen in a walk, with more well."""
 BANDS = ("hardly seen in the walk", "half seen", "well seen")
@@ -225,7 +224,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
     """Lines."""
     for kind in Kind:
         yield _line(outcomes, f"legs, {kind.value}s, {kind.unit}", _chosen(kind, ""))
-    for joint in JOINTS:
+    for joint in LEG_JOINTS:
         for kind in Kind:
             chosen = _chosen(kind, joint)
             if chosen.any():
@@ -273,7 +272,8 @@ def _band(outcomes: Sequence[Outcome], band: int, name: str) -> str:
             found.append(vectors[:, there].T @ np.linalg.solve(unit, error))
         count = sum(map(len, found))
         told.append(f"{prior or 'nominal'} {rms(np.concatenate(found)):.2f}" if count else "none")
-    return f"directions {name} ({count / len(outcomes):.0f} of 54), default standard deviations: {', '.join(told)}"
+    share = f"{count / len(outcomes):.0f} of {len(LEGS)}"
+    return f"directions {name} ({share}), default standard deviations: {', '.join(told)}"
 
 
 COHORTS = ("gait", "isolated")
