@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from gaitcal import cli
 from gaitcal.cli.application import app
+from gaitcal.errors import InputError
 from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, self_hash, sha256_of
 
 
@@ -69,3 +70,11 @@ def edited(result: Path, name: str) -> Iterator[dict[str, Any]]:
     yield data
     (result / name).write_text(json.dumps(data), encoding="utf-8")
     sign(result)
+
+
+@contextmanager
+def refused(told: str) -> Iterator[None]:
+    """The body ends in an error of input: one line, which holds these words as they stand."""
+    with pytest.raises(InputError) as caught:
+        yield
+    assert told in str(caught.value) and "\n" not in str(caught.value)

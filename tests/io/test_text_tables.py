@@ -10,6 +10,7 @@ from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.csv import write_forces_csv
 from gaitcal.io.formats import read_forces, read_recording
 from gaitcal.io.text_file import read_lines, undo_rounding
+from tests.commands import refused
 from tests.io.recordings import loaded_body
 
 FORCES = "time," + ",".join(f"1_{q}{a}" for q in "fpt" for a in "xyz")
@@ -32,16 +33,13 @@ def test_markers_as_written_whatever_their_axes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.time, [0, 0.017])
 
 
-def test_quoted_names_columns_in_any_order_and_foreign_line_ends(tmp_path: Path) -> None:
+def test_quoted_names_columns_in_any_order_foreign_line_ends_and_repeated_columns(tmp_path: Path) -> None:
     text = '\ufefftime,"A, left_z",B_x,"A, left_x",B_z,B_y,"A, left_y"\r\n0,3,4,1,6,5,2\r\n'
     recording = read_recording(write(tmp_path, text))
     assert recording.labels == ("A, left", "B")
     np.testing.assert_array_equal(recording.markers[0], [[1, 2, 3], [4, 5, 6]])
-
-
-def test_repeated_columns_are_further_markers(tmp_path: Path) -> None:
     recording = read_recording(write(tmp_path, "time,A_x,A_y,A_z,A_x,A_y,A_z\n0,1,2,3,4,5,6\n"))
-    assert recording.labels == ("A", "A#2")
+    assert recording.labels == ("A", "A#2"), "a further marker"
     np.testing.assert_array_equal(recording.markers[0, 1], [4, 5, 6])
 
 
@@ -62,10 +60,8 @@ def test_repeated_columns_are_further_markers(tmp_path: Path) -> None:
     ],
 )
 def test_faults(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with refused(message):
         read_recording(write(tmp_path, text))
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -79,9 +75,8 @@ def test_faults(tmp_path: Path, text: str, message: str) -> None:
     ],
 )
 def test_faults_of_forces(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with refused(message):
         read_forces(write(tmp_path, text))
-    assert message in str(caught.value)
 
 
 RATE = 60.0
@@ -109,25 +104,23 @@ def test_times_that_are_no_rounded_grid_stay() -> None:
 @pytest.mark.parametrize("ending", ["c3d", "trc", "csv", "C3D"])
 def test_missing_empty_and_folder(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"x.{ending}"
-    with pytest.raises(InputError, match="no such file"):
+    with refused("no such file"):
         read_recording(path)
     path.touch()
-    with pytest.raises(InputError, match="the file is empty"):
+    with refused("the file is empty"):
         read_recording(path)
-    folder = tmp_path / f"folder.{ending}"
-    folder.mkdir()
-    with pytest.raises(InputError, match="found a folder"):
-        read_recording(folder)
+    path.unlink()
+    path.mkdir()
+    with refused("found a folder"):
+        read_recording(path)
 
 
 def test_endings_that_no_reader_knows(tmp_path: Path) -> None:
     path = tmp_path / "x.c3dd"
     path.write_text("hello")
-    with pytest.raises(
-        InputError, match=r"found the ending '.c3dd'; allowed are .c3d, .trc, .csv; did you mean '.c3d'"
-    ):
+    with refused("found the ending '.c3dd'; allowed are .c3d, .trc, .csv; did you mean '.c3d'"):
         read_recording(path)
-    with pytest.raises(InputError, match="allowed are .mot, .sto, .csv"):
+    with refused("allowed are .mot, .sto, .csv"):
         read_forces(path)
 
 

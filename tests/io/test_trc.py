@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitcal.errors import InputError
 from gaitcal.io.axes import Turn
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import parse_trc, write_trc
+from tests.commands import refused
 from tests.io.recordings import body
 
 HEADER = (
@@ -54,10 +54,7 @@ def test_counts_that_lie_are_told_or_ignored(tmp_path: Path) -> None:
 @pytest.mark.parametrize("gap", ["\t\t", "NaN\tnan\tNaN", "0\t0.0\t0.000", "7\t\t8"])
 def test_every_spelling_of_a_gap(tmp_path: Path, gap: str) -> None:
     recording = parse_trc(write(tmp_path, ROWS.replace("1.5\t900\t3", gap)))
-    expected = np.zeros((3, 2), dtype=bool)
-    expected[1, 0] = True
-    np.testing.assert_array_equal(np.isnan(recording.markers).all(axis=2), expected)
-    np.testing.assert_array_equal(np.isnan(recording.markers).any(axis=2), expected)
+    assert np.argwhere(np.isnan(recording.markers)).tolist() == [[1, 0, axis] for axis in range(3)]
 
 
 def test_rows_without_their_trailing_empty_cells(tmp_path: Path) -> None:
@@ -84,10 +81,8 @@ def test_units(tmp_path: Path, units: str, height: float) -> None:
     ],
 )
 def test_faults_name_line_and_cell(tmp_path: Path, rows: str, units: str, message: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with refused(message):
         parse_trc(write(tmp_path, rows, units=units))
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_names_in_any_layout(tmp_path: Path) -> None:
