@@ -1,11 +1,13 @@
 """A subject with the published parameters and markers, and variants of it."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from gaitcal.export.osim import write_osim
 from gaitcal.io.toml import models_path
 from gaitcal.model.parameters import published_subject
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
@@ -51,3 +53,10 @@ def published() -> SubjectModel:
     parameters = published_subject()
     subject = Subject("published", 69.4, 1.70, "male")
     return SubjectModel(subject=subject, parameters=parameters, nominal=parameters, markers=published_markers())
+
+
+@pytest.fixture
+def own(published: SubjectModel, tmp_path: Path) -> Path:
+    """The subject as a file of OpenSim."""
+    write_osim(published, tmp_path / "m.osim")
+    return tmp_path / "m.osim"
