@@ -23,6 +23,7 @@ from gaitcal.calibration.joint_prior import WEAK
 from gaitcal.calibration.soft_tissue_artefact import task_tissue
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.io.recording import runs, spans
+from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, gait_parameters, leg_parameters
 from gaitcal.motion.motion import Loss, RobustTracking, robust_tracking, tracked_motion
@@ -48,7 +49,10 @@ JointFitter = Callable[[Sequence[MovingTrial]], tuple[joint_phases.JointCalibrat
 
 
 def fit_joints(session: Session, progress: Progress = silent, *, leave_out: bool = False) -> Session:
-    """The session with the joint parameters that its settings ask for; `leave_out`: and with the held-out error."""
+    """The session with the joint parameters that its settings ask for, the table's mass centres going with its joints.
+
+    `leave_out`: with the held-out error too.
+    """
     settings, nominal, trials, findings = session.settings, session.model.parameters, session.trials, session.findings
     fit = partial(joint_parameters, session)
     if settings.jp and trials:
@@ -64,6 +68,8 @@ def fit_joints(session: Session, progress: Progress = silent, *, leave_out: bool
             errors = hold_out(trials, nominal, fit)
             trials = tuple(replace(t, held_out=errors.get(t.name)) for t in trials)
         trials = tuple(replace(t, tissue=joint.tissue.get(t.name)) for t in trials)
+        if settings.ip != "published":
+            parameters = parameters.with_inertial(with_joints_of(parameters.inertial, nominal, parameters))
     return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
 
 

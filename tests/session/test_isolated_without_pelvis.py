@@ -9,6 +9,7 @@ import pytest
 import gaitcal as gc
 from gaitcal.errors import Severity
 from gaitcal.faults.study import check_study
+from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.motion.motion import tracked_motion
@@ -114,3 +115,7 @@ def test_joint_parameters_are_those_of_the_trials_with_the_pelvis(kept: Path, da
         k = JP_INDEX[name]
         away = part.model.parameters.joint[k] - whole.model.parameters.joint[k]
         assert abs(away) < IN_ERRORS * whole.standard_errors[name], name
+    before, after = part.nominal.parameters, part.model.parameters
+    # masses go with the joints where no force tells of them, too
+    np.testing.assert_allclose(after.inertial, with_joints_of(before.inertial, before, after), rtol=1e-12)
+    assert np.abs(after.inertial - before.inertial).max() > 1e-3
