@@ -26,20 +26,15 @@ from gaitcal.io.result_folder import listed
 from gaitcal.results.cycles import write_csv
 from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.commands import run
+from tests.page.walked_blocks import held, scripts
 from tests.session.folders import recordings, write
 
 MASS = 50.0
 HOSTILE = "</script><script>window.hacked=1</script><img src=x onerror=window.hacked=1>@@PAGE@@"
 
 
-def scripts(html: str) -> list[tuple[str, str]]:
-    """Attributes and contents of the script elements, found as a browser does."""
-    return re.findall(r"<script([^>]*)>(.*?)</script", html, flags=re.DOTALL | re.IGNORECASE)
-
-
 def content(page: Path) -> dict[str, Any]:
-    found = [text for attributes, text in scripts(page.read_text(encoding="utf-8")) if 'id="content"' in attributes]
-    return dict(json.loads(found[0]))
+    return held(page.read_text(encoding="utf-8"), "content")
 
 
 def integers(text: str) -> np.ndarray:

@@ -24,22 +24,12 @@ from gaitcal.synthetic.motion import gait_motion
 from tests.fake_result import HOSTILE, Names, fake_calibration
 from tests.page.browser import Visit
 from tests.page.people import long_motion, standard_errors, subject_model, walking_scene, walking_trial
+from tests.page.walked_blocks import held, scripts
 
 LIMIT = 25_000_000
 """bytes that a page may have."""
 PACKED = 1e-4
 """m: 16 bits on the few metres that markers are from the pelvis."""
-
-
-def scripts(html: str) -> list[tuple[str, str]]:
-    """Attributes and contents of the script elements, found as a browser does."""
-    return re.findall(r"<script([^>]*)>(.*?)</script", html, flags=re.DOTALL | re.IGNORECASE)
-
-
-def content(html: str) -> dict[str, Any]:
-    result = json.loads(next(text for attributes, text in scripts(html) if 'id="result"' in attributes))
-    scene: dict[str, Any] = result["scene"]
-    return scene
 
 
 def values_of(packed: dict[str, Any]) -> np.ndarray:
@@ -49,7 +39,7 @@ def values_of(packed: dict[str, Any]) -> np.ndarray:
 
 def test_the_page_holds_what_the_scene_holds(scene: Scene, html: Path) -> None:
     text = html.read_text(encoding="utf-8")
-    found = content(text)
+    found = held(text)["scene"]
     trial, packed = scene.trials[0], found["trials"][0]
     pelvis = np.frombuffer(base64.b64decode(packed["pelvis"]), dtype="<f4").reshape(-1, 1, 3)
     for name in ("measured", "origins"):
@@ -228,8 +218,7 @@ def hostile() -> str:
 def test_a_hostile_study_adds_no_markup(hostile: str) -> None:
     clean = page_html(named("name"))
     assert TAG.findall(hostile) == TAG.findall(clean)
-    found = re.search(r'<script type="application/json" id="result">(.*?)</script>', hostile, re.DOTALL)
-    one = json.loads(found.group(1))
+    one = held(hostile)
     assert one["scene"]["subject"] == one["sheet"]["person"]["name"] == WORST
     assert one["scene"]["trials"][0]["name"] == one["sheet"]["trials"][0]["name"] == WORST
     hostile.encode("utf-8")

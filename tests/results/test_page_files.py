@@ -1,10 +1,8 @@
 """`result.html` of a result and of its further trials: all of them, none mixed up, whatever befalls the files."""
 
 import json
-import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,6 +16,7 @@ from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from tests.commands import edited, run, sign
 from tests.kept import kept_result
+from tests.page.walked_blocks import held
 
 PAGE_DATA = "page.json"
 
@@ -34,16 +33,9 @@ def trial(folder: Path, name: str) -> Path:
     return Path(shutil.copy(folder / "study/walk.csv", folder / f"study/{name}.csv"))
 
 
-def held(page: Path) -> dict[str, Any]:
-    """What the page holds."""
-    found = re.search(r'<script type="application/json" id="result">(.*?)</script>', page.read_text(encoding="utf-8"))
-    whole: dict[str, Any] = json.loads(found.group(1))
-    return whole
-
-
 def trials(page: Path) -> list[str]:
     """Names of the trials in a page; bodies and curves must be of the same."""
-    result = held(page)
+    result = held(page.read_text(encoding="utf-8"))
     names = [t["name"] for t in result["scene"]["trials"]]
     assert names == [t["name"] for t in result["sheet"]["trials"]]
     return names
@@ -59,7 +51,7 @@ def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result))
     assert not (result / "figures").exists()
     assert trials(result / PAGE) == ["walk"]
-    shown = held(result / PAGE)
+    shown = held((result / PAGE).read_text(encoding="utf-8"))
     data = read_page_data(result / PAGE_DATA)
     assert shown["sheet"] == {**data, "peaks": peak_page_rows(data)}
     assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result / "dynamics"))
@@ -133,7 +125,7 @@ def test_trials_of_another_model_stay_and_are_told(folder: Path) -> None:
     with_another_model(result)
     told = f"walk2: {OTHER_MODEL}; run it again"
     assert told in run("view", result, "--html", folder / "own.html").stdout
-    shown = held(folder / "own.html")
+    shown = held((folder / "own.html").read_text(encoding="utf-8"))
     assert shown["sheet"]["verdict"]["judgement"] == "doubtful"
     assert ["walk2"] in [reason["trials"] for reason in shown["sheet"]["verdict"]["reasons"]]
 
