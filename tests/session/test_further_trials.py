@@ -124,7 +124,7 @@ def test_errors_stop_before_anything_is_solved(
     change: Change, named: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trial = spoil(folder, change)
-    monkeypatch.setattr("gaitcal.cli.calibrate.analyse", None)
+    monkeypatch.setattr("gaitcal.session.trial_result.analyse", None)
     with pytest.raises(InputError, match=f"walk2.csv: trial 'walk2': ({named})") as caught:
         run("dynamics", folder / "result", *trial)
     assert caught.value.exit_code == 1
@@ -155,7 +155,7 @@ def test_what_its_markers_may_have_done_goes_into_its_bars(folder: Path, monkeyp
         given.append(arguments[4])  # type: ignore[arg-type]
         raise ConvergenceError("enough")
 
-    monkeypatch.setattr("gaitcal.cli.calibrate.analyse", seen)
+    monkeypatch.setattr("gaitcal.session.trial_result.analyse", seen)
     for change in (lambda t: t, turned):
         with pytest.raises(ConvergenceError, match="enough"):
             commands.run("dynamics", folder / "result", *spoil(folder, change))
@@ -175,14 +175,14 @@ def test_a_segment_without_markers_is_told_and_has_no_valid_torque(folder: Path)
 
 @pytest.mark.slow
 def test_tracking_that_did_not_converge_ends_in_3_after_writing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gaitcal.cli import calibrate
+    from gaitcal.session import trial_result
 
     def late(*arguments: object) -> object:
         done = analyse(*arguments)  # type: ignore[arg-type]
         return replaced(done, calibrated=replaced(done.calibrated, converged=False))
 
-    analyse = calibrate.analyse
-    monkeypatch.setattr(calibrate, "analyse", late)
+    analyse = trial_result.analyse
+    monkeypatch.setattr(trial_result, "analyse", late)
     with pytest.raises(ConvergenceError, match="tracking of walk2 did not converge") as caught:
         analysed(folder)
     assert caught.value.exit_code == 3
