@@ -22,10 +22,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from gaitcal.cohort.page import PAGE
-from scripts.validation.harness import judged, say
+from scripts.validation.harness import judged, option, say
 from scripts.validation.many_people import copy_people, look_at, write_people
 
 TABLES = (
@@ -39,7 +40,11 @@ COPIED = 3
 LEAST_S = 0.3
 """A command is killed this long after its start at the earliest."""
 SHARED = ("--seed",)
-PEOPLE_EACH = {"kills": [8], "cluster": [6], "memory": [20, 60], "page": [100, 1000]}
+OWN = {
+    "--people": option(int, "in each cohort of a part", nargs="+"),
+    "--kills": option(30, "of parent or worker"),
+    "--folder": option(Path, "where to work; a new one, removed afterwards, unless given"),
+}
 
 
 def start(source: Path, out: Path, *words: object) -> subprocess.Popen[bytes]:
@@ -96,13 +101,13 @@ def forget_some(out: Path, chance: random.Random) -> None:
         path.unlink()
 
 
-def kills(folder: Path, people: int, times: int, seed: int) -> bool:
+def kills(folder: Path, people: Sequence[int], chosen: argparse.Namespace) -> bool:
     """Kill parent or worker at random moments; the tables of the run that ends are those of one left alone."""
-    chance, source = random.Random(seed), folder / "people"
-    people_with_a_fault(source, people)
+    chance, source = random.Random(chosen.seed), folder / "people"
+    people_with_a_fault(source, people[0])
     took = whole(source, folder / "alone", "--jobs", 2)
     victim, of_parent, of_worker = folder / "killed", 0, 0
-    while of_parent + of_worker < times:
+    while of_parent + of_worker < chosen.kills:
         running = start(source, victim, "--jobs", 2)
         time.sleep(LEAST_S + chance.random() * took / 2)
         below = workers_of(running.pid)
@@ -123,10 +128,10 @@ def kills(folder: Path, people: int, times: int, seed: int) -> bool:
     return same("killed", folder / "alone", victim)
 
 
-def cluster(folder: Path, people: int) -> bool:
+def cluster(folder: Path, people: Sequence[int], _: argparse.Namespace) -> bool:
     """The tables of two dask workers are those of this machine alone."""
     source, address = folder / "people", "tcp://127.0.0.1:38786"
-    people_with_a_fault(source, people)
+    people_with_a_fault(source, people[0])
     words = ["dask", "scheduler", "--host", "127.0.0.1", "--port", "38786", "--no-dashboard"]
     servers = [subprocess.Popen([sys.executable, "-m", *words], stderr=subprocess.DEVNULL)]
     for _ in range(2):
@@ -143,7 +148,7 @@ def cluster(folder: Path, people: int) -> bool:
     return same("two dask workers", folder / "alone", folder / "cluster")
 
 
-def memory(folder: Path, sizes: Sequence[int]) -> bool:
+def memory(folder: Path, sizes: Sequence[int], _: argparse.Namespace) -> bool:
     """The parent of many people is as small as that of few."""
     peaks = []
     for people in sizes:
@@ -164,7 +169,7 @@ def _peak(process: int) -> float:
     return next((float(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), 0.0)
 
 
-def page(folder: Path, sizes: Sequence[int]) -> bool:
+def page(folder: Path, sizes: Sequence[int], _: argparse.Namespace) -> bool:
     """The page of many people is small, soon ready, and written in little memory."""
     source, few = folder / "people", folder / "few"
     if not (few / "manifest.json").is_file():
@@ -187,28 +192,21 @@ def _growth(what: str, peaks: Sequence[float]) -> bool:
     return judged(what, f"grows {growth:.3f} times", f"{MOST_GROWTH}", growth <= MOST_GROWTH)
 
 
-PARTS: dict[str, Callable[[Path, list[int], argparse.Namespace], bool]] = {
-    "kills": lambda folder, people, chosen: kills(folder, people[0], chosen.kills, chosen.seed),
-    "cluster": lambda folder, people, _: cluster(folder, people[0]),
-    "memory": lambda folder, people, _: memory(folder, people),
-    "page": lambda folder, people, _: page(folder, people),
+Measure = Callable[[Path, Sequence[int], argparse.Namespace], bool]
+
+
+def _in_folder(measure: Measure, people: Sequence[int], chosen: argparse.Namespace) -> bool:
+    with tempfile.TemporaryDirectory(prefix="cohort-", ignore_cleanup_errors=True) as temporary:
+        return measure(chosen.folder or Path(temporary), chosen.people or people, chosen)
+
+
+PARTS = {
+    "kills": partial(_in_folder, kills, [8]),
+    "cluster": partial(_in_folder, cluster, [6]),
+    "memory": partial(_in_folder, memory, [20, 60]),
+    "page": partial(_in_folder, page, [100, 1000]),
 }
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Parts, and how many people and kills."""
-    parser.add_argument("--people", type=int, nargs="+")
-    parser.add_argument("--kills", type=int, default=30)
-    parser.add_argument("--folder", type=Path, help="where to work; a new one, removed afterwards, unless given")
-
-
-def run(chosen: argparse.Namespace) -> dict[str, bool]:
-    """Part -> whether its limits are met."""
-    found = {}
-    for part in chosen.parts:
-        with tempfile.TemporaryDirectory(prefix="cohort-", ignore_cleanup_errors=True) as temporary:
-            found[part] = PARTS[part](chosen.folder or Path(temporary), chosen.people or PEOPLE_EACH[part], chosen)
-    return found
+"""With so many people unless told otherwise."""
 
 
 def passed(found: dict[str, bool]) -> bool:

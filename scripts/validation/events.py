@@ -33,6 +33,7 @@ from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 
 SHARED = ()
+OWN = {"study": {"type": Path, "nargs": "+", "metavar": "STUDY", "help": "a study file with gait trials"}}
 SAME = 0.2
 """s within which an event of the motion means one of the truth."""
 WITHIN_M = 0.03
@@ -121,11 +122,6 @@ def lines(labs: dict[str, list[Walk]]) -> Iterator[str]:
         for name, walks in labs.items():
             cells = (f"{by:>9} {told(all_differences(walks, moment, by)):24}" for by in ("plates", "file"))
             yield f"{name:12}{moment.value:13}" + "".join(cells).rstrip()
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """The studies."""
-    parser.add_argument("study", type=Path, nargs="+", metavar="STUDY", help="a study file with gait trials")
 
 
 def run(chosen: argparse.Namespace) -> dict[str, list[Walk]]:

@@ -4,11 +4,11 @@
 
 A member is a module. Its docstring is its help, and it has
 
-    SHARED          which of the options of `OPTIONS` it takes
-    PARTS           name -> what runs it, for the option `--parts` (optional); all of them unless told otherwise
-    add_options     its own options (optional)
-    run             does all of it, prints its tables, returns its results
-    passed          whether these keep their limits; exit code 1 where not (optional)
+    SHARED      which of the options of `OPTIONS` it takes
+    OWN         its own options, each told by `option` (optional)
+    PARTS       name -> what runs it, for the option `--parts` (optional); all of them unless told otherwise
+    run         does all of it, prints its tables, returns its results; without it the parts run one after the other
+    passed      whether these keep their limits; exit code 1 where not (optional)
 
 `--json` writes what `run` returns. Real recordings are those of the folder that the environment variable GAITCAL_DATA
 names (`recordings.py`).
@@ -20,9 +20,11 @@ import argparse
 import json
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, is_dataclass
 from enum import Enum
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -31,11 +33,7 @@ from typing import Any, TypeVar
 from joblib import Parallel, delayed
 
 from gaitcal import InputError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from gaitcal.io.toml import tomllib
 
 T = TypeVar("T")
 MEMBERS = {
@@ -50,33 +48,48 @@ MEMBERS = {
     "priors": "priors",
     "markerless": "markerless",
     "cohorts": "cohorts",
-    "coverage": "coverage",
     "muscles": "muscles",
     "events": "events",
     "readers": "readers",
 }
+
+
+def option(default: Any, words: str, **more: Any) -> dict[str, Any]:
+    """An option with its default, or with the type of its value where it has none: a switch if that is False, one
+    that may be repeated if it is a list.
+    """
+    if default is False:
+        return {"action": "store_true", "help": words, **more}
+    if isinstance(default, type):
+        return {"type": default, "help": words, **more}
+    if isinstance(default, list):
+        return {"action": "append", "default": default, "help": words, **more}
+    shown = " (default %(default)s)" if default != "" else ""
+    return {"type": type(default), "default": default, "help": words + shown, **more}
+
+
 OPTIONS: dict[str, dict[str, Any]] = {
-    "--jobs": {"type": int, "default": 1, "metavar": "N", "help": "so many side by side, in processes (default 1)"},
-    "--only": {"default": "", "metavar": "REGEX", "help": "those whose name matches; a comma in names means 'or'"},
-    "--list": {"action": "store_true", "help": "print the names, run nothing"},
-    "--json": {"type": Path, "metavar": "FILE", "help": "write every figure to this file"},
-    "--seed": {"type": int, "default": 0, "help": "the first (default 0)"},
-    "--cache": {"type": Path, "default": Path("truth-cache"), "help": "folder of the trials that OpenSim makes"},
-    "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "help": "a setting of [calibration]"},
+    "--jobs": option(1, "so many side by side, in processes"),
+    "--only": option("", "those whose name matches; a comma in names means 'or'", metavar="REGEX"),
+    "--list": option(False, "print the names, run nothing"),
+    "--json": option(Path, "write every figure to this file"),
+    "--seed": option(0, "the first"),
+    "--cache": option(Path("truth-cache"), "folder of the trials that OpenSim makes"),
+    "--set": option([], "a setting of [calibration]; may be repeated", metavar="KEY=VALUE"),
 }
 
 
-def commas(allowed: Iterable[str]) -> Callable[[str], list[str]]:
-    """A list with commas, of allowed words, for an option."""
-    known = tuple(allowed)
+def words_of(allowed: type[Enum] | Iterable[str], default: Iterable[Any] = ()) -> dict[str, Any]:
+    """An option that takes a list with commas, of allowed words, or of members of an enumeration."""
+    known = {word.value if isinstance(word, Enum) else word: word for word in allowed}
 
-    def parse(text: str) -> list[str]:
+    def parse(text: str) -> list[Any]:
         found = text.split(",")
         if unknown := [word for word in found if word not in known]:
             raise argparse.ArgumentTypeError(f"found '{', '.join(unknown)}'; allowed: {', '.join(known)}")
-        return found
+        return [known[word] for word in found]
 
-    return parse
+    return {"type": parse, "default": list(default), "help": f"of {', '.join(known)}"}
 
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
@@ -146,10 +159,10 @@ def parsed(member: ModuleType, name: str, arguments: Sequence[str]) -> argparse.
     parser = argparse.ArgumentParser(program, description=member.__doc__, formatter_class=raw)
     for option in member.SHARED:
         parser.add_argument(option, **OPTIONS[option])
+    for own, told in getattr(member, "OWN", {}).items():
+        parser.add_argument(own, **told)
     if parts := getattr(member, "PARTS", None):
-        usual = list(getattr(member, "USUAL_PARTS", parts))
-        parser.add_argument("--parts", type=commas(parts), default=usual, help=f"of {', '.join(parts)}")
-    getattr(member, "add_options", lambda _: None)(parser)
+        parser.add_argument("--parts", **words_of(parts, getattr(member, "USUAL_PARTS", parts)))
     chosen = parser.parse_args(arguments)
     if "--set" in member.SHARED:
         chosen.settings = changed_settings(chosen.set)
@@ -165,9 +178,21 @@ def results(name: str, *arguments: object) -> Any:
 
 
 def _run(member: ModuleType, chosen: argparse.Namespace) -> Any:
-    found = member.run(chosen)
+    found = getattr(member, "run", partial(each_part, member.__dict__.get("PARTS")))(chosen)
     chosen.keep(found)
     return found
+
+
+def each_part(parts: Mapping[str, Callable[[argparse.Namespace], T]], chosen: argparse.Namespace) -> dict[str, T]:
+    """Run the parts that are asked for, and keep what there is after each."""
+    out: dict[str, T] = {}
+    for part in chosen.parts:
+        start = time.monotonic()
+        say("", f"== {part}")
+        out[part] = parts[part](chosen)
+        say(f"({part}: {time.monotonic() - start:.0f} s)")
+        chosen.keep(out)
+    return out
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -26,6 +26,7 @@ import argparse
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -46,12 +47,13 @@ from gaitcal.session.result import Calibration
 from gaitcal.synthetic.motion import residual_free_wrench
 from gaitcal.synthetic.subject import plates_under, true_gait
 from scripts.validation.error_bars import rms
-from scripts.validation.harness import say
+from scripts.validation.harness import option, say
 from scripts.validation.recordings import SIMULATED, data
 from scripts.validation.truth.people import WalkingPerson, at_times, walking_person
 from scripts.validation.truth.simulated import whole_turn
 
 SHARED = ("--seed",)
+OWN = {"--people": option(3, "made-up people, or draws of errors")}
 Poses = Mapping[str, tuple[Array, Array]]
 """Segment, as Theia calls it -> (nf, 3, 3) axes forward, up, right, and (nf, 3) m origin."""
 AXES = np.eye(3)[:, [2, 0, 1]]
@@ -290,31 +292,21 @@ ERRORS: dict[str, Errors] = {
     "points_off": Errors(place=0.015, constant=(0.015, 0.0)),
 }
 OPENSIM = "opensim_"
-PARTS = ERRORS | {OPENSIM + part: errors for part, errors in ERRORS.items() if part != "white"}
+OF_OPENSIM = {OPENSIM + part: errors for part, errors in ERRORS.items() if part != "white"}
 USUAL_PARTS = tuple(ERRORS)
 """The others need GAITCAL_DATA."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Of this member."""
-    parser.add_argument("--people", type=int, default=3, help="made-up people, or draws of errors (default 3)")
-
-
-def run(chosen: argparse.Namespace) -> dict[str, dict[str, object]]:
-    """All parts."""
-    return {part: report(part, range(chosen.seed, chosen.seed + chosen.people)) for part in chosen.parts}
-
-
-def report(part: str, seeds: range) -> dict[str, object]:
+def report(part: str, chosen: argparse.Namespace) -> dict[str, object]:
     """Calibrate the people of one part, and print."""
     found: list[Outcome] = []
     points = part.removeprefix(OPENSIM).startswith("points")
-    for seed in seeds:
+    for seed in range(chosen.seed, chosen.seed + chosen.people):
         for person in SIMULATED if part.startswith(OPENSIM) else ("",):
             with tempfile.TemporaryDirectory() as name:
                 folder = Path(name)
                 walk = of_opensim(person) if person else made_up(seed, folder)
-                found.append(outcome(folder, seed, PARTS[part], walk, points=points))
+                found.append(outcome(folder, seed, (ERRORS | OF_OPENSIM)[part], walk, points=points))
     centres = {joint: 1e3 * rms(np.concatenate([one.centres[joint] for one in found])) for joint in found[0].centres}
     say(f"{part}: {', '.join(one.trusted for one in found)}")
     say("  joint centres off by " + ", ".join(f"{joint} {size:.1f} mm" for joint, size in centres.items()))
@@ -325,3 +317,6 @@ def report(part: str, seeds: range) -> dict[str, object]:
         out[torque] = {"rms": rms(off), "se": rms(bars), "covered": covered}
         say(f"  {torque:14s} {rms(off):6.2f} N·m, standard error {rms(bars):6.2f}, covered {100 * covered:5.1f} %")
     return out
+
+
+PARTS = {part: partial(report, part) for part in ERRORS | OF_OPENSIM}

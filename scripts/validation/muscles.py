@@ -13,7 +13,7 @@ people    with marker noise as published (one sinusoid a marker coordinate), in 
           90 to 99 % of the true moment arms of the right leg, in two postures of each coordinate. Both people are
           scaled from one pelvis, whose hips lie 15 mm farther in and 13 to 24 mm lower than regressions from people
           have them: with much noise arms of hip adduction are off by that in every draw
-drawn     the same with a prior of which these people are a draw (`people/drawn.py`): what intervals must hold
+drawn     the same with a prior of which these people are a draw (`people/simulated.py`): what intervals must hold
 same      of these models and those of `--osim`: an export of the joints that are in place leaves every byte, and moment
           arms bit by bit in 1000 postures; joints put off come back; seconds of an export and of a draw
 
@@ -47,13 +47,19 @@ from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
 from gaitcal.results.saved import where_they_move
 from gaitcal.synthetic.motion import marker_noise
 from scripts.validation.error_bars import rms
-from scripts.validation.harness import judged, matching, say, side_by_side
+from scripts.validation.harness import judged, matching, option, say, side_by_side
 from scripts.validation.osim_people import person_of
-from scripts.validation.people.drawn import prior_about_truth
+from scripts.validation.people.simulated import prior_about_truth
 from scripts.validation.recordings import only
 from scripts.validation.truth.people import isolated_person
 
 SHARED = ("--jobs", "--only", "--json", "--seed", "--cache")
+OWN = {
+    "--draws": option(25, "of noise, a person"),
+    "--models": option(20, "drawn models of each, for standard deviations"),
+    "--noise": option(10.0, "largest amplitude of marker noise, mm"),
+    "--osim": option([], "a model more in part same; may be repeated", type=Path),
+}
 MODELS = {"p01": "subject01.osim", "p18": "subject18.osim"}
 OFF = (0.010, 0.020)
 """m, how far joints are put from their place."""
@@ -123,7 +129,7 @@ def draw(
         ]
         study = replace(study, trials=tuple(replace(t, recording=r) for t, r in zip(study.trials, noisy, strict=True)))
     if drawn:
-        study, _, _ = prior_about_truth(made, study, rng)
+        study, _ = prior_about_truth(made, study, rng)
     found = calibrate(study)
     recorded = where_they_move([t.calibrated.q for t in found.trials if t.joint is None])  # others: of one joint alone
     source = data / person / MODELS[person]
@@ -283,24 +289,6 @@ PARTS: dict[str, Callable[[argparse.Namespace], dict[str, float]]] = {
     "drawn": partial(held, True),
     "same": same,
 }
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """How many draws of noise a person, how much noise, how many models of each draw."""
-    parser.add_argument("--draws", type=int, default=25, help="of noise, a person")
-    parser.add_argument("--models", type=int, default=20, help="drawn models of each, for standard deviations")
-    parser.add_argument("--noise", type=float, default=10.0, help="largest amplitude of marker noise, mm")
-    parser.add_argument("--osim", type=Path, action="append", default=[], help="a model more in part same; repeatable")
-
-
-def run(chosen: argparse.Namespace) -> dict[str, dict[str, float]]:
-    """Print the tables of the parts; their figures."""
-    out = {}
-    for part in chosen.parts:
-        say("", f"== {part}")
-        out[part] = PARTS[part](chosen)
-        chosen.keep(out)
-    return out
 
 
 def passed(found: Mapping[str, Mapping[str, float]]) -> bool:

@@ -1,6 +1,6 @@
 """Does what a cohort teaches of joint parameters bring people it does not know nearer to the truth?
 
-    priors [--populations offset,structured,wide] [--cohort 20] [--left-out 12] [--seed 0]
+    priors [--parts offset,structured,wide] [--cohort 20] [--left-out 12] [--seed 0]
 
 Made-up people of populations that the program does not know (how the joints of their linkage deviate from nominal
 ones), with slow waves on every marker. Priors are learnt of a cohort that walked (`gait`), and of the same people with
@@ -21,10 +21,9 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -54,12 +53,13 @@ from gaitcal.synthetic.motion import (
 )
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.error_bars import rms, shares
-from scripts.validation.harness import commas
+from scripts.validation.harness import option, say
 from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.recordings import only
 from scripts.validation.study_folder import write_folder
 
 SHARED = ("--seed",)
+OWN = {"--cohort": option(20, "people in the cohort"), "--left-out": option(12, "people who are not")}
 POSITION = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
 Draw = Callable[[np.random.Generator, Person], Array]
 """(98,) m, rad: deviations of a new person."""
@@ -313,24 +313,14 @@ def outcomes(name: str, learnt: Mapping[str, CohortPriors], people: int, seed: i
         )
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Populations and numbers of people."""
-    known = list(POPULATIONS)
-    parser.add_argument("--populations", type=commas(known), default=known, help=f"of {', '.join(known)}")
-    parser.add_argument("--cohort", type=int, default=20, help="people in the cohort")
-    parser.add_argument("--left-out", type=int, default=12, help="people who are not")
+def measured(name: str, chosen: argparse.Namespace) -> None:
+    """Print the figures of one population."""
+    learnt = cohort(name, chosen.cohort, chosen.seed)
+    found = list(outcomes(name, learnt, chosen.left_out, chosen.seed))
+    say(f"population {name} (seed {chosen.seed}): {chosen.cohort} people learnt of, {len(found)} left out")
+    for kind in COHORTS:
+        say(*(f"  {kind}: {line}" for line in priors_words(learnt[kind])))
+    say(*(f"  {line}" for line in report(found)))
 
 
-def run(chosen: argparse.Namespace) -> None:
-    """Print the figures, population by population."""
-    for name in chosen.populations:
-        began = time.monotonic()
-        learnt = cohort(name, chosen.cohort, chosen.seed)
-        found = list(outcomes(name, learnt, chosen.left_out, chosen.seed))
-        print(f"population {name} (seed {chosen.seed}): {chosen.cohort} people learnt of, {len(found)} left out")
-        for kind in COHORTS:
-            for line in priors_words(learnt[kind]):
-                print(f"  {kind}: {line}")
-        for line in report(found):
-            print(f"  {line}")
-        print(f"  {time.monotonic() - began:.0f} s", flush=True)
+PARTS = {name: partial(measured, name) for name in POPULATIONS}

@@ -40,9 +40,10 @@ from gaitcal.model.model_file import load_model, save_model
 from gaitcal.model.nominal import published_model
 from gaitcal.study.study_file import load_study_file
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, static_motion, synthetic_markers
-from scripts.validation.harness import side_by_side
+from scripts.validation.harness import option, side_by_side
 
 SHARED = ("--jobs", "--seed")
+OWN = {"--files": option(10_000, "of all kinds together")}
 STUDY = """[subject]
 name = "x"
 mass_kg = 69.4
@@ -274,11 +275,6 @@ def fuzz_alone(kind: Kind, files: int, seed: int) -> Count:
     with tempfile.TemporaryDirectory() as name:
         list(made_kinds(Path(name)))
         return fuzz(kind, Path(name), files, seed)
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """How many."""
-    parser.add_argument("--files", type=int, default=10_000)
 
 
 def run(chosen: argparse.Namespace) -> dict[str, Count]:

@@ -13,10 +13,10 @@ from pathlib import Path
 from gaitcal import Study
 from gaitcal.cli.console import Console
 from gaitcal.cli.folder import options_of, study_or_draft
+from gaitcal.io.toml import tomllib
 from gaitcal.session.draft import study_of
 from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.study.study_trial import Role
-from scripts.validation.harness import tomllib
 
 HERE = Path(__file__).resolve().parent
 WALK = "walk"

@@ -20,7 +20,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -53,12 +53,13 @@ from gaitcal.synthetic.motion import (
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.error_bars import coverage, rms
-from scripts.validation.harness import say, side_by_side
+from scripts.validation.harness import option, say, side_by_side
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import only, study_of_person
 from scripts.validation.study_folder import write_folder
 
 SHARED = ("--jobs", "--seed")
+OWN = {"--people": option(10, "made-up people"), "--out": option(Path, "folder that keeps the results")}
 PLACED = 0.006
 """m along each axis: 10 mm in space, as landmarks are palpated (Della Croce et al. 2005)."""
 ABOVE_FLOOR = np.array([0.0, 0.05, 0.0])
@@ -265,25 +266,12 @@ def real_report(out: Path | None) -> Iterator[str]:
             yield f"{PERSON}: {kind.words}s: {coverage(z)}"  # type: ignore[attr-defined]
 
 
-def _seeds(chosen: argparse.Namespace) -> range:
-    return range(chosen.seed, chosen.seed + chosen.people)
-
-
-PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
-    "real": lambda chosen: real_report(chosen.out),
-    "made-up": lambda c: report(list(side_by_side([partial(outcome, seed) for seed in _seeds(c)], c.jobs))),
-    "angles": lambda chosen: angles_report(_seeds(chosen)),
+PARTS = {
+    "real": lambda c: say(*real_report(c.out)),
+    "made-up": lambda c: say(*report(list(side_by_side([partial(outcome, s) for s in _seeds(c)], c.jobs)))),
+    "angles": lambda c: say(*angles_report(_seeds(c))),
 }
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Parts and people."""
-    parser.add_argument("--people", type=int, default=10, help="made-up people")
-    parser.add_argument("--out", type=Path, help="folder that keeps the results")
-
-
-def run(chosen: argparse.Namespace) -> None:
-    """Print the figures, part by part."""
-    for part in chosen.parts:
-        for line in PARTS[part](chosen):
-            say(line)
+def _seeds(chosen: argparse.Namespace) -> range:
+    return range(chosen.seed, chosen.seed + chosen.people)

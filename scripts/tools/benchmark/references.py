@@ -29,7 +29,7 @@ from gaitcal.motion.motion import track, track_nodes
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.synthetic.motion import gait_motion
-from scripts.tools.benchmark.figure import Timing, start_of, subject, temporary_folder
+from scripts.tools.benchmark.trials import Figure, start_of, subject, temporary_folder
 
 ACCURACY = 1e-5
 
@@ -151,7 +151,7 @@ def _peer(opensim: Any, model: SubjectModel, folder: Path) -> Any:
     return peer
 
 
-def inverse_kinematics(model: SubjectModel, recording: Recording) -> list[Timing]:
+def inverse_kinematics(model: SubjectModel, recording: Recording) -> list[Figure]:
     """OpenSim's inverse kinematics solver over all frames, without its file reading and writing."""
     opensim = _opensim()
     if opensim is None:
@@ -186,10 +186,10 @@ def inverse_kinematics(model: SubjectModel, recording: Recording) -> list[Timing
     theirs = 1e3 * float(np.sqrt(np.mean(squares)))
     ours = 1e3 * (track(model, recording, rule=NodeRule(fixed=len(recording.time))).errors.rms() or np.nan)
     note = f"{len(recording.time)} frames, marker RMS {theirs:.3f} mm (ours with a node a frame {ours:.3f} mm)"
-    return [Timing(f"OpenSim inverse kinematics, accuracy {ACCURACY:g}", run, note)]
+    return [Figure(f"OpenSim inverse kinematics, accuracy {ACCURACY:g}", run, note)]
 
 
-def inverse_dynamics(model: SubjectModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[Timing]:
+def inverse_dynamics(model: SubjectModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[Figure]:
     """OpenSim's inverse dynamics solver, frame by frame."""
     opensim = _opensim()
     if opensim is None:
@@ -207,4 +207,4 @@ def inverse_dynamics(model: SubjectModel, q: np.ndarray, v: np.ndarray, a: np.nd
                 coordinates.get(i).setSpeedValue(state, float(v[f, k]))
             solver.solve(state, opensim.Vector.createFromMat(a[f, place]))
 
-    return [Timing("OpenSim inverse dynamics solver", run, f"{len(q)} frames, without ground reactions")]
+    return [Figure("OpenSim inverse dynamics solver", run, f"{len(q)} frames, without ground reactions")]

@@ -23,17 +23,7 @@ from gaitcal.model.parameters import JP_NAMES, gait_parameters, isolated_paramet
 from gaitcal.motion.motion import track
 from gaitcal.motion.spline import NodeRule
 from gaitcal.synthetic.motion import gait_motion, synthetic_markers
-from scripts.tools.benchmark.figure import (
-    GAIT_JPS,
-    Amount,
-    Timing,
-    calibrated,
-    first_frames,
-    problem,
-    recording,
-    start_of,
-    subject,
-)
+from scripts.tools.benchmark.trials import GAIT_JPS, Figure, calibrated, problem, recording, start_of, subject
 
 FRAMES = (200, 1000, 5000, 25_000, 100_000)
 MEMORY_FRAMES = (5000, 25_000, 100_000)
@@ -42,21 +32,21 @@ RULE = NodeRule(per_second=15.0)
 GIB, LIMIT_GIB = 2.0**30, 1.5
 
 
-def section_scaling() -> list[Timing | Amount]:
+def section_scaling() -> list[Figure]:
     """All of them."""
     return [*_frames(), *_memory(), *_parameters(), *_trials()]
 
 
-def _frames() -> list[Timing]:
-    def of(frames: int) -> Timing:
-        cut, runs = first_frames(recording("gait", frames), frames), 1 if frames > 10_000 else 3
+def _frames() -> list[Figure]:
+    def of(frames: int) -> Figure:
+        cut, runs = recording("gait", frames), 1 if frames > 10_000 else 3
         task = partial(track, subject(), cut, rule=RULE)
-        return Timing(f"track {frames} frames", task, f"{runs} run{'s' * (runs > 1)}", runs, "time, frames", frames)
+        return Figure(f"track {frames} frames", task, f"{runs} run{'s' * (runs > 1)}", runs, "time, frames", frames)
 
     return [of(frames) for frames in FRAMES]
 
 
-def _memory() -> list[Amount]:
+def _memory() -> list[Figure]:
     """Peak of a child process that tracks, beyond what it took before it had a recording."""
 
     def beyond(frames: int) -> float:
@@ -65,7 +55,14 @@ def _memory() -> list[Amount]:
 
     note = f"beyond the libraries; 20 spans a second; limit {LIMIT_GIB:g} with them"
     return [
-        Amount(f"memory to track {n} frames at 100 Hz", partial(beyond, n), "GiB", note, "memory, frames", n)
+        Figure(
+            f"memory to track {n} frames at 100 Hz",
+            partial(beyond, n),
+            note,
+            series="memory, frames",
+            size=n,
+            unit="GiB",
+        )
         for n in MEMORY_FRAMES
     ]
 
@@ -110,29 +107,29 @@ def usage(frames: int, rate: float) -> dict[str, float]:
     return found
 
 
-def _parameters() -> list[Timing]:
+def _parameters() -> list[Figure]:
     p = problem("gait")
     legs = tuple(name for j in ("hip", "knee", "ankle") for s in "rl" for name in isolated_parameters(f"{j}_{s}"))
     sets = (isolated_parameters("hip_r"), gait_parameters("r"), GAIT_JPS, legs, JP_NAMES)
 
-    def of(free: tuple[str, ...]) -> Timing:
+    def of(free: tuple[str, ...]) -> Figure:
         said = f"{calibrated(p, free).iterations} outer iterations; 3 runs"
-        return Timing(f"calibrate gait, {len(free)} JPs", partial(calibrated, p, free), said, runs=3)
+        return Figure(f"calibrate gait, {len(free)} JPs", partial(calibrated, p, free), said, runs=3)
 
     return [of(free) for free in sets]
 
 
-def _trials() -> list[Timing]:
+def _trials() -> list[Figure]:
     parameters, free = subject().parameters, gait_parameters("r")
 
-    def of(number: int) -> Timing:
+    def of(number: int) -> Figure:
         trials = [problem("gait", seed=k + 1) for k in range(number)]
         starts = [start_of(p) for p in trials]
         task: Callable[[], JointFit] = lambda: JointSearch(trials, parameters, free, starts).run()  # noqa: E731
         iterations = task().iterations
         name = f"calibrate {number} gait trial{'s' * (number > 1)} together, 17 JPs"
         said, series = f"{iterations} outer iterations; 3 runs", "time an outer iteration, trials"
-        return Timing(name, task, said, 3, series, number, lambda: iterations)
+        return Figure(name, task, said, 3, series, number, lambda: iterations)
 
     return [of(number) for number in TRIALS]
 

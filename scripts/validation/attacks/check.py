@@ -1,6 +1,6 @@
 """Does anything wrong go unnoticed? Clean studies are spoilt in many ways; each must end so that one can live with it.
 
-    attacks [--all] [--jobs 2] [--only REGEX] [--base NAME ...] [--part K/N] [--list]
+    attacks [--all] [--jobs 2] [--only REGEX] [--base NAME ...] [--list]
     attacks --quick        # a dozen, in less than a minute
     attacks --clean        # every finding on the clean recordings, more of them
 
@@ -46,9 +46,15 @@ from gaitcal.findings import Severity
 from scripts.validation.attacks.bases import EVERY, SYNTHETIC, loaded
 from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, by_title, corpus, once_each, pattern, spoilt
 from scripts.validation.attacks.curves import Curves, curves, largest
-from scripts.validation.harness import say, side_by_side
+from scripts.validation.harness import option, say, side_by_side
 
 SHARED = ("--jobs", "--only", "--list", "--json")
+OWN = {
+    "--all": option(False, "every attack on every base that it is meant for"),
+    "--base": option([], "clean study; may be repeated", choices=list(EVERY)),
+    "--quick": option(False, "the few that run as a test"),
+    "--clean": option(False, "what is said of the clean recordings, no attack"),
+}
 SILENT_SHARE, ALARMED_SHARE = 0.02, 0.10
 """Largest shares of all attacks that may end so."""
 LONGEST = 320
@@ -223,29 +229,11 @@ def passed(results: Sequence[Result]) -> bool:
     )
 
 
-def part(text: str) -> tuple[int, int]:
-    """`2/3`: the second of three parts."""
-    found = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", text)
-    if not found or int(found[1]) > int(found[2]):
-        raise argparse.ArgumentTypeError(f"found '{text}'; allowed: K/N, the Kth of N parts")
-    return int(found[1]), int(found[2])
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Which attacks."""
-    parser.add_argument("--all", action="store_true", help="every attack on every base that it is meant for")
-    parser.add_argument("--base", action="append", default=[], choices=list(EVERY), help="clean study; may be repeated")
-    parser.add_argument("--part", type=part, default=(1, 1), metavar="K/N", help="the Kth of N parts, kinds mixed")
-    parser.add_argument("--quick", action="store_true", help="the few that run as a test")
-    parser.add_argument("--clean", action="store_true", help="what is said of the clean recordings, no attack")
-
-
 def chosen_attacks(chosen: argparse.Namespace) -> list[Attack]:
     """Those that the command line asks for and whose recordings are there."""
-    first, step = chosen.part
     there, every = os.environ.get("GAITCAL_DATA"), corpus()
     wide = chosen.all or chosen.quick or chosen.base or chosen.only
-    found = [
+    return [
         attack
         for attack in (every if wide else once_each(every))
         if (not chosen.only or re.search(chosen.only, attack.title, re.IGNORECASE))
@@ -253,7 +241,6 @@ def chosen_attacks(chosen: argparse.Namespace) -> list[Attack]:
         and (not chosen.quick or attack.quick)
         and (there or attack.base == SYNTHETIC)
     ]
-    return found[first - 1 :: step]
 
 
 def print_clean(clean: Iterable[Run]) -> None:

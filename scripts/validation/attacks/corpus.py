@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -14,15 +13,11 @@ from functools import cache
 from pathlib import Path
 
 from gaitcal import MarkerSet, Study
+from gaitcal.io.toml import tomllib
 from gaitcal.study.study_file import load_study_file
 from scripts.validation.attacks import spoil_files, spoil_markers, spoil_plates, spoil_studies
 from scripts.validation.attacks.bases import BASES, loaded
 from scripts.validation.recordings import WALK
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 class Kind(str, Enum):

@@ -37,10 +37,11 @@ import numpy as np
 import pandas as pd
 
 from scripts.validation.clinics.variants import VARIANTS, cases
-from scripts.validation.harness import say, side_by_side
+from scripts.validation.harness import option, say, side_by_side
 from scripts.validation.recordings import CLINICS
 
 SHARED = ("--jobs", "--only", "--list", "--json")
+OWN = {"--keep": option(Path, "where the folders and results stay", dest="room")}
 FLOOR_BWH = 0.2
 """% of body weight times height: smaller differences are none."""
 SECONDS = 900.0
@@ -158,11 +159,6 @@ def difference(before: Path, after: Path) -> float | None:
 LEAST_SHARE = 0.9
 """Of all cases, that reach torques or rightly ask."""
 AS_IT_IS = "as it is"
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Where to work."""
-    parser.add_argument("--keep", dest="room", type=Path, help="where the folders and results stay")
 
 
 def run(chosen: argparse.Namespace) -> list[Outcome]:

@@ -34,13 +34,12 @@ from gaitcal.session.draft import STUDY, draft_text
 from gaitcal.session.drafting import draft_of
 from gaitcal.session.folder import read_folder
 from gaitcal.session.person_facts import Options
-from scripts.validation.clinics.check import Ending, Outcome, add_options, difference
+from scripts.validation.clinics.check import OWN, SHARED, Ending, Outcome, difference
 from scripts.validation.clinics.variants import Trial
 from scripts.validation.harness import matching, say, side_by_side
 from scripts.validation.recordings import EVERYBODY, HERE, data
 
-__all__ = ["SHARED", "add_options", "passed", "run"]
-SHARED = ("--jobs", "--only", "--list", "--json")
+__all__ = ["OWN", "SHARED", "passed", "run"]
 LEAST_SHARE = 0.95
 NAMED = tuple(f"{name}_{side}" for name in ("asis", "knee_lat", "knee_med", "ankle_lat", "ankle_med") for side in SIDES)
 NAMED += tuple(f"{name}_{side}" for name in ("heel", "toe") for side in SIDES)

@@ -41,10 +41,11 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.subject import synthesize
 from scripts.validation.force_faults.faults import FAULTS, Fault
-from scripts.validation.harness import matching, say
+from scripts.validation.harness import matching, option, say
 from scripts.validation.recordings import CHILDREN, SIMULATED, data, study_of_person
 
 SHARED = ("--only", "--seed")
+OWN = {"--cases": option(360, "faults"), "--verbose": option(False, "a line for each fault")}
 REAL = ("subject01", "pig", *CHILDREN, "kad", "multi")
 SYNTHETIC = (1, 2, 3)
 
@@ -325,12 +326,6 @@ def magnitude(case: Case) -> float:
 
 
 LEAST_FIRST = 0.90
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """How many faults."""
-    parser.add_argument("--cases", type=int, default=360)
-    parser.add_argument("--verbose", action="store_true", help="a line for each fault")
 
 
 def run(chosen: argparse.Namespace) -> tuple[list[Person], list[Case]]:

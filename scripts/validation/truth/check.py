@@ -9,6 +9,8 @@ isolated    the same people's six isolated trials, made by OpenSim once (extra `
 functional  the same people's walk alone, and with a trial of each hip that is isolated, or is any motion: hip centres
 synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb` writes them
 recovery    the same, every joint and inertial parameter by itself (`truth/made_up.py`); `--know` says what is known
+published   the published subject with the published noise, `--seeds` draws of it (`truth/published.py`): how many
+            intervals of joint parameters, coordinates, torques, powers and moment vectors hold the truth
 
 Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published waves, by skin that
 follows the joints or its own time. `before` is the nominal model, `peer` SCoRE or SARA (RMS), `SE` the RMS of the
@@ -23,17 +25,25 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 
-from scripts.validation.harness import commas, matching, say, side_by_side
+from scripts.validation.harness import matching, option, say, side_by_side, words_of
 from scripts.validation.recordings import SIMULATED, data
-from scripts.validation.truth import made_up, report, simulated
+from scripts.validation.truth import made_up, published, report, simulated
 from scripts.validation.truth.people import made
 from scripts.validation.truth.report import Outcome
 from scripts.validation.truth.skin import FIVE, OF_PEOPLE, Kind
 
 SHARED = ("--jobs", "--only", "--seed", "--set", "--cache", "--json")
-PARTS = ("gait", "isolated", "synthetic", "functional", "recovery")
+PARTS = ("gait", "isolated", "synthetic", "functional", "recovery", "published")
 USUAL_PARTS = PARTS[:3]
-"""The last by itself, as its table is another; the one before it takes ten minutes."""
+"""The last two have tables of their own; the one before them takes ten minutes."""
+OWN = {
+    "--kinds": words_of(Kind),
+    "--seeds": option(6, "of each kind of movement and person"),
+    "--synthetic-people": option(9, "of our own linkage", metavar="N"),
+    "--know": option("default", "part recovery", choices=[setting.value for setting in made_up.Settings]),
+    "--size": option(float, "of the movement, instead of each part's own; of the published noise", metavar="MM"),
+    "--with-gait": option(False, "part isolated: the walk, without plates, as well"),
+}
 KINDS = {
     "gait": (Kind.NONE, Kind.SINUSOIDS, Kind.MIXTURE, Kind.PEOPLE),
     "isolated": (Kind.NONE, *FIVE, Kind.MIXTURE, Kind.PEOPLE),
@@ -42,22 +52,13 @@ KINDS = {
 """What is tried unless `--kinds` says otherwise."""
 WAVES_MM, GAIT_SKIN_MM, SKIN_MM = 10.0, 10.0, 15.0
 """Sizes of the published waves, and of skin movement in the parts `gait` and `isolated`."""
-SYNTHETIC_PEOPLE = 9
 
 
-def seeds(chosen: argparse.Namespace) -> range:
-    """Of synthetic people."""
-    return range(chosen.seed, chosen.seed + chosen.synthetic_people)
-
-
-def tasks(chosen: argparse.Namespace) -> list[Callable[[], Outcome]]:
-    """Every fit that is asked for, as a function that makes it."""
+def tasks(chosen: argparse.Namespace, synthetic: range) -> list[Callable[[], Outcome]]:
+    """Every fit of the parts with a common table, as a function that makes it."""
     out: list[Callable[[], Outcome]] = []
-    for part in chosen.parts:
-        if part == "synthetic":
-            out += [partial(made_up.outcome, seed, chosen.settings) for seed in seeds(chosen)]
-            continue
-        folder = data() / "opensim_truth"
+    folder = data() / "opensim_truth" if set(chosen.parts) & set(KINDS) else None
+    for part in (part for part in chosen.parts if part in KINDS):
         for person in matching(chosen.only, SIMULATED):
             if part != "gait":
                 made(person, folder, chosen.cache)
@@ -72,33 +73,23 @@ def tasks(chosen: argparse.Namespace) -> list[Callable[[], Outcome]]:
                         out += [partial(simulated.functional, *common, chosen.cache, of) for of in simulated.HipTrials]
                     else:
                         out.append(partial(simulated.isolated, *common, chosen.cache, chosen.with_gait))
+    if "synthetic" in chosen.parts:
+        out += [partial(made_up.outcome, seed, chosen.settings) for seed in synthetic]
     return out
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Parts, and how markers move."""
-    kinds = [kind.value for kind in Kind]
-    parser.add_argument("--kinds", type=commas(kinds), default=[], help=f"of {', '.join(kinds)}")
-    parser.add_argument("--seeds", type=int, default=6, help="of each kind of movement and person (default 6)")
-    parser.add_argument("--synthetic-people", type=int, default=SYNTHETIC_PEOPLE, metavar="N")
-    known = [setting.value for setting in made_up.Settings]
-    parser.add_argument("--know", choices=known, default=known[0], dest="settings_of_recovery", help="part recovery")
-    parser.add_argument("--size", type=float, metavar="MM", help="of the movement, instead of each part's own")
-    parser.add_argument("--with-gait", action="store_true", help="part isolated: the walk, without plates, as well")
-
-
 def run(chosen: argparse.Namespace) -> list[Outcome]:
-    """Make all fits and print the table."""
-    chosen.kinds = [Kind(kind) for kind in chosen.kinds]
+    """Make all fits and print the tables."""
+    synthetic = range(chosen.seed, chosen.seed + chosen.synthetic_people)
     if "recovery" in chosen.parts:
-        settings = made_up.Settings(chosen.settings_of_recovery)
-        people = [partial(made_up.synthetic_person, seed, settings, chosen.settings) for seed in seeds(chosen)]
+        settings = made_up.Settings(chosen.know)
+        people = [partial(made_up.synthetic_person, seed, settings, chosen.settings) for seed in synthetic]
         say(*made_up.lines(list(side_by_side(people, chosen.jobs))))
-        chosen.parts = [part for part in chosen.parts if part != "recovery"]
-        if not chosen.parts:
-            return []
-    outcomes = list(side_by_side(tasks(chosen), chosen.jobs))
-    if chosen.set:
-        print(f"settings: {', '.join(chosen.set)}")
-    print("\n".join([*report.lines(outcomes), *report.wanted_lines(outcomes)]))
+    if "published" in chosen.parts:
+        say(*published.lines(published.draws(chosen.seeds, 1e-3 * (chosen.size or WAVES_MM), chosen.seed, chosen.jobs)))
+    outcomes = list(side_by_side(tasks(chosen, synthetic), chosen.jobs))
+    if outcomes:
+        if chosen.set:
+            say(f"settings: {', '.join(chosen.set)}")
+        say(*report.lines(outcomes), *report.wanted_lines(outcomes))
     return outcomes

@@ -1,5 +1,5 @@
-"""One figure of a benchmark: a task to be timed, or an amount to be measured; and the trials that are timed: the
-published subject's gait and isolated trials, with the published noise.
+"""One figure of a benchmark, and the trials that are timed: the published subject's gait and isolated trials, with the
+published noise.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ import atexit
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -30,8 +30,8 @@ GAIT_JPS = (*gait_parameters("r"), *gait_parameters("l"))
 
 
 @dataclass(frozen=True)
-class Timing:
-    """A task to be timed."""
+class Figure:
+    """Seconds of a task, or an amount that it returns."""
 
     name: str
     task: Callable[[], object]
@@ -44,18 +44,8 @@ class Timing:
     size: float = 0.0
     share: Callable[[], float] | None = None
     """What to divide the seconds by where a series is compared: iterations, where their number differs."""
-
-
-@dataclass(frozen=True)
-class Amount:
-    """Something other than time, measured once."""
-
-    name: str
-    measure: Callable[[], float]
-    unit: str
-    note: str = ""
-    series: str = ""
-    size: float = 0.0
+    unit: str = "s"
+    """Of another one, the task returns the amount, which is measured once."""
 
 
 def temporary_folder() -> Path:
@@ -73,7 +63,7 @@ def subject() -> SubjectModel:
 
 @cache
 def recording(trial: str, frames: int | None = None, seed: int = 1) -> Recording:
-    """Noisy markers of the published subject; a trial longer than recorded goes back and forth."""
+    """Noisy markers of the published subject, the first frames; a trial longer than recorded goes back and forth."""
     motion = gait_motion() if trial == "gait" else isolated_motion(trial)
     model = subject()
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
@@ -81,13 +71,8 @@ def recording(trial: str, frames: int | None = None, seed: int = 1) -> Recording
     if frames is not None and frames > len(time):
         markers = np.resize(np.concatenate([markers, markers[-2:0:-1]]), (frames, *markers.shape[1:]))
         time = np.arange(frames) / 200.0
-    noise = marker_noise(time, markers.shape[1], np.random.default_rng(seed))
-    return Recording(source=trial, time=time, labels=model.markers.labels, markers=markers + noise)
-
-
-def first_frames(whole: Recording, frames: int) -> Recording:
-    """The beginning of a recording."""
-    return replace(whole, time=whole.time[:frames], markers=whole.markers[:frames])
+    markers = markers + marker_noise(time, markers.shape[1], np.random.default_rng(seed))
+    return Recording(source=trial, time=time[:frames], labels=model.markers.labels, markers=markers[:frames])
 
 
 def problem(
@@ -95,9 +80,7 @@ def problem(
 ) -> MotionProblem:
     """The trial (or its first frames) as a least-squares problem, whole body or the segments of its joint."""
     segments = joint_segments(trial) if joint_only else SEGMENTS
-    seen = recording(trial, seed=seed)
-    seen = seen if frames is None else first_frames(seen, frames)
-    return trial_problem(trial, subject(), seen, rule, root=segments[0], segments=segments)
+    return trial_problem(trial, subject(), recording(trial, frames, seed), rule, root=segments[0], segments=segments)
 
 
 def start_of(p: MotionProblem) -> np.ndarray:

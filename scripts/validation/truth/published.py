@@ -1,6 +1,4 @@
-"""Do the error bars hold? How often 68 % and 95 % intervals cover the truth, over many draws of synthetic noise.
-
-    coverage [--draws 200] [--noise MM] [--seed N] [--jobs 2]
+"""Part `published`: how often 68 % and 95 % intervals cover the truth, over many draws of the published noise.
 
 The published subject walks (34 joint parameters free) and moves its knee alone (9 free); every draw adds marker noise
 as published (one sinusoid a marker coordinate, amplitude up to 10 mm), fits the joint parameters, and compares them,
@@ -11,7 +9,7 @@ most draws none: its error bars are right in the mean square (errors are 0.91 of
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -40,7 +38,6 @@ from gaitcal.synthetic.motion import (
 from scripts.validation.error_bars import shares
 from scripts.validation.harness import side_by_side
 
-SHARED = ("--jobs", "--seed")
 WANTED = {"68 %": (60.0, 76.0), "95 %": (91.0, 98.0)}
 """Interval -> what is wanted of its coverage, %."""
 ENDS = 20
@@ -121,25 +118,11 @@ def draws(count: int, noise_m: float, seed: int, processes: int) -> Draw:
     return out
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """How many draws, how much noise."""
-    parser.add_argument("--draws", type=int, default=200)
-    parser.add_argument("--noise", type=float, default=10.0, help="largest amplitude of marker noise, mm")
-
-
-def run(chosen: argparse.Namespace) -> bool:
-    """Print the table; whether everything is covered as wanted."""
-    standardised = draws(chosen.draws, 1e-3 * chosen.noise, chosen.seed, chosen.jobs)
-    print(f"{chosen.draws} draws, noise up to {chosen.noise:g} mm")
-    print(f"{'quantity':34}" + "".join(f"{level:>8}" for level in WANTED) + "   wanted")
-    good = True
-    for name, values in standardised.items():
+def lines(found: Draw) -> Iterator[str]:
+    """One line a quantity, and whether as many intervals hold as is wanted."""
+    yield f"{'quantity':34}" + "".join(f"{level:>8}" for level in WANTED) + "   wanted"
+    for name, values in found.items():
         covered = dict(zip(WANTED, shares(values), strict=True))
-        judged = ["95 %"] if name == HEARS_FEW_WAVES else list(WANTED)
-        inside = all(WANTED[level][0] <= covered[level] <= WANTED[level][1] for level in judged)
-        good &= inside
-        print(f"{name:34}" + "".join(f"{c:8.1f}" for c in covered.values()) + ("   yes" if inside else "   no"))
-    return good
-
-
-passed = bool
+        levels = ["95 %"] if name == HEARS_FEW_WAVES else list(WANTED)
+        inside = all(WANTED[level][0] <= covered[level] <= WANTED[level][1] for level in levels)
+        yield f"{name:34}" + "".join(f"{c:8.1f}" for c in covered.values()) + ("   yes" if inside else "   no")
