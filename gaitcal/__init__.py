@@ -18,8 +18,6 @@ Names are loaded when they are first used, so that `import gaitcal` is quick; `_
 each of them lives.
 """
 
-from __future__ import annotations
-
 import lazy_loader
 
 __getattr__, __dir__, _ = lazy_loader.attach_stub(__name__, __file__)

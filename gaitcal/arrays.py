@@ -1,7 +1,5 @@
 """The arrays of this project, by what they hold. Shapes and units stand beside each field and in each docstring."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -16,8 +16,6 @@ too early. A call costs microseconds, one within another less. The command line 
 loaded.
 """
 
-from __future__ import annotations
-
 import ctypes
 import sys
 import threading

@@ -7,12 +7,16 @@ import signal
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
 from threadpoolctl import threadpool_limits
 
 from tests.kept import run_folder
+
+if TYPE_CHECKING:
+    from gaitcal import Calibration
 
 # A busy machine may take ten times as long for one example: time is judged by the benchmarks, not here.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -115,6 +119,14 @@ def _nobody_is_quiet() -> None:
 def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder for what test files share in this run (`tests/kept.py`)."""
     return run_folder(tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def whole() -> "Calibration":
+    """A whole calibration, made of plain numbers (`tests/fake_result.py`); nobody changes it."""
+    from tests.fake_result import fake_calibration
+
+    return fake_calibration()
 
 
 @pytest.fixture(scope="session")

@@ -9,13 +9,12 @@ import numpy as np
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.codes import Code
-from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.dynamics.measurement_errors import ErrorSource, TorqueErrors
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.verdict import judge
-from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import strides_measured
 from gaitcal.io.recording import ForcePlate, Recording

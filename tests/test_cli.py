@@ -94,7 +94,6 @@ def test_the_reference_tells_every_command_and_setting() -> None:
     settings = importlib.import_module("scripts.tools.documentation.tables").markdown("calibration")
     for name, field in CalibrationSettings.model_fields.items():
         row = next(line for line in settings.splitlines() if line.startswith(f"| `{name}` |"))
-        assert field.description is not None
         assert row.endswith(f"| {field.description} |"), name
 
 

@@ -9,11 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from gaitcal.cli.application import COMMANDS, HELP, app, loaded
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, UsageError
+from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.explanations import PARTS, Paragraph, all_explanations, explanation_of, parts_of
 from gaitcal.faults.verdict import judge
-from gaitcal.findings import Finding, Severity
 from gaitcal.page.page_data import explained_code, verdict_page_data
 
 PACKAGE = Path(__file__).parents[1] / "gaitcal"

@@ -61,7 +61,7 @@ def test_conda_asks_for_what_pip_asks_for() -> None:
     asked.pop("python")
     wanted = {}
     for line in project["dependencies"]:
-        name, bound = re.match(r"([\w-]+)>=([\d.]+)", line).groups()  # type: ignore[union-attr]
+        name, bound = re.match(r"([\w-]+)>=([\d.]+)", line).groups()
         wanted[ON_CONDA.get(name, name)] = bound
     other = {"example-robot-data"}  # numbered otherwise on conda-forge, as in environment.yml
     assert asked.keys() == wanted.keys()

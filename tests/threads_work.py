@@ -20,8 +20,8 @@ import gaitcal as gc
 from gaitcal.published.case import nominal_case
 from gaitcal.published.draw import COLUMNS, MonteCarloContext, draw
 from gaitcal.published.draw_sensitivity import unfinished_draws
-from gaitcal.published.inertial_recovery import noisy_draw
 from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
+from gaitcal.published.recovery import noisy_draw
 from gaitcal.published.workers import LocalProcesses, Workers
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
 from tests.synthetic_studies import made_recording

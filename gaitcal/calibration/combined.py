@@ -9,8 +9,6 @@ as the markers of the frame: the normal matrix keeps its band, and (joint, inert
 (`motion/banded.py`). Levenberg-Marquardt from the end of phases 1 and 2.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -30,7 +30,7 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array, IntArray, stretches
 from gaitcal.calibration.joint_prior import prior_of, prior_root
 from gaitcal.calibration.soft_tissue_artefact import SQUARES
-from gaitcal.dynamics.axis_errors import ErrorSource
+from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.model.chain import ChainConstants, forward, jacobian
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, Parameters

@@ -12,16 +12,13 @@ Where a real one does, a fit of its joints may find an elbow that bends the othe
 about: a motion far from the one that the markers begin with. The joints of that arm are then left where they were.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import NULL
-from gaitcal.codes import Code
-from gaitcal.findings import STUDY, Finding, Severity, listed
+from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
 from gaitcal.model.linkage import LEG_JOINTS, LOWER_BODY, SIDE_WORDS, SIDES, moved_joints
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters

@@ -9,7 +9,7 @@ residual [F; T] of the valid frames, in units of a scale, every source c of erro
 for marker coordinates and nominal joint parameters (`error_sources.py`), and directly for
 
     plates       gain, place, turn and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
-                 (`dynamics/plate_errors.py`, with the sources of their sizes)
+                 (`dynamics/measurement_errors.py`, with the sources of their sizes)
     inertia      what the fit does not move and people scatter in:  d rho = (d rho/d IP) d IP
     bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
                  (a motion that a penalty smooths has a source of its own for that, `whole_body_scores`)
@@ -32,8 +32,6 @@ Below `STRONG` (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995: "strong evidence
 the spread of people is their covariance.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -46,7 +44,7 @@ from gaitcal.calibration.error_sources import ErrorSources, MarkerScores, whole_
 from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
-from gaitcal.dynamics.plate_errors import DEFAULT, OF_A_PLATE, PlateErrors, wrench_errors, wrench_rates
+from gaitcal.dynamics.measurement_errors import DEFAULT, OF_A_PLATE, PlateErrors, wrench_errors, wrench_rates
 from gaitcal.model.parameters import InertialSet, Parameters, dynamic_jacobian, dynamic_parameters, full_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, frame_rate, spline_basis

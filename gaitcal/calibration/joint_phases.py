@@ -53,7 +53,7 @@ from gaitcal.calibration.soft_tissue_artefact import (
     task_tissue,
     tissue_prior,
 )
-from gaitcal.findings import Finding
+from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters
 from gaitcal.motion.bandwidth import with_bandwidth

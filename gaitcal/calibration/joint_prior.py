@@ -43,8 +43,6 @@ noise in a short trial weighs little. White noise of variance s^2 gives nu = s; 
 their bones give more than their deformation tells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -52,7 +50,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
-from gaitcal.model.point_noise import PointNoise
+from gaitcal.model.subject_model import PointNoise
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
 from gaitcal.motion.spline import SplineBasis, frame_rate
 from gaitcal.motion.trial_problem import MotionProblem

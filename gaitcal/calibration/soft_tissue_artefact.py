@@ -37,8 +37,6 @@ An activity that is no walk may leave joints at rest, whose tracked angles follo
 do not deform, with even odds before anything is seen, and then say nothing of s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 

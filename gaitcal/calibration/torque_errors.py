@@ -6,8 +6,8 @@ Every source of error c moves the joint parameters by d p_c and the motion by d 
     d tau_c = T n_c + G d p_c,      T = (d tau/d q) B + (d tau/d v) B' + (d tau/d a) B'',    G = d tau/d p - T S.
 
 Squares sum over the coordinates and columns of each source; the inertial parameters add the diagonal of
-(d tau/d IP) cov (d tau/d IP)^T, force plates and segments' axes the squares of `dynamics/plate_errors.py` and
-`dynamics/axis_errors.py`. Powers and moment vectors are linear in the generalised forces
+(d tau/d IP) cov (d tau/d IP)^T, force plates and segments' axes the squares of `dynamics/measurement_errors.py` and
+`dynamics/measurement_errors.py`. Powers and moment vectors are linear in the generalised forces
 (`dynamics/joint_kinetics.py`): what a source does to these, to posture, rates and joint parameters moves them together.
 """
 
@@ -21,11 +21,17 @@ import numpy as np
 from gaitcal.arrays import Array, stretches
 from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, marker_moves, squares
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource, TorqueErrors
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import HELD, kinetic_errors, kinetic_slopes
-from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
+from gaitcal.dynamics.measurement_errors import (
+    AxisErrors,
+    ErrorSource,
+    PlateErrors,
+    TorqueErrors,
+    wrench_errors,
+    wrench_rates,
+)
 from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.motion.trial_problem import MotionProblem
 

@@ -21,8 +21,7 @@ import typer.main
 from typer.core import TyperCommand, TyperGroup
 
 from gaitcal.cli.options import Quiet, Verbose
-from gaitcal.codes import Code
-from gaitcal.errors import GaitcalError
+from gaitcal.errors import Code, GaitcalError
 from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals
 
 COMMANDS: Final = {

@@ -4,44 +4,35 @@ Options of a further trial are written on the command line as in a study file; e
 would hold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args
 
 import typer
+from rich.text import Text
 
 from gaitcal.cli import options
-from gaitcal.cli.console import (
-    Console,
-    print_calibration,
-    print_remarks,
-    print_trials,
-    print_verdict,
-    tell_changed,
-    tell_kept,
-)
+from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft
-from gaitcal.codes import Code
-from gaitcal.errors import ConvergenceError, InputError, UsageError
+from gaitcal.errors import Code, ConvergenceError, Finding, InputError, Severity, UsageError
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.study import check_further, check_study, further_evidence, further_moves
 from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_consequences
-from gaitcal.findings import Finding, Severity
 from gaitcal.gait.events import activity_events
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.csv import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
+from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.results.calibration import PAGE, write_results
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import STUDY, Draft, draft_notes, draft_text, files_of, settings_text, study_of
 from gaitcal.session.drafting import faulty_notes, rejected_forces, without_faulty_trials
-from gaitcal.session.result import TrialResult
+from gaitcal.session.result import Calibration, Loads, TrialResult
 from gaitcal.session.trial_result import analyse
+from gaitcal.session.truth_comparison import sums
 from gaitcal.study.joint_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
@@ -49,6 +40,8 @@ from gaitcal.study.study_file import Side, TrialTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, read_trial
 from gaitcal.synthetic.subject import synthesize
 from gaitcal.synthetic.truth import CURVES, PARAMETERS
+
+LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}  # How a reason begins
 
 
 def _inputs(source: Path | Draft, priors: Path | None) -> tuple[Path, ...]:
@@ -112,11 +105,11 @@ def calibrate_study(
         made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
         text = None if drafted is None else draft_text(drafted, out) + settings_text(CalibrationSettings(), priors, out)
         write_results(calibration, out, made_with, drafted=text, normal=bands)
-    print_calibration(console, calibration)
+    _print_calibration(console, calibration)
     for note in loaded.joint_prior.notes if loaded.joint_prior else ():
         console.line(f"priors: {note}")
-    tell_changed(console, loaded.changed_inputs())
-    tell_kept(console, kept)
+    _tell_changed(console, loaded.changed_inputs())
+    _tell_kept(console, kept)
     if drafted is not None:
         console.line(f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change it)")
     console.line(f"page:   {out / PAGE}")
@@ -178,9 +171,9 @@ def analyse_further(
         verdict = judge(without_consequences(findings), [trial.name for trial in done])
         done = [trial.refused(verdict.refused_legs(trial.name)) for trial in done]
         stale = write_trials(done, saved, folder, inputs, verdict)
-    print_trials(console, done)
-    print_verdict(console, verdict)
-    print_remarks(console, [*stale, *_no_walks(done)], [n for t in done for n in t.notes])
+    _print_trials(console, done)
+    _print_verdict(console, verdict)
+    _print_remarks(console, [*stale, *_no_walks(done)], [n for t in done for n in t.notes])
     console.line(f"results: {folder}")
     console.line(f"page:    {folder / PAGE}")
     if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
@@ -312,7 +305,7 @@ def write_subject(
     with console.working() as step:
         step("writing C3D files of the synthetic subject")
         study = synthesize(out, seed=seed, noise=noise, perturb=perturb, also=movement or ())
-    tell_kept(console, kept)
+    _tell_kept(console, kept)
     console.line(f"study: {study}")
     console.line(f"truth: {study.parent / PARAMETERS}, {study.parent / CURVES}")
     console.line(f"next:  gaitcal calibrate {study} --out {out}-result")
@@ -334,6 +327,99 @@ def demonstrate(console: Console, out: options.Out = Path("gaitcal-demo")) -> No
     console.line(
         "A synthetic subject (markers with up to 10 mm of noise, two force plates), calibrated from its C3D files:"
     )
-    print_calibration(console, calibration)
-    tell_kept(console, kept)
+    _print_calibration(console, calibration)
+    _tell_kept(console, kept)
     console.line(f"page:   {result / PAGE}")
+
+
+# ------------------------------------------------------------------------------------------------ what is printed
+
+
+def _print_calibration(console: Console, calibration: Calibration) -> None:
+    """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
+    _print_trials(console, calibration.trials)
+    for total in sums(calibration, calibration.truth) if calibration.truth else ():
+        console.line(total.sentence)
+    _print_verdict(console, calibration.verdict)
+    for note in faulty_notes(calibration.left_out):
+        console.line(note)
+    _print_remarks(console, (), calibration.notes)
+
+
+def _print_verdict(console: Console, verdict: Verdict) -> None:
+    """How far the result can be believed, and why."""
+    console.line(f"verdict: {verdict.judgement.value}. {verdict.sentence}")
+    for reason in verdict.reasons:
+        console.line(f"{LABELS[reason.severity]}: {reason.line} [{reason.code.value}]")
+    if verdict.reasons:
+        console.line(f"what a code means and what to do: gaitcal explain {verdict.reasons[0].code.value}")
+
+
+def _tell_kept(console: Console, kept: Sequence[str]) -> None:
+    """Which folders of an earlier result are still there."""
+    if kept:
+        console.line(f"kept from the earlier result, made with its model: {', '.join(kept)}")
+
+
+def _tell_changed(console: Console, inputs: Sequence[str]) -> None:
+    """Which inputs are no longer those that were read: the result is of what they held before."""
+    if inputs:
+        console.line(f"warning: changed while this ran, the result is of what was read: {', '.join(inputs)}; run again")
+
+
+def _print_remarks(console: Console, warnings: Sequence[str], notes: Sequence[str]) -> None:
+    """Warnings, and with -v what was assumed."""
+    for warning in warnings:
+        console.line(f"warning: {warning}")
+    if console.verbose:
+        for note in notes:
+            console.line(f"note: {note}")
+
+
+def _print_trials(console: Console, trials: Sequence[TrialResult]) -> None:
+    """Fit of every trial beside its floors, its ratio to that of the joints, and pelvis residuals."""
+    table = frameless_table(())
+    table.add_column("trial", no_wrap=True)
+    for name in ("frames", "markers", "nominal mm", "calibrated mm", "rigid floor mm", "joint floor mm", "ratio"):
+        table.add_column(name, justify="right", min_width=max(map(len, name.split())))  # no word of it is cut
+    for trial in trials:
+        rows = {trial.name: ()} if trial.joint else {trial.name: (), "  pelvis and legs": LOWER_BODY}
+        for name, segments in rows.items():
+            table.add_row(Text(name), str(len(trial.calibrated.time)), *_fit(trial, segments))
+    console.out.print(table)
+    for trial in trials:
+        if held := trial.held_out:
+            parts = {"": (held.nominal, held.calibrated)} | ({", pelvis and legs": held.legs} if held.legs else {})
+            for part, (nominal, calibrated) in parts.items():
+                console.line(
+                    f"{trial.name}{part}: on time blocks left out of the fit ({held.folds} folds), nominal "
+                    f"{1e3 * nominal:.2f} mm, calibrated {1e3 * calibrated:.2f} mm"
+                )
+    for trial in trials:
+        if trial.loads is not None:
+            console.line(_valid(trial.name, trial.loads))
+            if trial.loads.reactions.valid.any():
+                console.line(_residuals(trial.name, trial.loads))
+
+
+def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
+    _, calibrated, _ = values = trial.rms_mm(*segments)
+    floor = trial.joint_floor_mm(*segments)
+    shown = ["-" if v is None else f"{v:.2f}" for v in (*values, floor)]
+    ratio = f"{calibrated / floor:.2f}" if calibrated is not None and floor else "-"
+    return [str(int(trial.calibrated.errors.kept(*segments).sum())), *shown, ratio]
+
+
+def _valid(name: str, loads: Loads) -> str:
+    reactions = loads.reactions
+    right, left, both = (int(v.sum()) for v in (reactions.valid_r, reactions.valid_l, reactions.valid))
+    return f"{name}: torques are valid in {right} frames of the right leg, {left} of the left, {both} of the whole body"
+
+
+def _residuals(name: str, loads: Loads) -> str:
+    parts = []
+    for stage, moments in loads.moments.items():
+        force, torque = moments.residual_rms(loads.reactions.valid)
+        parts.append(f"{stage.short} {force:.1f} N, {torque:.1f} N·m")
+    frames = int(loads.reactions.valid.sum())
+    return f"{name}: pelvis residual RMS over {frames} valid frames: " + "; ".join(parts)

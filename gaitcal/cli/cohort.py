@@ -1,7 +1,5 @@
 """`gaitcal cohort`."""
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from collections.abc import Callable

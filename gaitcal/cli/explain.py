@@ -1,7 +1,5 @@
 """`gaitcal explain`, the page of a code, and `gaitcal example`, public recordings that are fetched into a folder."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import textwrap
@@ -14,8 +12,7 @@ from rich.text import Text
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.folder import PLAIN_WIDTH
-from gaitcal.codes import Code
-from gaitcal.errors import UsageError, nearest
+from gaitcal.errors import Code, UsageError, nearest
 from gaitcal.explanations import Bullets, Explanation, Paragraph, all_explanations, explanation_of, parts_of
 from gaitcal.io.examples import (
     SOURCE,

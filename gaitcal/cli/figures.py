@@ -1,7 +1,5 @@
 """`gaitcal figures`: what a result folder holds, drawn for a paper or for a report."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,8 +11,7 @@ import pandas as pd
 from gaitcal.cli import options
 from gaitcal.cli.console import Console
 from gaitcal.cli.other_programs import convention_of
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, UsageError, nearest
+from gaitcal.errors import Code, InputError, UsageError, nearest
 from gaitcal.figures.chart import Chart
 from gaitcal.figures.paper import Strides, moment_arm_charts, paper_charts
 from gaitcal.figures.report import FORMATS, HealthyBands, Told, report_charts, write_charts

@@ -1,7 +1,5 @@
 """`gaitcal init` and `gaitcal check`, and what commands do with a folder instead of a study file."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,11 +12,9 @@ from rich.text import Text
 
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, UsageError
+from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.faults.study import check_file, check_study
 from gaitcal.faults.verdict import stopping
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.atomic import atomic_text, real_path
 from gaitcal.io.formats import MARKER_READERS
 from gaitcal.session.draft import (

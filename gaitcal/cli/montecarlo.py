@@ -1,7 +1,5 @@
 """`gaitcal montecarlo`, and `gaitcal reproduce`, the published study."""
 
-from __future__ import annotations
-
 import json
 import os
 import time
@@ -17,8 +15,7 @@ from rich.text import Text
 
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
-from gaitcal.codes import Code
-from gaitcal.errors import ConvergenceError, InputError, UsageError, nearest
+from gaitcal.errors import Code, ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, put_back, require_room

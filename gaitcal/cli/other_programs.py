@@ -1,7 +1,5 @@
 """`gaitcal convert` and `export`: files from other programs, and for them, and joints for a model of the user's own."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,24 +13,25 @@ from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.options import MODELS
-from gaitcal.codes import Code
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.errors import InputError, UsageError, nearest
-from gaitcal.export.account import AccountTable, joint_tables, muscle_table, sentences
-from gaitcal.export.joint_moves import carried_csv, joints_csv
-from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.muscle_paths import (
+from gaitcal.errors import Code, InputError, UsageError, nearest, note_of
+from gaitcal.export.account import (
+    AccountTable,
     MusclePath,
+    joint_tables,
     leg_ranges,
     muscle_changes,
     muscle_paths,
+    muscle_table,
     muscles_csv,
     opensim_is_installed,
+    sentences,
 )
+from gaitcal.export.joint_moves import carried_csv, joints_csv
+from gaitcal.export.joint_transfer import into_osim
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
-from gaitcal.figures.plain_page import listed, plain_page, plain_table, warning
-from gaitcal.findings import note_of
+from gaitcal.figures.comparison import listed, plain_page, plain_table, warning
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.atomic import atomic_bytes, atomic_text, disk_errors
 from gaitcal.io.formats import convert

@@ -8,8 +8,6 @@ machine (a page elsewhere that points its own name at 127.0.0.1 gets nothing) an
 another user of this machine), and nothing else.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import secrets
@@ -28,13 +26,11 @@ from rich.text import Text
 
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
-from gaitcal.codes import Code
 from gaitcal.compare.comparison import compare, osim_words
 from gaitcal.compare.difference import numbers_of, subject
 from gaitcal.compare.opensim_motion import compare_motion
 from gaitcal.compare.sessions import SessionComparison
-from gaitcal.errors import InputError, UsageError
-from gaitcal.findings import note_of
+from gaitcal.errors import Code, InputError, UsageError, note_of
 from gaitcal.gait.moments import counted
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.atomic import atomic_text

@@ -10,8 +10,6 @@ m being where they alone would have it (`results/shared_model.py` does the same 
 in units of anatomy's prior, y = G^-1 (d - a), in which x = F^-1 G y - F^-1 (m0 - a), whatever prior their fit had.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import Counter
@@ -25,12 +23,11 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_deviations, prior_of, prior_of_study, prior_root
-from gaitcal.codes import Code
 from gaitcal.cohort.learning import FEWEST, PartEvidence, PersonEvidence, folds_of, heights_of, learn_part
 from gaitcal.cohort.outcome import kept
 from gaitcal.cohort.people import Cohort
 from gaitcal.compare.difference import told_parameters
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.result_folder import MANIFEST, amended, read_object
 from gaitcal.io.toml import package_version
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES

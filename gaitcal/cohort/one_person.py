@@ -10,8 +10,6 @@ that is the same for everybody: people can be packed one by one. Three bytes are
 bytes are divisible by three, so that people's texts one behind the other are the text of all.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json
@@ -24,12 +22,10 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import pandas as pd
 
-from gaitcal.codes import Code
 from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
-from gaitcal.errors import InputError
+from gaitcal.errors import STUDY, Code, InputError
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement, stopping
-from gaitcal.findings import STUDY
 from gaitcal.gait.cycles import WALKING, Kind, kind_of
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS

@@ -5,8 +5,6 @@ so that nothing but people at work is lost, whatever ends the run. What a result
 settings, version) is one SHA-256, `fingerprint`: where it has not changed, a worker does nothing.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -21,10 +19,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from gaitcal.codes import Code
 from gaitcal.cohort.one_person import Cell, CommonSettings, calibrate_person, mean_curves, reasons_of, row_of
 from gaitcal.cohort.people import CohortPerson, is_folder
-from gaitcal.errors import GaitcalError, InputError
+from gaitcal.errors import Code, GaitcalError, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.io.atomic import atomic_file, atomic_text
 from gaitcal.io.csv import plates_file

@@ -4,8 +4,6 @@ Curves come from the people one by one, so that little is held in memory. There 
 the same bytes.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -5,8 +5,6 @@ own sub-folders all hold a complete set (a study file, or at least two recording
 `people.csv`, as spreadsheets write it, says what no file does; `cohort.toml` names people one by one.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io
@@ -19,8 +17,7 @@ from typing import Final, Literal
 
 from pydantic import Field, field_validator
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, alike, nearest
+from gaitcal.errors import Code, InputError, alike, nearest
 from gaitcal.io.csv import is_force_header, read_header
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.snapshot import PEOPLE

@@ -5,8 +5,6 @@ the same bytes, in whatever order, on whatever machine and in however many runs 
 (seconds, memory) is in `times.csv` alone.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -20,7 +18,6 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from gaitcal.codes import Code
 from gaitcal.cohort.one_person import COLUMNS, NAMES, Cell, CommonSettings, activity_peaks
 from gaitcal.cohort.outcome import (
     COMPRESSION,
@@ -35,7 +32,7 @@ from gaitcal.cohort.outcome import (
 )
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import Cohort, CohortPerson
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.gait.peaks import PEAK_COLUMNS
 from gaitcal.io import result_folder
 from gaitcal.io.atomic import UNFINISHED, real_path

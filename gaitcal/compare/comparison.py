@@ -13,16 +13,13 @@ What an OpenSim model differs in from ours, in words: `their hip centres lie 42 
 Both sides are told together, by their mean; lateral differences and turns of the left side are mirrored first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim_correspondence import ARMS, segment_of
 from gaitcal.export.osim_reader import read_osim
 from gaitcal.export.osim_registration import Registration, registered, shared_markers

@@ -35,9 +35,9 @@ once for each session,
     se^2 = |M_A|^2 + |M_B|^2 + |N_B R_B - N_A R_A|^2 + |Z_A|^2 + |Z_B|^2 + 2 p^2,      R R^T = 1 - F^-1 Q F^-T,
 
 which is diagonal by anatomy: 1 - p^2 / sigma^2 of a bone end's place, 1 of how far apart its two views are. p by
-`placement`: 6 mm of a position along each axis (palpated landmarks scatter by 10 mm, Della Croce et al. 2005), and
-of an orientation what landmarks turn the segment by (`dynamics/axis_errors.py`). A talus has no landmarks: the angle
-between its axes is nominally that between axes of shank and foot, and as wrong as both.
+`placement`: 6 mm of a position along each axis (palpated landmarks scatter by 10 mm, Della Croce et al. 2005), and of
+an orientation what landmarks turn the segment by (`dynamics/measurement_errors.py`). A talus has no landmarks: the
+angle between its axes is nominally that between axes of shank and foot, and as wrong as both.
 
 Markers are independent in this; on skin that moves alike in two walks they are not, and bars are then rather too wide:
 walk against walk of one person scatters by 0.4 of them. Between walks of two kinds they are a little too narrow by what
@@ -45,8 +45,6 @@ skin does that no marker shows: straight walks against turns of four children, w
 inside bars of 68, 93 inside those of 95 (68 and 87 while those thighs were taken to be still,
 `python -m scripts.validation people`).
 """
-
-from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -59,7 +57,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import in_both_views, prior_root
 from gaitcal.compare.stride_sets import Common, Session, mean_over
-from gaitcal.dynamics.axis_errors import PALPATED_DEG
+from gaitcal.dynamics.measurement_errors import PALPATED_DEG
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted, parameter_words
 from gaitcal.model.coordinates import coordinate_words, senses_of

@@ -10,8 +10,6 @@ the offset being the mean over the frames that count: coordinates of two models 
 bent by negative angles in their model is turned round first.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile
@@ -25,8 +23,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim_correspondence import LegJoint, leg_joints, same_label
 from gaitcal.export.osim_reader import read_osim
 from gaitcal.export.peer_model import PeerModel

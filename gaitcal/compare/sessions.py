@@ -9,8 +9,6 @@ Strikes are known to a frame or so, heels to some millimetres: strides vary by a
 of them happen to be.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

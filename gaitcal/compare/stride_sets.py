@@ -5,8 +5,6 @@ strides of one calibrated person share, c^2 = se_ij^2 - s_ij^2. What of c two se
 turn, f, are the axes of the segments and, of loads, the masses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -16,9 +14,8 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.codes import Code
-from gaitcal.dynamics.axis_errors import AxisErrors
-from gaitcal.errors import InputError
+from gaitcal.dynamics.measurement_errors import AxisErrors
+from gaitcal.errors import Code, InputError
 from gaitcal.export.peer_model import our_leg
 from gaitcal.gait.cycles import POINTS, WALKING, Kind, coordinate_of, kind_of
 from gaitcal.gait.strides import TURNING
@@ -50,7 +47,7 @@ class Session:
     remarks: tuple[str, ...] = ()
     """What else to know of its files: edited, or made with another model than lies there now."""
     axis_deviations: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    """Segment -> deg, how far its axes may point elsewhere (`dynamics/axis_errors.py`)."""
+    """Segment -> deg, how far its axes may point elsewhere (`dynamics/measurement_errors.py`)."""
     error_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Torque -> source -> part of the variance of its error, 0 to 1."""
     prior: JointPrior | None = None

@@ -28,8 +28,6 @@ and j before i
 Pinocchio's `computeRNEADerivatives` gives the same frame by frame (tested), for all pairs of variables.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

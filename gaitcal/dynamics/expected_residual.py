@@ -21,8 +21,6 @@ limits of a magnitude, for motions that were changed until they agree with the f
 nothing is judged by them: plates have the impact of a heel, and a smoothed motion does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -31,9 +29,9 @@ import pinocchio as pin
 from scipy.special import chdtri
 
 from gaitcal.arrays import Array, BoolArray, cross
-from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.io.force_plate import low_pass
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATE_INDEX

@@ -13,21 +13,17 @@ other is divided where the first has left the ground and the second rests. One t
 carries both feet, is of each foot from where it stands alone on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
-from gaitcal.dynamics.plate_errors import outside
-from gaitcal.findings import Finding, Severity
+from gaitcal.dynamics.measurement_errors import outside
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.labels import FootEvent, FootMoment, times_of
-from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import duration, runs, spans
+from gaitcal.io.recording import ForcePlate, duration, runs, spans
 from gaitcal.model.linkage import SIDES
 
 RESTING = 0.4

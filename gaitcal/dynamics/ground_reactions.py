@@ -17,17 +17,14 @@ from typing import Literal
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, Step, belts, near, on_the_floor, steps_on
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
+from gaitcal.dynamics.measurement_errors import foot_tip
 from gaitcal.dynamics.off_sole import beside_plates, off_sole_frames, shared_plates
-from gaitcal.dynamics.plate_errors import foot_tip
-from gaitcal.errors import InputError
-from gaitcal.findings import Finding, Severity
+from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_wrench
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.still import duration, runs, spans
+from gaitcal.io.recording import ForcePlate, Recording, duration, runs, spans
 from gaitcal.model.chain import body_poses
 from gaitcal.model.coordinates import LEG_COORDINATES, split_side
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES

@@ -18,16 +18,13 @@ laboratory axes. Without ground reactions tau is linear in the dynamic parameter
 segment origin); their matrix is the regressor. Pinocchio gives the same frame by frame (tested).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross, stretches
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.model import linkage
 from gaitcal.model.chain import Chain, ChainConstants, chain_of, forward, jacobian, segment_poses
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_parameters

@@ -24,8 +24,6 @@ A foot bears a little before it is seen to rest, and after: as much of it is los
 known, the centre of pressure says whether the other foot stands on it too: it leaves the sole then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -33,20 +31,18 @@ from itertools import combinations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
 from gaitcal.dynamics import foot_contact
-from gaitcal.dynamics.plate_errors import outline_known
-from gaitcal.findings import Finding, Severity
+from gaitcal.dynamics.measurement_errors import outline_known
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
-from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import runs, spans
+from gaitcal.io.recording import ForcePlate, runs, spans
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 
 OUTLINE_M = 0.03
 """m, two standard deviations of the outline: 10 mm of heel and toe markers on skin or shoe, 8 mm of the sole's breadth
-and of the toe marker's place across it, 8 mm of the plate's place (`plate_errors.py`). In 41 steps of nine people whose
-plates are right no centre of more than a fifth of body weight lies outside at all; in two people that OpenSim
-simulated, up to 13 mm."""
+and of the toe marker's place across it, 8 mm of the plate's place (`measurement_errors.py`). In 41 steps of nine
+people whose plates are right no centre of more than a fifth of body weight lies outside at all; in two people that
+OpenSim simulated, up to 13 mm."""
 MOMENT_NM = 2.0
 """N·m, two standard deviations of a plate's moments: 4 cm at 50 N. An empty plate's reading of 5 N at 0.3 m of its
 middle makes as much."""

@@ -4,15 +4,13 @@ A page has a title, says how bad it can be, and has the parts `PARTS`. The progr
 documentation show the same text.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Final, TypeAlias
 
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 
 PARTS: Final = (
     "What it means",

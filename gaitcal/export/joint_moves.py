@@ -22,8 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import body_fixed_xyz, from_body_fixed_xyz
 from gaitcal.export.osim_correspondence import LegJoint
 from gaitcal.export.osim_reader import OsimDocument, socket_of

@@ -24,8 +24,6 @@ space and `\ / * +` in names; XML cannot hold control characters at all. Such ch
 in XML or here (`< > & " ' %`), are written as `%XX`, one per byte of their UTF-8 form. No name is ever used as a path.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import xml.etree.ElementTree as ET

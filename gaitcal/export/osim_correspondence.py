@@ -14,8 +14,6 @@ centre,
 so that a linkage with that hinge is what markers of such a knee would tell. For a hinge it is the hinge itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,8 +24,7 @@ from pydantic import Field
 from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.peer_model import Axis, PeerJoint, PeerModel, displacement_axis
 from gaitcal.io.toml import Table, read_validated, require_known
 from gaitcal.model.chain import axis_rotation

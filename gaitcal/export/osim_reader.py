@@ -6,8 +6,6 @@ bodies stand in `PhysicalOffsetFrame`s (OpenSim 4) or in the joint (OpenSim 3); 
 it, text is put in.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,8 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import body_fixed_xyz, from_body_fixed_xyz, numbers, original_name
 from gaitcal.export.peer_model import PeerAxis, PeerCoordinate, PeerJoint, PeerModel, read_function, read_numbers
 

@@ -9,8 +9,6 @@ and its turn s^2 J^-1. Where fewer than three are shared, points on the joints' 
 models have them; what they disagree in is then in the residual as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,8 +17,7 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import frames_of, segment_inertia
 from gaitcal.export.osim_correspondence import ARMS, Hinge, LegJoint, same_label, segment_of, slides
 from gaitcal.export.osim_reader import OsimDocument, Weight

@@ -21,8 +21,6 @@ word: a row that holds one is left out, and the header says so. Ground reactions
 of pressure and the moment about it, with an XML file that says which columns act on which foot.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,9 +29,8 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
 from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import (
     COORDINATE_RANGES,
     DOCUMENT_VERSION,

@@ -34,8 +34,7 @@ import pinocchio as pin
 from scipy.interpolate import make_interp_spline
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import joint_frames
 from gaitcal.model.parameters import Parameters
 

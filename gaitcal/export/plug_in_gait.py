@@ -20,8 +20,6 @@ hinges.
 The subtalar axis has points of its own, as Plug-in Gait has no such axis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

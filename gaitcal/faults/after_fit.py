@@ -14,21 +14,18 @@ Bodies: limits that nobody who walks or runs exceeds, whatever the data. Angles,
 limits no torque means anything.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
 from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.marker_slip import STRAIGHT_M, bend
 from gaitcal.faults.verdict import BOUNDS, MARKERS_AFTER_FIT
-from gaitcal.findings import Finding, Severity, listed
 from gaitcal.gait.moments import moment_of
-from gaitcal.io.still import runs, spans
+from gaitcal.io.recording import runs, spans
 from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.model.linkage import LOWER_BODY, SIDE_WORDS
 from gaitcal.motion.motion import MarkerErrors, Motion

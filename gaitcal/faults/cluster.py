@@ -23,8 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, seen_mask, still_window
 from gaitcal.model.chain import body_poses
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, SIDES

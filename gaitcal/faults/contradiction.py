@@ -18,8 +18,6 @@ that nothing moved (its price holds the odds before anything was seen), and if i
 Over all explanations of a segment, weighed by their probabilities, that is an error of its pose (`possible_moves`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum

@@ -8,14 +8,11 @@ from functools import cached_property, partialmethod
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.faults.cluster import Cluster, Stance, clusters_of
 from gaitcal.faults.joint_link import JointLink, links_of
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.axes import PROGRESSION_M, net_progression
-from gaitcal.io.recording import Recording, seen_mask, seen_means
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, seen_mask, seen_means, still_window
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.rebuilt_markers import Outlier, Rebuilding

@@ -13,8 +13,6 @@ Exchanges that the shape of a whole trial shows are one of the causes of `contra
 one of `static_landmarks.py`, those that only a fit shows one of `after_fit.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, zip_longest
@@ -22,11 +20,9 @@ from itertools import combinations, permutations, zip_longest
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
+from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
-from gaitcal.findings import Finding, Severity, listed
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import duration, runs, spans
+from gaitcal.io.recording import Recording, duration, runs, spans
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.rebuilt_markers import jump_limit
 

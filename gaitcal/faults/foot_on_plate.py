@@ -5,8 +5,6 @@ whose torques do not count there. A fault that puts soles, plates or clocks in d
 what it does here is not told again (`_explained`).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +13,6 @@ from itertools import combinations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import (
     FOOT_BREADTH,
     RESTING,
@@ -29,13 +26,13 @@ from gaitcal.dynamics.foot_contact import (
     sole_of,
     taken_in_turn,
 )
+from gaitcal.dynamics.measurement_errors import foot_tip, outline_known
 from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
-from gaitcal.dynamics.plate_errors import foot_tip, outline_known
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import DISORDERS_PRESSURE
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, resample_wrench
-from gaitcal.io.still import duration, runs, spans
+from gaitcal.io.recording import duration, runs, spans
 from gaitcal.model.linkage import SIDES
 from gaitcal.runtime import remembered
 

@@ -5,8 +5,6 @@ Coefficients x are 0 where there is no fault; where they are a vector they are o
 places and for the inverse of a gain: f = g f_true, f_true = (1 + x) f, g = 1 / (1 + x).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum

@@ -17,8 +17,6 @@ clean walks leave. TEMPER counts rows as half: noise is not as Gaussian as that.
 A cause without a coefficient has p = 1 / 2, being one of a few.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -28,7 +26,7 @@ from scipy.optimize import least_squares
 from scipy.special import softmax
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.faults.force_causes import Cause, Corrected, Kind, causes_of
 from gaitcal.faults.force_evidence import ForceEvidence, ForceResidual
 from gaitcal.faults.plate_forces import surprise

@@ -17,8 +17,6 @@ How far a fault of the forces moves the torques of the legs.
 over the frames of the evidence, each plate on the foot that stands at that time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -26,15 +24,14 @@ from typing import TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
 from gaitcal.dynamics.expected_residual import ExpectedResidual
 from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import PlateErrors
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.force_causes import Kind
 from gaitcal.faults.force_choice import ForceFit, Named, Unexplained, choose, told_size
 from gaitcal.faults.force_evidence import ForceEvidence
 from gaitcal.faults.verdict import FORCES as FORCES_TOPIC
-from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.coordinates import LEG_COORDINATES, split_side
 
 LEGS = [k for k, name in enumerate(FORCES) if split_side(name)[0] in LEG_COORDINATES]

@@ -23,8 +23,6 @@ Which foot stands on a plate, told by time alone: forces that are at fault may p
 A plate's loading and a foot's contact belong together where they last together for most of the time that either does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -41,8 +39,7 @@ from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.faults.plate_forces import EMPTY_N, PlateForces, Sole, empty_reading, soles_of, under_feet
 from gaitcal.io.axes import ABOUT_Y
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, filter_plate, filterable, resample_wrench
-from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.still import duration, runs
+from gaitcal.io.recording import ForcePlate, Recording, duration, runs
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_jacobian, table
 from gaitcal.model.subject_model import GRAVITY, SubjectModel, build_linkage

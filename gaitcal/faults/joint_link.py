@@ -11,8 +11,6 @@ a gap |(M_f - 1) e|, and a joint may move about all its axes: how far those fram
 whole says how much the gap and B can tell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

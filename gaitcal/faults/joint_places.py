@@ -15,8 +15,6 @@ judged alike. The distance between the hips is judged in the same way. A doubted
 A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -26,10 +24,9 @@ from scipy.special import chdtrc, chdtri
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import COVARIANCE
-from gaitcal.codes import Code
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import PLACES
-from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.gait.moments import joint_words
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters

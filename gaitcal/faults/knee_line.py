@@ -13,18 +13,15 @@ share k, so that people's own build scatters e less than that and no error of a 
 about a line far off is told by itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.static_landmarks import label_words, landmarks
-from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.body_plan import body_axes
 from gaitcal.model.chain import root_angles
 from gaitcal.model.linkage import SIDES

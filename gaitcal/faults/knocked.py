@@ -15,21 +15,18 @@ from where they stand (the limits of `joint_link.py` over SPREAD) is how far the
 so much the joint parameters in that segment may lie elsewhere than its neighbours say.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.faults.cluster import alignment
 from gaitcal.faults.contradiction import SPREAD, Fault
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.joint_link import CHAIN, angle_of
 from gaitcal.faults.static_consistency import contradictions_in
-from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.model.linkage import of_side
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind
 from gaitcal.model.segment_frames import rigid_motions

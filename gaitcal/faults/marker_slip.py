@@ -8,20 +8,17 @@ second difference while the others go their way. A position repeated bit for bit
 never changes, needs no static trial to be told.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
+from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
 from gaitcal.faults.evidence import MarkerEvidence, side_of
 from gaitcal.faults.exchanged import undone
-from gaitcal.findings import Finding, Severity, listed
-from gaitcal.io.still import runs, spans
+from gaitcal.io.recording import runs, spans
 from gaitcal.runtime import remembered
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}

@@ -12,22 +12,17 @@ ankle came out within 5 deg RMS of those with all markers, s being 6 to 12 deg; 
 and angles were wrong by up to 31. With one marker on each of the three, s is no guide: a leg has two postures then.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import distance_to_line
-from gaitcal.errors import GaitcalError, alike
+from gaitcal.errors import Code, Finding, GaitcalError, Severity, alike, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
-from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.labels import is_unlabelled
-from gaitcal.io.recording import seen_mask
-from gaitcal.io.still import duration, marker_gaps, runs, spans
+from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
 from gaitcal.model.landmarks import one_psis, sacrum_words
 from gaitcal.model.linkage import LEG_SEGMENTS, LOWER_BODY, SIDES, carrier_of, joint_segments
 from gaitcal.model.subject_model import SubjectModel

@@ -39,8 +39,7 @@ from gaitcal.arrays import Array, IntArray, cross
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
-from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import duration, runs
+from gaitcal.io.recording import ForcePlate, duration, runs
 
 ACROSS_M, ALONG_M, MIDDLE = 0.020, 0.050, 0.70
 """Over 39 steps of clean walks, centres of pressure lie 2 (SD 15) mm outside the line heel-toe, and at 0.69 (SD 0.21,

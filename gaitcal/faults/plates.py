@@ -19,8 +19,6 @@ body's momentum: mean force = m (g + (v_b - v_a) / (t_b - t_a)). The pelvis stan
 velocities are a little wrong; the longer the stretch, the less that matters.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from itertools import permutations
@@ -28,15 +26,13 @@ from itertools import permutations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
-from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import near
-from gaitcal.dynamics.plate_errors import OUTSIDE_SHARE, share_outside
+from gaitcal.dynamics.measurement_errors import OUTSIDE_SHARE, share_outside
+from gaitcal.errors import Code, Finding, listed
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of
-from gaitcal.findings import Finding, listed
 from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N, empty_samples, resample_wrench
-from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import duration, runs, spans, still_window
+from gaitcal.io.recording import ForcePlate, duration, runs, spans, still_window
 from gaitcal.model.subject_model import GRAVITY
 
 OFFSET_N = 15.0

@@ -13,22 +13,18 @@ the others; of four or more the one without which the rest agrees best is named.
 distance between them is compared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import SITTING_DEG
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, Finding, InputError, Severity, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.faults.foot_on_plate import feet_of
-from gaitcal.findings import Finding, Severity, listed
 from gaitcal.io.axes import PROGRESSION_M
-from gaitcal.io.still import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
+from gaitcal.io.recording import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.body_plan import body_axes
 from gaitcal.model.landmarks import StaticPosture

@@ -14,8 +14,6 @@ The step d along the velocity v tells how many frames of length h are missing: n
 twice.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -26,11 +24,10 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.force_plate import filterable
-from gaitcal.io.still import runs
+from gaitcal.io.recording import runs
 from gaitcal.io.text_file import UNEVEN
 from gaitcal.model.rebuilt_markers import jump_limit
 from gaitcal.motion.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff

@@ -6,21 +6,18 @@ twice that on the result is wrong by more than its own error bar. Skin and gaps 
 per cent; the median of seven says more than any of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.codes import Code
+from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.faults.cluster import FEWEST, alignment
 from gaitcal.faults.contradiction import OFFSET_M, Contradiction, Fault, contradictions
 from gaitcal.faults.evidence import MarkerEvidence, side_of
 from gaitcal.faults.exchanged import sides_exchanged, undone
 from gaitcal.faults.knee_line import knee_axes
 from gaitcal.faults.marker_slip import stretches
-from gaitcal.findings import STUDY, Finding, Severity, listed
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDE_WORDS, joint_segments
 from gaitcal.runtime import remembered

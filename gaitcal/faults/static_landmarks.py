@@ -10,8 +10,6 @@ The candidate with the least cost is told if it saves enough; what it leaves is 
 Candidates that cost hardly more than the best are told beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -19,10 +17,9 @@ from itertools import product
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.role import standing_legs
-from gaitcal.findings import Finding, Severity, listed
 from gaitcal.model.body_plan import HIP_HEIGHT, Landmarks, Measure, body_axes, cost, cost_of_build, measures
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import REQUIRED

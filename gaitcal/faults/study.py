@@ -4,8 +4,6 @@
 read what it gives.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gaitcal.errors import InputError
+from gaitcal.errors import Finding, InputError, Severity
 from gaitcal.faults import (
     exchanged,
     foot_on_plate,
@@ -32,7 +30,6 @@ from gaitcal.faults.cluster import Stance
 from gaitcal.faults.contradiction import PossibleMove, possible_moves
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import SPOILS_BODY, without_consequences
-from gaitcal.findings import Finding, Severity
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind

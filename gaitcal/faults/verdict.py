@@ -17,8 +17,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from gaitcal.codes import Code
-from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.gait.moments import joint_words
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 

@@ -4,8 +4,6 @@ What stands in it is `ReportContent`, which `results/gait_report.py` reads from 
 counts, steps; kinematics; kinetics; joints, comments, signature.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO

@@ -13,7 +13,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.figures import chart
 from gaitcal.gait.strides import thinned
-from gaitcal.io.still import runs
+from gaitcal.io.recording import runs
 from gaitcal.model.coordinates import coordinate_words, split_side
 from gaitcal.session.parameter_words import Group, Row
 from gaitcal.session.trial_result import RmsErrors

@@ -5,8 +5,6 @@ Curves come from the page's data (`page.json`, packed by `page/plain_data.py`), 
 The same result gives the same bytes, whatever the day.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 import re

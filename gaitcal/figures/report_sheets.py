@@ -1,7 +1,5 @@
 """Sheets of curves and bars of Gait Profile Scores of a printed report, drawn as vectors on a page."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache

@@ -18,8 +18,6 @@ left; the knee adduction moment is above zero in stance, internal (abduction pos
 where generated, in W beside N·m, else in W/kg: percent of body weight times height has no power.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum

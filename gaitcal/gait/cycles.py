@@ -23,10 +23,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.labels import FootEvent
-from gaitcal.io.still import runs
+from gaitcal.io.recording import runs
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, LEG_GROUPS, LOCKED, SEGMENT_ANGLES
 
 if TYPE_CHECKING:

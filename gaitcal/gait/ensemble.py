@@ -38,8 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS, TOLD, conventions_of, typed
 from gaitcal.gait.strides import TURNING
 from gaitcal.runtime import with_one_blas_thread

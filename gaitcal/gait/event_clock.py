@@ -15,8 +15,6 @@ off, in the air after an off and before a strike. The ends of a recording hide n
 down; a foot whose first strike comes later may have been down before it, and have left the ground out of sight.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,8 +23,7 @@ from typing import Final
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.findings import Finding, Severity, listed
+from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.gait.cycles import FootEvents, changes
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS

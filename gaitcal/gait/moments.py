@@ -4,17 +4,15 @@ A gait laboratory reads the right hip's flexion for `hip_flexion_r`. Coordinates
 words here; names from the data (markers, trials) stay as they are.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES, Moments
+from gaitcal.dynamics.measurement_errors import ErrorSource, TorqueErrors
 from gaitcal.gait.strides import Layout
 from gaitcal.model import linkage
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side

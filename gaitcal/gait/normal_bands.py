@@ -42,8 +42,6 @@ There are no curves of adults that gaitcal could bring, and whose age is not tol
 against children. Own norms (`--normal FILE`) are taken as they are.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -54,8 +52,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.gait.conventions import Acting, Convention, Signs
 from gaitcal.gait.cycles import POINTS, Kind, kind_of, known_variables
 from gaitcal.io.text_file import read_lines

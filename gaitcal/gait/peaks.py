@@ -16,11 +16,9 @@ has its own peaks, and means are of these: the peak of a mean curve is flatter t
 (`gait/ensemble.py` has their statistics and errors).
 
 Other activities have whole phases for windows: stance and swing of runs and stairs, and what the pelvis does in a
-repetition (`gait/repetitions.py`). Their highest or lowest value counts wherever it lies in the phase, but not beside
+repetition (`gait/events.py`). Their highest or lowest value counts wherever it lies in the phase, but not beside
 samples that are not valid, as on a seat: the curve may go on there.
 """
-
-from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -15,8 +15,6 @@ z is taken by Gauss-Hermite quadrature, as a score near 0 is no linear function 
 different angles were independent. An error makes a score larger in the mean, as any noise does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final

@@ -32,8 +32,6 @@ and supports beside them, to which both feet belong: what makes a leg's markers 
 need not spare its clock.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -42,9 +40,8 @@ from typing import Final
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
 from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.findings import Finding, Severity
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.gait.cycles import CYCLE_RANGE, EventSource, FootEvents, between, is_stride, resample
 from gaitcal.gait.ensemble import spread
 from gaitcal.gait.event_clock import double_support

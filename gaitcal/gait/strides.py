@@ -10,8 +10,6 @@ Because the rotation comes last, tilt and list change, too: a forward tilt in th
 A stride turns by what the pelvis faces otherwise at its end than at its beginning, where gait itself is the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final

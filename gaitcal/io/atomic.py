@@ -7,8 +7,6 @@ it are ignored, so that cleaning up is not itself cut off. A signal within `unbr
 A file is written under its own name in a hidden folder beside its place, and then renamed.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import signal
@@ -20,8 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 
 ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals by which a user ends a command; not every system has the last."""

@@ -4,8 +4,6 @@ A turn by a multiple of 90 degrees about a coordinate axis only swaps and negate
 rounded and a file converted to CSV reads back bit for bit. What a file *says* of its screen axes is not looked at.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 

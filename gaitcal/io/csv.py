@@ -26,8 +26,6 @@ way. One that it does not name stays as it is. `result.html` writes the table (S
 spreadsheet adds, and capitals, do no harm. A file of this name without these columns is another program's: not used.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -8,8 +8,6 @@ The folder holds the recordings, study.toml, and SOURCE.txt, which says whose th
 whatever ends a run: the next one asks for the rest only. A folder with anything else in it is refused.
 """
 
-from __future__ import annotations
-
 import hashlib
 import http.client
 import json
@@ -26,8 +24,7 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, UsageError, nearest
+from gaitcal.errors import Code, InputError, UsageError, nearest
 from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.io.result_folder import MANIFEST, ResultKind, also_at, atomic_directory, read_object, sha256_of
 from gaitcal.io.toml import Table, models_path, package_version, read_validated

@@ -33,18 +33,14 @@ a triangular band matrix, begun as if the first sample had been there for ever: 
 the laboratory origin are filtered, both linear in the channels; never the centre of pressure, a quotient.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
-from gaitcal.io.recording import ForcePlate
-from gaitcal.io.still import runs
+from gaitcal.errors import Code, InputError
+from gaitcal.io.recording import ForcePlate, runs
 
 UP = np.array([0.0, 1.0, 0.0])
 LOADED_N = 20.0

@@ -9,8 +9,6 @@ A name is taken apart into what it measures (force, point, moment), its axis, an
 Where all that is given of a moment is its vertical part, it is the free moment.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.io.axes import AXES, UP_TO_Y, Turn, force_axis, turn_plate
 from gaitcal.io.force_plate import TURNED_ROUND, UP, pushes_down, turned_round
 from gaitcal.io.recording import ForcePlate

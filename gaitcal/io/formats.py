@@ -13,8 +13,6 @@ What `convert` makes of a file:
 | CSV forces  | MOT                                                                                    |
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from os import PathLike
@@ -23,8 +21,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.c3d.reader import read_c3d
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.csv import (

@@ -7,8 +7,6 @@ Its group PROCESSING is where Vicon's programs keep what was measured by hand: k
 standard's own group: TIMES is (2, n), minutes and seconds from the beginning of the recording, as the frames count.
 """
 
-from __future__ import annotations
-
 import contextlib
 import datetime
 import re

@@ -16,8 +16,6 @@ that name, given to the foot to which its body belongs. Refused by name: a force
 expressed in the frame of a body that moves.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -29,8 +27,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest, side_named
+from gaitcal.errors import Code, InputError, nearest, side_named
 from gaitcal.io.atomic import atomic_file, atomic_text
 from gaitcal.io.axes import Vertical, make_y_up
 from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, find_plates, on_one_time, standing

@@ -14,8 +14,6 @@ never while it holds an input of the run. What later commands added to it (`KEPT
 links, so that it is in both until the old one goes.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json
@@ -31,8 +29,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import FULL, UNFINISHED, disk_errors, real_path, unbroken
 
 MANIFEST = "manifest.json"

@@ -1,7 +1,8 @@
-"""Segment poses as points: what a file without markers, but with a 4x4 matrix per segment and frame, shows of a body.
+"""What a recording without markers shows of a body: segment poses as points, or key points.
 
-Markerless programs (Theia) write a C3D group ROTATION: for segment s and frame f its axes R (columns, laboratory) and
-its origin o. A pose that errs by dp (m, each axis) and by a small turn dt (rad, about each axis) moves the four corners
+Segment poses: markerless programs (Theia) write a C3D group ROTATION, a 4x4 matrix per segment and frame: for segment s
+and frame f its axes R (columns, laboratory) and its origin o. A pose that errs by dp (m, each axis) and by a small turn
+dt (rad, about each axis) moves the four corners
 
     p_k = o + R d_k,      d_k = L/sqrt(3) (1 1 1), (1 -1 -1), (-1 1 -1), (-1 -1 1),      L = sqrt(3/2) sigma_p/sigma_t
 
@@ -21,18 +22,27 @@ the joints show the axes of the segments; ASIS and sacrum lie where Harrington 2
 
 A standing posture is none of the recording's (`upright`): the segments of the file with their axes in line, each on the
 one before it where it is on average. All trials of a person give the same one, standing is not needed.
-"""
 
-from __future__ import annotations
+Key points: programs that find a body in video (OpenPose's BODY_25 and HALPE_26, which OpenCap and Pose2Sim use) write
+hips, knees, ankles, heels, toes, shoulders, elbows and wrists under the labels below. No point shows how thigh and
+shank turn about their length, and none but the hips is on the pelvis. Axes of segments, x forward, y up, z right, as
+far as the points show them:
+
+    pelvis      z from the left hip to the right one; y upwards across z, so that it has no tilt; trunk alike
+    thigh       y from knee to hip, shank from ankle to knee; z the pelvis's across y
+    foot        x from the heel to the middle of the toes; z across x, along the line of the toes
+
+They make a standing posture as segment poses do, and the frame of the pelvis. All else is followed
+by the key points themselves: how a leg turns about its length is then told by knee, ankle and foot together.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.io.key_points import CARRIER, holds_key_points, segments_of
+from gaitcal.arrays import Array, cross
+from gaitcal.errors import Code
 from gaitcal.io.recording import Recording
 from gaitcal.io.text_file import FileFault
 
@@ -83,6 +93,18 @@ _SHARED = ("r_thigh", "l_thigh", "r_shank", "l_shank", "r_foot", "l_foot")
 FRAMES, RATE = 60, 100.0
 FLOOR = 0.03
 """m, height of the lowest point of the upright body."""
+_JOINTS = {"thigh": "Hip", "shank": "Knee", "foot": "Ankle", "uarm": "Shoulder", "larm": "Elbow", "hand": "Wrist"}
+_FOOT = ("Heel", "BigToe", "SmallToe")
+_BOTH = tuple((side, side.lower()) for side in "RL")
+KEY_POINTS = tuple(f"{side}{name}" for side, _ in _BOTH for name in ("Hip", "Knee", "Ankle", *_FOOT))
+"""Labels without which a recording is none of key points."""
+AUGMENTED = "_study"
+"""How labels of markers end that OpenCap and Pose2Sim make of key points, which they leave in the same file."""
+CARRIER: Mapping[str, str] = {
+    **{f"{side}{name}": f"{s}_{segment}" for side, s in _BOTH for segment, name in _JOINTS.items()},
+    **{f"{side}{name}": f"{s}_foot" for side, s in _BOTH for name in _FOOT},
+}
+"""Key point -> the segment at whose origin, or on which, it lies."""
 
 
 def holds_poses(labels: Collection[str]) -> bool:
@@ -292,3 +314,43 @@ def upright(recording: Recording) -> Recording:
         "posture made of a movement: the axes of all segments in line, each on the one before it as on average over "
         f"{len(recording.time)} frames; angles count from the axes that poses or key points show"
     )
+
+
+# --------------------------------------------------------------------------------------------------- key points
+
+
+def holds_key_points(labels: Collection[str]) -> bool:
+    """Whether a recording with these labels is one of key points, without markers that were made of them."""
+    return set(KEY_POINTS) <= set(labels) and not any(label.endswith(AUGMENTED) for label in labels)
+
+
+def segments_of(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Axes (nf, 3, 3) and origins (nf, 3) m of segments, called as those of poses; `at`: key point -> (nf, 3) m."""
+    joints = {f"{s}_{segment}": f"{side}{name}" for side, s in _BOTH for segment, name in _JOINTS.items()}
+    origin = {segment: at[label] for segment, label in joints.items() if label in at}
+    origin["pelvis"] = 0.5 * (at["RHip"] + at["LHip"])
+    right = _unit(at["RHip"] - at["LHip"])
+    rotation = {"pelvis": _axes_along(np.broadcast_to([0.0, 1.0, 0.0], right.shape), right, keeps=right)}
+    if {"r_uarm", "l_uarm"} <= set(origin):
+        origin["torso"], rotation["torso"] = 0.5 * (origin["r_uarm"] + origin["l_uarm"]), rotation["pelvis"]
+    for side, s in _BOTH:
+        hip, knee, ankle, heel, big, small = (at[label] for label in KEY_POINTS if label.startswith(side))
+        rotation[f"{s}_thigh"] = _axes_along(hip - knee, right)
+        rotation[f"{s}_shank"] = _axes_along(knee - ankle, right)
+        origin[f"{s}_toes"] = 0.5 * (big + small)
+        x = _unit(origin[f"{s}_toes"] - heel)
+        y = _unit(cross(small - big if side == "R" else big - small, x))
+        rotation[f"{s}_foot"] = np.stack([x, y, cross(x, y)], axis=2)
+    return rotation, origin
+
+
+def _axes_along(up: Array, right: Array, keeps: Array | None = None) -> Array:
+    """(nf, 3, 3) columns x, y, z with y along `up` and z near `right`; or with z as it `keeps` it, and y near `up`."""
+    y = _unit(up) if keeps is None else _unit(up - np.sum(up * right, axis=1, keepdims=True) * right)
+    x = _unit(cross(y, right))
+    return np.stack([x, y, cross(x, y)], axis=2)
+
+
+def _unit(a: Array) -> Array:
+    length = np.linalg.norm(a, axis=1, keepdims=True)
+    return np.asarray(a / np.where(length > 0.0, length, np.nan))

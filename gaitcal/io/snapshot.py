@@ -4,16 +4,13 @@ A file that does not match the SHA-256 in the manifest was damaged (a flipped bi
 is named before it is used.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.result_folder import MANIFEST, ResultKind, listed, put_back, read_object, sha256_of
 
 PEOPLE = "people"

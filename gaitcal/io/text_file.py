@@ -7,8 +7,6 @@ says 0.017, 0.033, 0.050, up to 0.5 ms off, which at 5 m/s is 2.5 mm. Where all 
 a uniform grid of a whole number of hertz, that grid is what was meant, and is put back. Else they stay as they are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
@@ -18,8 +16,7 @@ from typing import Concatenate, ParamSpec, TypeVar
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 
 MISSING = frozenset(
     ["", "nan", "-nan", "+nan", "na", "n/a", "none", "null", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind"]

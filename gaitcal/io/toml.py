@@ -3,8 +3,6 @@
 Also the data folder `models/`, whose tables are read in the same way, and versions of installed packages.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -18,8 +16,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
-from gaitcal.codes import Code
-from gaitcal.errors import GaitcalError, InputError, nearest
+from gaitcal.errors import Code, GaitcalError, InputError, nearest
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -29,8 +29,7 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES

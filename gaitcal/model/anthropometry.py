@@ -23,8 +23,6 @@ for head, upper arm, forearm with hand, thigh, and shank with foot. The torso ha
 no polynomials of girls were found.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 from collections.abc import Mapping

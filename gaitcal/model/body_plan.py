@@ -23,8 +23,6 @@ ankles of both sides, and B = [dz / dtheta TURN_DEG, dz / ds SHIFT_M], the best 
 to be held against what one landmark off its bone would cost. B is taken at the landmarks as they are.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

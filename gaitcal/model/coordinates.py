@@ -9,8 +9,6 @@ people's angles. Signs are OpenSim's (Rajagopal et al. 2016); both sides mean th
 Numbers are degrees (pelvis translations: m), each told with its source where the field is defined.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

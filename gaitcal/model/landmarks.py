@@ -15,16 +15,13 @@ way to the middle of the pelvis would not do, as it is mostly vertical. (Vicon, 
 trials of two hospitals the corner lies within 0.1 mm of the knee marker that Vicon's own program computed.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.recording import Recording, seen_means
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet, instead_of

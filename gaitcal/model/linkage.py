@@ -15,8 +15,6 @@ enters in exactly one element of one joint, a coordinate in exactly one. What co
 in `coordinates.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -41,7 +39,7 @@ class Segment:
     """Segments of de Leva's table in it, from which it has its inertia; none: it is massless."""
     palpated: tuple[float, float, float] | None = None
     """deg, standard deviations of turns of its axes about x, y and z by landmarks off their place
-    (`dynamics/axis_errors.py`); None: it has no landmarks, and no error."""
+    (`dynamics/measurement_errors.py`); None: it has no landmarks, and no error."""
     free_centre: tuple[str, ...] = ()
     """Coordinates of its mass centre that the symmetric set of inertial parameters frees (Reinbolt et al. 2007)."""
 

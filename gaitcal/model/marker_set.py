@@ -12,7 +12,7 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
     [knee_device]    lateral knee marker -> the three markers of the device that stands in for it in the static trial
     [weights]        marker -> { weight, reason } where the weight is not 1
     [aliases]        marker -> other spellings of its label in files
-    [noise]          how points err that are no markers on skin (`point_noise.py`)
+    [noise]          how points err that are no markers on skin (`subject_model.PointNoise`)
 
 `{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides. `marker_set_text` writes a
 set as such a file again, so that a result can keep the one it was made with.
@@ -27,12 +27,11 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import Table, models_path, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.linkage import LEG_SEGMENTS, MARKED_SEGMENTS, SIDES, of_side
-from gaitcal.model.point_noise import PointNoise
+from gaitcal.model.subject_model import PointNoise
 
 _LANDMARKS_OF = (
     ("pelvis", "asis"),

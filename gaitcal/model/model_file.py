@@ -5,8 +5,6 @@ decimal arithmetic of PRECISION digits: with 15 digits where they serve, else wi
 is told apart from its neighbours by 17). Reading keeps the text as a decimal, so that nothing is lost on either way.
 """
 
-from __future__ import annotations
-
 from decimal import Context, Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated
@@ -15,14 +13,12 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import atomic_file
 from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
-from gaitcal.model.point_noise import PointNoise
-from gaitcal.model.subject_model import MarkerPlacement, PatientRecord, Subject, SubjectModel
+from gaitcal.model.subject_model import MarkerPlacement, PatientRecord, PointNoise, Subject, SubjectModel
 
 FORMAT = 1
 PRECISION = 60

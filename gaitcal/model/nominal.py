@@ -16,18 +16,14 @@ angle is the foot at right angles to the shank. The subtalar point of the foot c
 pose is met exactly, whatever the person's feet are.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import still_window
+from gaitcal.errors import Code, InputError
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.toml import models_path
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words

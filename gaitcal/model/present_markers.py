@@ -7,16 +7,13 @@
 - A marker that only an alternative needs which was not chosen is missed by nobody.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.linkage import SIDE_WORDS, SIDES

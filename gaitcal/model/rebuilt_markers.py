@@ -27,8 +27,6 @@ x_k-1 and x_k+1, and s the step between these two less the steps before and afte
 any acceleration of a body makes of it and s is not. A path that steps aside, as where labels are exchanged, is not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -37,13 +35,12 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording, seen_mask, seen_means
-from gaitcal.io.still import runs, spans, still_window
+from gaitcal.io.recording import Recording, runs, seen_mask, seen_means, spans, still_window
 from gaitcal.model.linkage import JOINTS, LOWER_BODY, segment_kind
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.point_noise import PointNoise
 from gaitcal.model.present_markers import path_of
 from gaitcal.model.segment_frames import HipCentre, hip_centre, off_line, pelvis_frame, place_variance, rigid_motions
+from gaitcal.model.subject_model import PointNoise
 
 FEWEST = 3  # points that tell how a segment is turned
 FLAT_M = 0.012  # RMS distance from their line that companions must have: the turn about a line is not told by less

@@ -3,6 +3,14 @@
 It has the same chain of elements as everywhere: elements with a fixed amount are folded into joint placements;
 coordinates, and those joint parameters that are left free, become one-DOF joints. A free joint parameter is a joint
 like any other, constant in time, so Pinocchio's own derivatives are derivatives with respect to it.
+
+`PointNoise`: how points err that are no markers on skin, the corners of segment poses and the key points of markerless
+programs. A marker's error is skin that moves with the joints (`calibration/soft_tissue_artefact.py`), and cameras that
+err by tenths of a millimetre: the residuals tell both. What a program sees in pictures errs otherwise. Most of it is
+constant: the joint centre of thousands of annotated pictures is not this person's, which no residual shows, and which
+joints and axes are widened by (`joints`). The rest changes as slowly as what the cameras see, so that frames near to
+each other say the same (`memory_s`); and where the program has fitted a body of its own, its residuals are smaller than
+its errors (`size_mm` is the least that is believed of them).
 """
 
 from __future__ import annotations
@@ -12,12 +20,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from gaitcal.arrays import Array
+from gaitcal.io.toml import Table
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_elements
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
-from gaitcal.model.point_noise import PointNoise
 from gaitcal.runtime import with_one_blas_thread
 
 GRAVITY = 9.81  # m/s^2, downwards along -y
@@ -213,3 +222,26 @@ class SubjectModel:
     def with_parameters(self, parameters: Parameters) -> SubjectModel:
         """The same person and markers with other parameters."""
         return replace(self, parameters=parameters)
+
+
+class PointNoise(Table):
+    """The table `[noise]` of a marker set and of a model."""
+
+    size_mm: float = Field(gt=0, description="how far a coordinate of a point errs, constants left out, in mm")
+    memory_s: float = Field(gt=0, description="how long such an error lasts, in s")
+    joints: float = Field(ge=1, description="times as far as by palpated markers joints and segments' axes may be off")
+    hinges: float = Field(ge=1, description="times as far as by palpated markers the axes of hinges may be off")
+    reason: str = Field(min_length=1, description="what these figures rest on")
+
+    @property
+    def words(self) -> str:
+        """For notes."""
+        return (
+            f"each coordinate is taken to err by {self.size_mm:g} mm for {self.memory_s:g} s at a time, joints "
+            f"and axes of segments by {self.joints:g} times, hinges by {self.hinges:g} times what palpated markers "
+            f"have; {self.reason}"
+        )
+
+    def least(self, rate: float) -> float:
+        """m, noise of a frame below which none is believed, at a rate (Hz), that counts every frame as independent."""
+        return 1e-3 * self.size_mm * max(self.memory_s * rate, 1.0) ** 0.5

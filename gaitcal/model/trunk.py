@@ -39,8 +39,6 @@ the turn seen there says nothing of walking, and `trans` is taken as zero; with 
 between upper arm and forearm across the elbow's axis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -15,8 +15,6 @@ cost at x and M its Gauss-Newton matrix,
   has hardly fallen. Whatever else ends the iteration has an `Ending` of its own, and is not called converged.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, Protocol, TypeVar

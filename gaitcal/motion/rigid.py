@@ -10,8 +10,6 @@ s the largest root of (s^2 - |B|^2)^2 - 8 s det B - 4 |adj B|^2, by Newton from 
 rigid-segment floor: no linkage of these segments can fit better. Arrays have the frame index last.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -25,8 +25,6 @@ z are variables of the chain like joint parameters (`Chain.secondary`); their co
 or turns there, times b, so that all equations of a trial hold them. Tracking and torques keep the hinge.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -10,8 +10,6 @@ instead, c its joint's centre as the segments before it place it: the turns then
 were seen. Frames that determine neither are interpolated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -15,14 +15,12 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.linkage import LUMBAR, ROOT_SUFFIXES, SEGMENTS, coordinates_before, moved_joints
 from gaitcal.model.parameters import JP_INDEX, Parameters
-from gaitcal.model.point_noise import PointNoise
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import PointNoise, SubjectModel
 from gaitcal.motion.banded import Assembler, NormalEquations
 from gaitcal.motion.coordinate_prior import (
     POSES,

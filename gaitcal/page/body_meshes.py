@@ -7,8 +7,6 @@ height; pelvis and trunk are stretched to hip and shoulder centres. Each mesh mo
 mere balls of 5800 triangles are drawn with 480.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path

@@ -9,8 +9,6 @@ without zlib. Polygons of more than three corners become fans of triangles. Data
 OpenSim's files have none.
 """
 
-from __future__ import annotations
-
 import base64
 import xml.etree.ElementTree as ET
 import zlib
@@ -22,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.page.body_meshes import Mesh, read_stl, with_fewer_triangles
 
 PACKAGE = "myo-sim"

@@ -23,8 +23,6 @@ whether the fitted knee axis passes through its condyles. Hip centres, which nob
 marker's centre lies its radius off the skin; epicondyles, malleoli and spines are taken that much nearer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum

@@ -24,16 +24,13 @@ directions across the axis. The angle is that between u and the line through bot
 same root of C_u.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import frame_yz, unit
 from gaitcal.page.body_meshes import FOOT_OF_HEIGHT, FittedMesh, Mesh

@@ -1,7 +1,5 @@
 """Preset Joints: where the joints lie and what the segments weigh, nominal, fitted, and of a made-up person true."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ mark, so that a study that goes on replaces its own. Only its command reads this
 study.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final

@@ -10,8 +10,6 @@ sections            preset of the page -> blocks: headings, sentences, tables, p
 The page is made from it again at any time; trials of several runs of one person are joined here.
 """
 
-from __future__ import annotations
-
 import datetime
 import json
 import math
@@ -21,8 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.explanations import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs

@@ -4,8 +4,6 @@ Arrays are base64 of small integers or of 32-bit floats, little-endian; `scripts
 in a block is data, never markup. Numbers are formatted here, so that the page, the print and a test read the same text.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import unicodedata

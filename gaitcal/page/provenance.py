@@ -4,8 +4,6 @@ Further trials of a calibrated person tell it of themselves; what the calibratio
 provenance is told again, as that of the calibration.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath, PureWindowsPath

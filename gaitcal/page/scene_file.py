@@ -9,8 +9,6 @@ trial (0.03 mm on two metres, however far the person walks), a gap as -32768; th
 quaternions in 1/32767. Frames go where all trials together would be more than the page may hold.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import struct
@@ -24,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import atomic_file
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh

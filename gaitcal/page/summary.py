@@ -5,8 +5,6 @@ does not count where its foot is down without a plate of its own, or on one that
 (`dynamics/ground_reactions.py`). Of a stride that has such frames the kind that takes most of them is told.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

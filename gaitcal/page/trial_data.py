@@ -4,8 +4,6 @@ Everything is as in the files of a result: angles in degrees, internal moments i
 forces in N. The page brings them into the convention that its reader chooses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import PureWindowsPath
 from typing import Any

@@ -5,17 +5,15 @@ Verdict and reasons are data of the page itself. At the frame of a peak, and ove
 independent sources add; the largest comes first, as better input of its kind would mend most.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.dynamics.axis_errors import ErrorSource
 from gaitcal.dynamics.expected_residual import HeldResidual
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.inverse_dynamics import FORCES
+from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.gait.moments import (
     capitalised,
     coordinate_title,

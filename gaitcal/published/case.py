@@ -8,8 +8,6 @@ Two real people stand beside the unpublished experimental trial: `subject01` (a 
 (isolated trials of six joints and a walk), from the folder that GAITCAL_DATA names, as any user's study.
 """
 
-from __future__ import annotations
-
 import hashlib
 import zlib
 from collections.abc import Container, Iterator, Mapping
@@ -23,8 +21,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.inertial_calibration import LoadedMotion, equations_of, fit_published
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.snapshot import Snapshot, read_whole, require_person
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY
 from gaitcal.model.marker_set import load_marker_set
@@ -33,8 +30,8 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, is_physical, symmetric_set
 from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.motion.spline import spline_basis
-from gaitcal.published.inertial_recovery import pelvis_width
 from gaitcal.published.protocol import SIDE
+from gaitcal.published.recovery import pelvis_width
 from gaitcal.published.tables import RESIDUALS, SCALES, TableRow
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.calibrate import calibrate

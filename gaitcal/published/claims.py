@@ -4,17 +4,14 @@ What depends on the noise is judged by medians over the draws; how many draws ag
 such as "far smaller" or "nearly" are ours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
-from gaitcal.published.inertial_recovery import InertialRecovery, SeedResult
-from gaitcal.published.joint_recovery import JointRecovery
 from gaitcal.published.protocol import PROBLEMS
+from gaitcal.published.recovery import InertialRecovery, JointRecovery, SeedResult
 from gaitcal.published.tables import EXPERIMENT, speed_factor, spread
 
 NOISELESS_DEG, NOISELESS_MM = 0.01, 0.1

@@ -7,8 +7,6 @@ those that depend on how ground reactions follow a disturbed model, which the pa
 tested, fixed in the laboratory and carried along with the foot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple

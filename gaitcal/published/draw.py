@@ -16,8 +16,6 @@ the foot frame did, by (R, o) from the undisturbed (R0, o0) at the same instant:
     force' = R R0^T force,      moment' = R R0^T (moment - o0 x force) + o x force'.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

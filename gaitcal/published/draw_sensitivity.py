@@ -18,8 +18,6 @@ person's forces, once with their sum divided in the ratio of the vertical forces
 error of the difference is far smaller than that of either mean, and the claim is on the size of the difference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum

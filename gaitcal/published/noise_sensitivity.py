@@ -28,8 +28,6 @@ whatever, of as many nodes as one likes, absorbs rank(J_f) / (3 * markers) on av
 of all frames together, and absorb some more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -42,10 +40,10 @@ from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.trial_problem import MotionProblem
-from gaitcal.published import joint_recovery
+from gaitcal.published import recovery
 from gaitcal.published.claims import Claim, Verdict
-from gaitcal.published.inertial_recovery import generators
 from gaitcal.published.protocol import PROBLEMS, table_one
+from gaitcal.published.recovery import generators
 from gaitcal.published.tables import JOINT_FIGURES, SENSITIVITY, TableRow
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import ISOLATED_FRAMES, NOISE_AMPLITUDE, RATE, marker_noise
@@ -152,7 +150,7 @@ class LengthDraws:
 
     rate: float
     """Hz."""
-    problems: list[dict[str, joint_recovery.JointRecovery]]
+    problems: list[dict[str, recovery.JointRecovery]]
     """Draw by draw."""
 
     @property
@@ -190,10 +188,10 @@ def trial_lengths(seed: int, draws: int = DRAWS, jobs: int = -1, rates: Iterable
 
 
 @with_one_blas_thread
-def _found(seed: int, draw: int, rate: float) -> dict[str, joint_recovery.JointRecovery]:
+def _found(seed: int, draw: int, rate: float) -> dict[str, recovery.JointRecovery]:
     noise, _ = generators(seed, draw)
-    return joint_recovery.recover_joints(
-        {p: joint_recovery.synthetic_problem(p, noise[k], rate) for k, p in enumerate(PROBLEMS)}, compare=False
+    return recovery.recover_joints(
+        {p: recovery.synthetic_problem(p, noise[k], rate) for k, p in enumerate(PROBLEMS)}, compare=False
     )
 
 
@@ -283,11 +281,11 @@ def absorbed_noise(seed: int, draws: int = ABSORPTION_DRAWS, jobs: int = -1) -> 
 def absorbed(problem: str, seed: int, draws: int = ABSORPTION_DRAWS) -> Absorbed:
     """What one of `PROBLEMS` absorbs."""
     exact, truth, coefficients = (
-        joint_recovery.synthetic_problem(problem, None),
-        joint_recovery.true_model().parameters,
-        joint_recovery.true_motion(problem).coefficients,
+        recovery.synthetic_problem(problem, None),
+        recovery.true_model().parameters,
+        recovery.true_motion(problem).coefficients,
     )
-    opened = exact.with_free(joint_recovery.free_parameters(problem))
+    opened = exact.with_free(recovery.free_parameters(problem))
     rng = np.random.default_rng(np.random.SeedSequence([seed, 2, PROBLEMS.index(problem)]))
     noise = [marker_noise(exact.basis.time, len(exact.labels), rng).transpose(1, 2, 0) for _ in range(draws)]
     size = np.array([(n**2).sum() for n in noise])

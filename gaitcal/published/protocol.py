@@ -6,8 +6,6 @@ inertial parameters by up to 10 % of themselves, and marker noise has amplitudes
 Printed figures are in `published_results.json`, parameters by the names of this project.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

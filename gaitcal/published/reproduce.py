@@ -1,7 +1,5 @@
 """The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims, real people."""
 
-from __future__ import annotations
-
 import json
 import platform
 import shutil
@@ -21,8 +19,8 @@ from gaitcal.published import noise_sensitivity as phase_one
 from gaitcal.published.case import nominal_case, people_rows
 from gaitcal.published.claims import Claim, Kind, table_claims
 from gaitcal.published.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
-from gaitcal.published.inertial_recovery import RANDOM_SEEDS, InertialRecovery, SeedResult, noiseless, noisy_draws
 from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
+from gaitcal.published.recovery import RANDOM_SEEDS, InertialRecovery, SeedResult, noiseless, noisy_draws
 from gaitcal.published.study import monte_carlo
 from gaitcal.published.tables import (
     TableRow,

@@ -21,8 +21,6 @@ Inertial parameters enter by the regressor. For independent uniform disturbances
 averaged over the frames, is a sum:  sum_i b_i^2 / 3 <(d tau / dp_i)^2>;  each term is what parameter i contributes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ a chunk ends in the beginning of its SHA-256: a chunk that was damaged is remove
 which settings it was made with, so that a damaged `settings.json` costs no draw.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -29,8 +27,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from gaitcal.codes import Code
-from gaitcal.errors import GaitcalError, InputError
+from gaitcal.errors import Code, GaitcalError, InputError
 from gaitcal.io.atomic import UNFINISHED, atomic_file, atomic_text, disk_errors
 from gaitcal.io.result_folder import SELF, locked, self_hash
 from gaitcal.io.toml import package_version

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.calibration.inertial_calibration import TorqueScale
-from gaitcal.published.inertial_recovery import NOISELESS_DECAY, InertialRecovery, SeedResult
-from gaitcal.published.joint_recovery import JointRecovery
 from gaitcal.published.protocol import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
+from gaitcal.published.recovery import NOISELESS_DECAY, InertialRecovery, JointRecovery, SeedResult
 
 SENSITIVITY = "sensitivity"
 """Of `tables.csv`: the table of what the paper does not say and our figures depend on."""

@@ -5,8 +5,6 @@ from their iterator as there is room for them, so that memory stays bounded. One
 again, a few times: who killed the worker is not known.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -24,8 +22,7 @@ from typing import Any, TypeVar
 from joblib.externals.loky import ProcessPoolExecutor, cpu_count
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
-from gaitcal.codes import Code
-from gaitcal.errors import GaitcalError, InputError, UsageError
+from gaitcal.errors import Code, GaitcalError, InputError, UsageError
 from gaitcal.io.atomic import disk_errors
 from gaitcal.io.result_folder import locked
 

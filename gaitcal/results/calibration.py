@@ -2,8 +2,6 @@
 those of further trials. `saved.py` reads back what further trials need.
 """
 
-from __future__ import annotations
-
 import json
 import platform
 from collections.abc import Mapping, Sequence
@@ -12,8 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_external_loads, write_mjcf, write_mot, write_sto_moments, write_urdf
 from gaitcal.gait.normal_bands import Bands, Norm, norm_for, own_norm
@@ -26,11 +23,10 @@ from gaitcal.model.marker_set import marker_set_text
 from gaitcal.model.model_file import save_model
 from gaitcal.model.parameters import impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.page.joined_data import doubted, followed_by, only, renamed
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data, write_page_data
 from gaitcal.page.scene import Scene, scene_of
 from gaitcal.page.scene_file import load_scene, save_scene
-from gaitcal.page.view import Shown, page_html, with_trials
+from gaitcal.page.view import Shown, doubted, followed_by, only, page_html, renamed, with_trials
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import mean_speed, means_summary, profile_summary, write_profile, write_stride_files
 from gaitcal.results.summary import subject_summary, summary, table_of, write_kinetics, write_truth

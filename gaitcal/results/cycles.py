@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, GaitCycle, conventions_of, normalise, typed
 from gaitcal.gait.ensemble import require_once
 from gaitcal.gait.spatiotemporal import Stride

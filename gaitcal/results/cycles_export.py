@@ -9,8 +9,6 @@ the folder of the command, where the study that was drafted for it has them, or 
 must have the SHA-256 of what was read then.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -19,10 +17,9 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, Kind, gait_cycles, kind_of, normalise
 from gaitcal.io import result_folder

@@ -4,8 +4,6 @@ Curves are means over straight strides of all walks with the standard error of `
 in clinical signs (`gait/conventions.py`); comments come from a file that the clinic writes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, ReportContent
 from gaitcal.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
 from gaitcal.gait.conventions import Convention, MomentUnit, Signs

@@ -5,8 +5,6 @@ markers and, where its forces can be laid on the markers' clock, its plates. Tor
 count; of a trial that is refused there are none.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
 from gaitcal.faults.verdict import Judgement
 from gaitcal.gait.event_clock import SAME_EVENT

@@ -2,8 +2,6 @@
 uncertainty), and single moving trials for other programs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,12 +11,10 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.codes import Code
 from gaitcal.compare.opensim_motion import OurMotion
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, Finding, InputError
 from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Judgement
-from gaitcal.findings import Finding
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.opensim_files import parse_trc
 from gaitcal.io.recording import Recording

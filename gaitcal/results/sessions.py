@@ -1,7 +1,5 @@
 """Two result folders of one person, read for `gaitcal compare A B`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +9,10 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.calibration.joint_prior import prior_of_study
-from gaitcal.codes import Code
 from gaitcal.compare.difference import DIFFERENCES_HEADER, MDC
 from gaitcal.compare.sessions import CURVE_HEADER, SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Session
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.figures.comparison import comparison_page, figure_rows, paper_panels
 from gaitcal.figures.document import ComparisonContent
 from gaitcal.figures.report_sheets import Sheet

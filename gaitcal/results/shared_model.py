@@ -19,8 +19,6 @@ To first order that is one calibration of all trials with a static trial for eac
 in full, and no trial is fitted again. It is about each session's own fit that the trials are taken as linear.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -29,10 +29,8 @@ from gaitcal.study.truth import MOMENTS, MOTION
 if TYPE_CHECKING:
     import pandas as pd
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.faults.verdict import Judgement, touches_model
-from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.io.result_folder import read_object
 
 FOLDER = "truth"

@@ -1,14 +1,11 @@
 """The folder of further trials (`gaitcal dynamics`): every run adds its trials to those that are there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, cast
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Verdict
 from gaitcal.io.atomic import disk_errors
@@ -23,11 +20,10 @@ from gaitcal.io.result_folder import (
     sha256_of,
 )
 from gaitcal.io.toml import package_version
-from gaitcal.page.joined_data import doubted, merged, only
 from gaitcal.page.page_data import PAGE_DATA, further_page_data, read_page_data
 from gaitcal.page.provenance import Origin
 from gaitcal.page.scene import person_scene, trial_scene
-from gaitcal.page.view import Shown, after_trials
+from gaitcal.page.view import Shown, after_trials, doubted, merged, only
 from gaitcal.results.calibration import AGAIN, OTHER_MODEL, SCENE, json_text, read_page, write_page, write_trial
 from gaitcal.results.saved import MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files

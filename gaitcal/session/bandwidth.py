@@ -16,18 +16,15 @@ alone and take no further part in the motion, and their say is limited:
 One motion leaves the trial, the one that the torques are of.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
 from gaitcal.dynamics.ground_reactions import reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.findings import Finding, Severity
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.model.subject_model import SubjectModel

@@ -41,10 +41,10 @@ from gaitcal.calibration.inertial_evidence import (
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_reactions import GroundReactions
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import PlateErrors
+from gaitcal.errors import Finding, Severity, note_of
 from gaitcal.faults.study import check_study, examined
 from gaitcal.faults.verdict import judge, stopping, without_consequences
-from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.model.anthropometry import table_spread, with_joints_of
 from gaitcal.model.parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.motion.motion import motion_of

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, alike
+from gaitcal.errors import Code, InputError, alike
 from gaitcal.io.toml import read_toml, toml_table, toml_value
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets

@@ -4,8 +4,6 @@ Where none follows: why, in one line and file by file. Trials in which the check
 are left out of a drafted study.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -13,10 +11,8 @@ from pathlib import PurePath, PureWindowsPath
 
 import numpy as np
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_poses

@@ -6,8 +6,6 @@ A recording that has plates of its own needs no table. For another one, a table 
 time and if, under load, the centre of pressure lies near a foot: the feet decide, names only where feet do not.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Mapping, Sequence
@@ -19,8 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.csv import (
     CORNER_HEADER,
     EVENTS,

@@ -10,8 +10,6 @@ blocks left out. The four folds together visit every frame once. The motion in a
 markers, as for the nominal model: what is tested is the joint parameters, not a guess of the motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -32,9 +30,8 @@ from gaitcal.calibration.joint_phases import (
 )
 from gaitcal.calibration.joint_prior import WEAK
 from gaitcal.calibration.soft_tissue_artefact import task_tissue
-from gaitcal.codes import Code
-from gaitcal.findings import STUDY, Finding, Severity, listed
-from gaitcal.io.still import runs, spans
+from gaitcal.errors import STUDY, Code, Finding, Severity, listed
+from gaitcal.io.recording import runs, spans
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, gait_parameters, leg_parameters
 from gaitcal.motion.motion import Loss, RobustTracking, robust_tracking, tracked_motion

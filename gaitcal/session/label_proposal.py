@@ -1,7 +1,7 @@
 """What markers are whose labels say nothing: which landmark each may be, else which segment it moves with; to be asked.
 
 One recording stands, the others move. Height, heading and posture of the arms are tried in turn
-(`body_places.place_markers`); the likeliest is kept, unless the opposite heading is nearly as likely.
+(`place_markers`); the likeliest is kept, unless the opposite heading is nearly as likely.
 """
 
 from __future__ import annotations
@@ -14,24 +14,21 @@ from pathlib import PureWindowsPath
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.landmarks import is_device
 from gaitcal.model.linkage import LOWER_BODY, SIDES
-from gaitcal.session.body_places import (
+from gaitcal.session.unnamed_markers import (
     HEIGHT_M,
     HEIGHT_SD_M,
     Placed,
     Together,
-    out_of_place,
-    place_markers,
-    standing_bodies,
-)
-from gaitcal.session.marker_motion import (
     distance_scatter,
     forward_direction,
     on_one_segment,
+    out_of_place,
+    place_markers,
+    standing_bodies,
     standing_points,
     with_missing,
 )

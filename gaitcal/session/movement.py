@@ -7,8 +7,6 @@ the ground or on a treadmill. One joint alone is seen by how far the joints turn
 (`faults/role.py`), while pelvis and other leg stay. Whoever runs, climbs, squats, rises or jumps moves the whole body.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -22,9 +20,8 @@ from gaitcal.faults.cluster import UP, Stance, clusters_of
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
 from gaitcal.faults.joint_link import links_of
 from gaitcal.faults.role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
-from gaitcal.io.recording import Recording
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.segment_poses import upright
-from gaitcal.io.still import still_window
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet

@@ -1,7 +1,5 @@
 """A person's parameters in words: which were fitted, how far they moved, how sure they are, which could not be seen."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

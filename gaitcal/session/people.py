@@ -7,7 +7,7 @@ differ in several segments by more. D(a, b) is the median distance of two marker
 
 Within sessions of eight people the second largest d_s of pelvis and legs is at most 9 mm, between people from 11 mm.
 
-Points that are no markers (`model/point_noise.py`) show bones, from joint to joint: corners of a pose keep their
+Points that are no markers (`model/subject_model.py`) show bones, from joint to joint: corners of a pose keep their
 distances whoever moves. Their errors sigma last for a time tau each, so that a median over T errs by
 
     e = sqrt(2) sigma / sqrt(max(T / tau, 1)),
@@ -20,8 +20,6 @@ two of pelvis and legs, or all of the right with those of the left) explains the
 recording stays in the study, and the checks find what is wrong with it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -32,9 +30,8 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import other_side
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
-from gaitcal.io.key_points import holds_key_points
 from gaitcal.io.recording import Recording
-from gaitcal.io.segment_poses import holds_poses
+from gaitcal.io.segment_poses import holds_key_points, holds_poses
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import REQUIRED, MarkerSet
 from gaitcal.session.movement import Standing, standing

@@ -5,8 +5,6 @@ subject's name is that of the folder: a file's may be the patient's. A mass is h
 standing person, and the height: in pounds it is 2.2 times, as a weight in newtons 9.81 times the mass in kg.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,8 +13,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.labels import OLDEST, Facts, years_between
-from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.still import duration, runs
+from gaitcal.io.recording import ForcePlate, Recording, duration, runs
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import GRAVITY

@@ -12,15 +12,13 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
-from gaitcal.codes import Code
-from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.ground_reactions import GroundReactions, leg_of
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.joint_kinetics import JointKinetics
-from gaitcal.errors import InputError, nearest
+from gaitcal.dynamics.measurement_errors import TorqueErrors
+from gaitcal.errors import Code, Finding, InputError, Severity, nearest, note_of
 from gaitcal.faults.verdict import Judgement, Verdict
-from gaitcal.findings import Finding, Severity, note_of
 from gaitcal.gait.cycles import WALKING
 from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.spatiotemporal import Stride

@@ -19,15 +19,13 @@ from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration
 from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
-from gaitcal.errors import InputError
+from gaitcal.errors import Finding, InputError
 from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.exchanged import exchanged_back
 from gaitcal.faults.force_diagnosis import ForceDiagnosis
 from gaitcal.faults.study import Examined
-from gaitcal.findings import Finding
 from gaitcal.io.axes import turn_to_progression
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, isolated_parameters
 from gaitcal.model.subject_model import SubjectModel

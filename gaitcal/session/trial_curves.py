@@ -4,8 +4,6 @@ As in the files of a result: angles in degrees, internal moments in N·m with Op
 `cycles.csv` and the page lay them over strides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final

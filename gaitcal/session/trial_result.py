@@ -11,8 +11,6 @@ after every fit of joint parameters the zero angles z of the two joints are move
 in the direction of their coordinate, and every motion's coordinate by -dz: positions, torques and markers are the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -29,20 +27,17 @@ from gaitcal.calibration.error_sources import (
 from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
-from gaitcal.codes import Code
-from gaitcal.dynamics.axis_errors import EXACT, PALPATED_DEG, AxisErrors, TorqueErrors
 from gaitcal.dynamics.expected_residual import expected_residual
 from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
 from gaitcal.dynamics.inverse_dynamics import FEET, moments_of
 from gaitcal.dynamics.joint_kinetics import kinetics_of
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import EXACT, PALPATED_DEG, AxisErrors, PlateErrors, TorqueErrors
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.force_diagnosis import beyond_expected
-from gaitcal.findings import Finding, Severity
 from gaitcal.gait.cycles import FootEvents
-from gaitcal.gait.events import GaitEvents, activity_events, trial_events
+from gaitcal.gait.events import GaitEvents, activity_events, crouches, trial_events
 from gaitcal.gait.moments import segment_words
-from gaitcal.gait.repetitions import crouches
 from gaitcal.gait.spatiotemporal import stride_findings, stride_lines, strides_measured
 from gaitcal.gait.strides import FootAxes, facing, foot_axes, out_of_plane, pelvis_angles
 from gaitcal.io.recording import Recording

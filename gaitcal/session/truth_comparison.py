@@ -1,7 +1,5 @@
 """A calibration held against the truth that its study names: figures, rows, sentences, for files, page and terminal."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

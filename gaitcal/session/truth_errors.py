@@ -3,8 +3,6 @@
 A curve or parameter e with standard error s is *within* where |e| <= 1.96 s: of true 95 % intervals 95 of 100 are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

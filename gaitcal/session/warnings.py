@@ -9,8 +9,6 @@ Forces are judged after the joint parameters and with nominal masses: inertial p
 them, take a fault of the forces up (a clock 66 ms late leaves 96 N before and 7 N after).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -18,14 +16,13 @@ import numpy as np
 
 from gaitcal.arrays import BoolArray
 from gaitcal.calibration.joint_phases import Phase
-from gaitcal.codes import Code
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.after_fit import TrackedMarkers, impossible, large_changes, marker_findings
 from gaitcal.faults.force_diagnosis import ForceDiagnosis, force_findings
 from gaitcal.faults.force_evidence import force_evidence
 from gaitcal.faults.joint_places import joint_place_findings
 from gaitcal.faults.markers import ONE_MARKER
 from gaitcal.faults.verdict import touches_model
-from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.model.linkage import JOINT_OF_CHILD, LOWER_BODY
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, impossible_bodies, table
 from gaitcal.motion.motion import Motion

@@ -32,8 +32,7 @@ from pydantic import Field
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.toml import Table, package_version, shown, validated
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind

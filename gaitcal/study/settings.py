@@ -9,8 +9,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.toml import Table, shown
 
 AUTOMATIC: Final = "auto"
@@ -40,7 +39,7 @@ class Protocol(Enum):
 
 class PlateErrorTable(Table):
     """`plate_error` in `[calibration]`: standard deviations of what force plates say; sources in
-    `dynamics/plate_errors.py`.
+    `dynamics/measurement_errors.py`.
     """
 
     place_mm: float = Field(

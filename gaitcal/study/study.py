@@ -7,15 +7,13 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
+from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.csv import events_beside
 from gaitcal.io.labels import OLDEST, Facts, years_between
 from gaitcal.io.opensim_files import loads_tables
-from gaitcal.io.recording import Recording
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.snapshot import Snapshot
-from gaitcal.io.still import still_window
 from gaitcal.model.ankle_zero import AnkleZero
 from gaitcal.model.body_plan import likely_height
 from gaitcal.model.landmarks import static_posture

@@ -7,8 +7,6 @@ person whose trunk stands as it is carried on average while walking. A note says
 mean posture in those walks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -17,20 +15,17 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.csv import events_beside, with_corrected_events
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
-from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.recording import Recording, duration, runs, seen_mask, spans, still_window
 from gaitcal.io.segment_poses import upright
-from gaitcal.io.still import duration, runs, spans, still_window
 from gaitcal.model.linkage import carrier_of
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.point_noise import PointNoise
 from gaitcal.model.rebuilt_markers import Outlier, Spikes, without_outliers, without_spikes
 from gaitcal.model.segment_frames import off_line, unit
-from gaitcal.model.subject_model import SubjectModel
+from gaitcal.model.subject_model import PointNoise, SubjectModel
 from gaitcal.model.trunk import IN_A_PLANE
 from gaitcal.study.study_file import TrialTable
 

@@ -13,8 +13,6 @@ something else, and is refused. Landmarks are compared by their distances from e
 mean, which no turn of the laboratory about the vertical, height of its floor or format of the recording changes.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,10 +22,8 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.codes import Code
-from gaitcal.errors import InputError, nearest
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import still_window
+from gaitcal.errors import Code, InputError, nearest
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.text_file import parse_number
 from gaitcal.io.toml import shown
 from gaitcal.model.landmarks import static_posture

@@ -19,8 +19,6 @@ zero. It is divided between the feet in four steps, each exact:
 4. The free moment is divided like the load: forces that meet above the centre add none to it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 

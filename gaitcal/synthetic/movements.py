@@ -8,8 +8,6 @@ off. The pelvis goes where the feet that stand want it, and in flight as a throw
 flight, feet that stand. A seat bears part of the weight of who sits on it, below the pelvis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import Enum

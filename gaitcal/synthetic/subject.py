@@ -6,8 +6,6 @@ takes from it as nominal is then wrong by the drawn amounts. The truth is told i
 trial's landmarks make, which are those of the calibration.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace

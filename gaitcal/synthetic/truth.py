@@ -19,8 +19,6 @@ about axes that are not their principal ones (a calibration's bodies have none: 
 Velocities and accelerations are those of the quintic spline through q', at three times as many instants.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -19,8 +19,6 @@ What each may deviate by is a standard deviation below. The result is no fit to 
 what they then are. It holds for any linkage; the nominal person's angles change by 0.3 to 1 degree (RMS).
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from functools import cache
@@ -33,7 +31,7 @@ from scipy.linalg import solveh_banded
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.dynamics.plate_errors import FOOT_LENGTH
+from gaitcal.dynamics.measurement_errors import FOOT_LENGTH
 from gaitcal.io.toml import models_path
 from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
 from gaitcal.model.coordinates import group_of, split_side

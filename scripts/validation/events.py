@@ -21,7 +21,7 @@ from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points
-from gaitcal.dynamics.plate_errors import outline_known, outside
+from gaitcal.dynamics.measurement_errors import outline_known, outside
 from gaitcal.gait.events import motion_events, plate_events
 from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment, times_of

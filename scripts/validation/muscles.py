@@ -40,8 +40,8 @@ from scipy.stats import t as student
 from gaitcal import calibrate
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
+from gaitcal.export.account import MusclePath, leg_ranges, muscle_paths
 from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.muscle_paths import MusclePath, leg_ranges, muscle_paths
 from gaitcal.export.osim_correspondence import LegJoint, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
 from gaitcal.results.saved import where_they_move

@@ -20,7 +20,7 @@ from gaitcal.calibration.identifiability import (
     without_arms,
     worn_as_standing,
 )
-from gaitcal.findings import Severity
+from gaitcal.errors import Severity
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.motion.start import starting_nodes
 from gaitcal.session.draft import study_of

@@ -30,7 +30,7 @@ from gaitcal.calibration.inertial_evidence import (
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, full_set, is_physical, symmetric_set, table
 from gaitcal.motion.motion import tracked_motion

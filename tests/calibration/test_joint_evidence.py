@@ -10,7 +10,7 @@ from gaitcal.calibration.error_sources import source_of
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, JointCalibration, JointProblem, calibrate_by_evidence
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, marker_covariance, task_regressors
-from gaitcal.dynamics.axis_errors import ErrorSource
+from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_NAMES, Parameters
 from gaitcal.motion.trial_problem import MotionProblem

@@ -22,10 +22,9 @@ from gaitcal.calibration.error_sources import (
     whole_body_scores,
 )
 from gaitcal.calibration.torque_errors import ErringForces
-from gaitcal.dynamics.axis_errors import AxisErrors, ErrorSource
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import COMPONENTS, POWERS, VECTOR_FRAMES, MomentFrame, kinetic_values, power_of
-from gaitcal.dynamics.plate_errors import PlateErrors
+from gaitcal.dynamics.measurement_errors import AxisErrors, ErrorSource, PlateErrors
 from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData, marker_positions

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.codes import Code
 from gaitcal.cohort import outcome as tasks
 from gaitcal.cohort.one_person import CommonSettings, PersonError
 from gaitcal.cohort.people import CohortPerson
+from gaitcal.errors import Code
 from tests.cohort.stubs import write_result
 
 

@@ -181,15 +181,15 @@ def test_another_version_and_another_size_are_told(priors: CohortPriors, study: 
 
 
 def _without_covariance(content: dict[str, object]) -> None:
-    content["parts"][0]["populations"][0]["spread"][0] = -5.0  # type: ignore[index]
+    content["parts"][0]["populations"][0]["spread"][0] = -5.0
 
 
 def _short(content: dict[str, object]) -> None:
-    content["parts"][0]["populations"][1]["spread"].pop()  # type: ignore[index]
+    content["parts"][0]["populations"][1]["spread"].pop()
 
 
 def _unknown(content: dict[str, object]) -> None:
-    content["parts"][0]["parameters"][0] = "hip_r.pelvis.up"  # type: ignore[index]
+    content["parts"][0]["parameters"][0] = "hip_r.pelvis.up"
 
 
 @pytest.mark.parametrize(

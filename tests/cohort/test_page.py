@@ -15,11 +15,10 @@ import pytest
 
 from gaitcal.cli.cohort import _teller, duration
 from gaitcal.cli.console import Console
-from gaitcal.codes import Code
 from gaitcal.cohort.one_person import EVERY, GAP, NAMES, SHAPE, STEPS, VARIABLES, CommonSettings, mean_curves, no_curves
 from gaitcal.cohort.page import MEASURES, NO_STRIDE
 from gaitcal.cohort.people import people_in
-from gaitcal.errors import InputError, UsageError
+from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import Kind
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands

@@ -67,7 +67,7 @@ def made_session(
         measures=whole,
         verdict="trustworthy",
     )
-    return replace(made, **changes)  # type: ignore[arg-type]
+    return replace(made, **changes)
 
 
 def made_influence(rng: np.random.Generator) -> ErrorSources:

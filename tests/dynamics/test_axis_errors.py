@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gaitcal.dynamics.axis_errors import PALPATED_DEG, AxisErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
+from gaitcal.dynamics.measurement_errors import PALPATED_DEG, AxisErrors
 from gaitcal.model.chain import Chain, forward, jacobian
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS
 from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, Kind, Parameters

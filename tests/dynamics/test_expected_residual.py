@@ -8,7 +8,6 @@ import pytest
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics import expected_residual as module
-from gaitcal.dynamics.axis_errors import TorqueErrors
 from gaitcal.dynamics.expected_residual import (
     BASELINE,
     PELVIS,
@@ -21,6 +20,7 @@ from gaitcal.dynamics.expected_residual import (
 )
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import published_subject

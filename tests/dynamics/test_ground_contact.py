@@ -18,7 +18,7 @@ from gaitcal.dynamics.foot_contact import (
     sole_of,
 )
 from gaitcal.dynamics.ground_reactions import GroundReactions, ground_reactions_on_feet, leg_of
-from gaitcal.dynamics.plate_errors import foot_tip, inside, share_outside
+from gaitcal.dynamics.measurement_errors import foot_tip, inside, share_outside
 from gaitcal.io.force_plate import filter_plate, resample_wrench
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate

@@ -13,8 +13,8 @@ import gaitcal as gc
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, sole_of
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, ground_reactions_on_feet, unseen_frames
 from gaitcal.dynamics.off_sole import DIVIDED, MOMENT_NM, OUTLINE_M, outside_hull, sole_edge
+from gaitcal.errors import Severity
 from gaitcal.faults.foot_on_plate import Feet
-from gaitcal.findings import Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.synthetic.motion import gait_motion

@@ -10,14 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal import Study
-from gaitcal.dynamics.axis_errors import ErrorSource, TorqueErrors
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.dynamics.plate_errors import PlateErrors, wrench_errors, wrench_rates
+from gaitcal.dynamics.measurement_errors import ErrorSource, PlateErrors, TorqueErrors, wrench_errors, wrench_rates
+from gaitcal.errors import Severity
 from gaitcal.faults import plates
 from gaitcal.faults.foot_on_plate import feet_of
 from gaitcal.faults.study import check_study, examined
-from gaitcal.findings import Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.motion.motion import tracked_motion

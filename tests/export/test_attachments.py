@@ -12,9 +12,9 @@ import pinocchio as pin
 import pytest
 
 from gaitcal.errors import InputError
+from gaitcal.export.account import leg_ranges, muscle_paths
 from gaitcal.export.joint_moves import CARRIED_HEADER, Bone, carried, carried_csv
 from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.muscle_paths import leg_ranges, muscle_paths
 from gaitcal.export.osim_correspondence import leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
 from scripts.validation.osim_people import person_of

@@ -87,7 +87,6 @@ def vector(element: ET.Element, tag: str) -> np.ndarray:
 
 def put(element: ET.Element, tag: str, values: np.ndarray) -> None:
     child = element.find(tag)
-    assert child is not None
     child.text = numbers(values)
 
 
@@ -115,9 +114,7 @@ def in_old_format(tree: ET.ElementTree) -> None:
     """The layout of OpenSim 3: joints inside bodies, locations in joints, functions in a wrapper."""
     tree.getroot().set("Version", "30000")
     model = tree.getroot().find("Model")
-    assert model is not None
     joints = model.find("JointSet")
-    assert joints is not None
     model.remove(joints)
     bodies = {b.get("name"): b for b in model.iter("Body")}
     for joint in joints.findall("objects/*"):
@@ -132,7 +129,6 @@ def in_old_format(tree: ET.ElementTree) -> None:
         objects = ET.SubElement(ET.SubElement(new, "CoordinateSet"), "objects")
         objects.extend(joint.findall("coordinates/Coordinate"))
         transform = joint.find("SpatialTransform")
-        assert transform is not None
         for axis in transform:
             function = axis[-1]
             axis.remove(function)
@@ -140,7 +136,6 @@ def in_old_format(tree: ET.ElementTree) -> None:
         new.append(transform)
     for marker in model.iter("Marker"):
         socket = marker.find("socket_parent_frame")
-        assert socket is not None
         socket.tag, socket.text = "body", (socket.text or "").rpartition("/")[2]
 
 
@@ -156,7 +151,6 @@ def test_a_rolling_knee_is_swept_the_way_it_bends(
     put(coordinate, "range", np.array([low, high]))
     (slide,) = [axis for axis in knee.iter("TransformAxis") if axis.get("name") == "translation1"]
     words, constant = slide.find("coordinates"), slide.find("Constant")
-    assert words is not None and constant is not None
     words.text = "knee_angle_r"
     slide.remove(constant)
     function = ET.SubElement(slide, "PiecewiseLinearFunction")
@@ -187,7 +181,7 @@ def with_a_shoulder_of_its_own(tree: ET.ElementTree) -> None:
     """A function that nobody here knows, at a joint that no row asks for."""
     shoulder = next(j for j in tree.iter("CustomJoint") if "shoulder" in j.get("name", ""))
     axis = next(a for a in shoulder.iter("TransformAxis") if a.find("LinearFunction") is not None)
-    axis.find("LinearFunction").tag = "ExpressionBasedFunction"  # type: ignore[union-attr]
+    axis.find("LinearFunction").tag = "ExpressionBasedFunction"
 
 
 @pytest.mark.parametrize(
@@ -213,7 +207,6 @@ def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, tm
         ET.SubElement(frame, tag).text = text
     for marker in tree.iter("Marker"):
         socket, location = marker.find("socket_parent_frame"), marker.find("location")
-        assert socket is not None and location is not None
         if socket.text == "/bodyset/thigh_r":
             x, y, z = map(float, (location.text or "").split())
             socket.text, location.text = "/bodyset/thigh_r/f", f"{y} {0.1 - x} {z}"

@@ -15,10 +15,17 @@ from gaitcal import cli
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.errors import InputError
-from gaitcal.export.account import joint_tables, muscle_table
+from gaitcal.export.account import (
+    MusclePath,
+    joint_tables,
+    leg_ranges,
+    muscle_changes,
+    muscle_paths,
+    muscle_table,
+    muscles_csv,
+)
 from gaitcal.export.joint_moves import JOINTS_HEADER, Verdict, joints_csv
 from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.muscle_paths import MusclePath, leg_ranges, muscle_changes, muscle_paths, muscles_csv
 from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import peer_of, read_document, read_osim
@@ -63,9 +70,7 @@ def unchanged(tree: ET.ElementTree) -> None:
 def under_other_names(tree: ET.ElementTree) -> None:
     """Bodies, joints and coordinates as nobody calls them, and no markers."""
     model = tree.getroot().find("Model")
-    assert model is not None
     markers = model.find("MarkerSet")
-    assert markers is not None
     model.remove(markers)
     named = {e.get("name", "") for tag in ("Body", "CustomJoint", "Coordinate") for e in model.iter(tag)}
     other = {name: f"x{k}" for k, name in enumerate(sorted(named, key=len, reverse=True))}
@@ -206,7 +211,6 @@ def test_a_joint_without_offset_frames_gets_them(published: SubjectModel, tmp_pa
     for joint in tree.iter("CustomJoint"):
         if joint.get("name") == "hip_r":
             frames, socket = joint.find("frames"), joint.find("socket_child_frame")
-            assert frames is not None and socket is not None
             frames.remove(frames[1])
             socket.text = "/bodyset/thigh_r"
     tree.write(path)
@@ -281,11 +285,9 @@ def test_errors_are_those_of_the_draws(published: SubjectModel, tmp_path: Path) 
     for side in SIDES:
         hip = np.array([j[f"thigh_{side}"].in_parent.translation for j in drawn])
         end = told[f"hip_{side}"].parent
-        assert end is not None
         assert np.sqrt(hip.var(axis=0).sum()) == pytest.approx(end.errors[0], rel=DRAWN)
         knee = np.array([j[f"shank_{side}"].in_parent.rotation[:, 2] for j in drawn])
         end = told[f"knee_{side}"].parent
-        assert end is not None
         assert np.sqrt(knee.var(axis=0).sum()) == pytest.approx(end.errors[1], rel=DRAWN)
 
 
@@ -389,7 +391,6 @@ def test_what_is_fixed_to_a_joints_frame_is_told(published: SubjectModel, tmp_pa
     tree = ET.parse(path)
     marker = next(m for m in tree.iter("Marker") if (m.findtext("socket_parent_frame") or "").endswith("thigh_r"))
     socket = marker.find("socket_parent_frame")
-    assert socket is not None
     socket.text = "/jointset/hip_r/thigh_r_offset"
     tree.write(path)
     told = f"{marker.get('name')}: fixed to a frame of joint hip_r, and moved with it"
@@ -402,7 +403,6 @@ def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(published: SubjectM
     path = written(published, tmp_path / "m.osim", "opensim 4")
     tree = ET.parse(path)
     bodies, joints = (next(tree.iter(tag)).find("objects") for tag in ("BodySet", "JointSet"))
-    assert bodies is not None and joints is not None
     ET.SubElement(ET.SubElement(bodies, "Body", name="condyle_r"), "mass").text = "0.2"
     weld = ET.SubElement(joints, "WeldJoint", name="condyle_r")
     for end, body in (("parent", "thigh_r"), ("child", "condyle_r")):
@@ -424,7 +424,6 @@ def test_a_model_of_one_leg(published: SubjectModel, tmp_path: Path) -> None:
     for tag, names in (("BodySet", LEGS["l"]), ("JointSet", ("hip_l", "knee_l", "talocrural_l", "subtalar_l"))):
         (holder,) = tree.iter(tag)
         objects = holder.find("objects")
-        assert objects is not None
         for element in [e for e in objects if e.get("name") in names]:
             objects.remove(element)
     tree.write(path)
@@ -505,7 +504,6 @@ def of_a_child(tree: ET.ElementTree, size: float = 0.8) -> None:
 
 def without_a_body(tree: ET.ElementTree) -> None:
     bodies = next(tree.iter("BodySet")).find("objects")
-    assert bodies is not None
     bodies.remove(next(body for body in bodies if body.get("name") == "talus_l"))
 
 
@@ -519,7 +517,6 @@ def with_other_names_of_ankles(tree: ET.ElementTree) -> None:
 def misplaced_markers(tree: ET.ElementTree) -> None:
     for k, element in enumerate(tree.iter("Marker")):
         location = element.find("location")
-        assert location is not None
         location.text = f"{0.1 * np.sin(7 * k)} {0.1 * np.cos(5 * k)} {0.1 * np.sin(3 * k)}"
 
 
@@ -582,7 +579,6 @@ def test_one_walk_brings_hips_and_knees_back(data_dir: Path, tmp_path: Path, per
             apart = apart - line.rotation[:, 2] * (line.rotation[:, 2] @ apart)
         end, off = told[a.ours], float(np.linalg.norm(apart))
         if not a.ours.startswith("talocrural"):  # its place in the talus is nobody's
-            assert end is not None
             assert off < WITHIN_ERRORS * end.errors[0], a.ours
         if a.ours.startswith(("hip", "knee")):
             assert off < NEAR, a.ours
@@ -648,7 +644,6 @@ def test_the_command(
     assert "wrote 2 draws" in printed and "muscles: not computed" in printed
     found, ours = read_osim(out).joints, our_leg(model.parameters, "r")
     assert np.abs(found["thigh_r"].in_parent.translation - ours.hip_in_pelvis).max() < 1e-4
-    assert ours.knee_in_thigh is not None
     assert ours.knee_in_thigh.distance(found["shank_r"].in_parent.translation) < 1e-4
     names = sorted(p.name for p in tmp_path.iterdir())
     assert names == ["mine.html", "mine.joints.csv", "mine.osim", "mine_draws", "scaled.osim"]

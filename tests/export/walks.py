@@ -40,7 +40,6 @@ def calibrated_walk(study: Path, out: Path) -> Walk:
     calibration = calibrate(Study.load(study))
     write_results(calibration, out)
     walk = calibration.trial("walk")
-    assert walk.loads is not None
     body, wrenches = walk.body, walk.loads.reactions.wrench
     q, v, a = body.q, body.velocity, body.acceleration
     placed, seen = calibration.model.markers, walk.recording.labels

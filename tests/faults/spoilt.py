@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gaitcal.dynamics.inverse_dynamics import Moments
+from gaitcal.errors import Severity
 from gaitcal.faults.after_fit import (
     ANGLES_DEG,
     TORQUES_PERCENT_BWH,
@@ -15,7 +16,6 @@ from gaitcal.faults.after_fit import (
     large_changes,
     marker_findings,
 )
-from gaitcal.findings import Severity
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.motion.spline import SplineBasis

@@ -10,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gaitcal.codes import Code
 from gaitcal.dynamics.off_sole import DIVIDED, EQUAL_M, sole_edge
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, Feet, contacts, outside_sole
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.force_plate import plate_from_moment, resample_wrench
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import ForcePlate, Recording

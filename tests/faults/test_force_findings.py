@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.errors import STUDY, Severity
 from gaitcal.faults import force_choice
 from gaitcal.faults.force_causes import Kind, causes_of
 from gaitcal.faults.force_choice import ForceFit, choose
 from gaitcal.faults.force_diagnosis import force_findings, torque_change
 from gaitcal.faults.force_evidence import FORCE_UNITS
-from gaitcal.findings import STUDY, Severity
 from gaitcal.io.csv import write_forces_csv
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import nominal_model

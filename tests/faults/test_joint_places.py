@@ -11,10 +11,9 @@ from scipy.special import chdtri
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import ANATOMY, COVARIANCE, prior_root
-from gaitcal.codes import Code
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.joint_places import RARE, UNUSUAL, Place, joint_place_findings
 from gaitcal.faults.verdict import Judgement, judge
-from gaitcal.findings import Finding, Severity
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, Parameters
 from gaitcal.study.joint_prior import JointPrior

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.knee_line import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
 from gaitcal.faults.static_landmarks import landmarks
 from gaitcal.faults.study import check_study, examined
-from gaitcal.findings import Finding, Severity
 from gaitcal.model.body_plan import body_axes
 from gaitcal.study.study import Study
 from tests.faults.spoilt import Array, moved, with_trial

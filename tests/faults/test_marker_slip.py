@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
 from tests.faults.spoilt import moved, with_trial

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import exchanged
 from gaitcal.faults.markers import gaps
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.rebuilt_markers import without_outliers

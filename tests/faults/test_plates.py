@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.codes import Code
+from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import GRAVITY

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.study import check_file
-from gaitcal.findings import Finding, Severity
 from tests.real_studies import REAL, write_study
 
 FOUND = {"subject01": [], "uf3": [], "functional_c3d": [], "pig_c3d": []}

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
 from tests.faults.spoilt import Change, moved, with_trial

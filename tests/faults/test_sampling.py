@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import Code, Severity
 from gaitcal.faults.sampling import HALF_WINDOW, seams
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Severity
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.synthetic.motion import gait_motion

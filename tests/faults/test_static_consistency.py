@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gaitcal.calibration.joint_prior import ANATOMY
-from gaitcal.codes import Code
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.cluster import alignment, clusters_of
 from gaitcal.faults.contradiction import contradictions, offset_limit, possible_moves
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.exchanged import by_lengths
 from gaitcal.faults.joint_link import links_of
 from gaitcal.faults.study import check_further, check_study, examined, further_evidence
-from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import root_angles
 from gaitcal.model.segment_frames import nearest_rotation

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.role import standing_legs, standing_straight
 from gaitcal.faults.static_landmarks import (
@@ -21,7 +22,6 @@ from gaitcal.faults.static_landmarks import (
     proportions,
 )
 from gaitcal.faults.study import check_study, examined
-from gaitcal.findings import Finding, Severity
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
 from gaitcal.model import body_plan as body_build

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitcal.codes import Code
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.verdict import (
     BOUNDS,
     FORCES,
@@ -21,7 +21,6 @@ from gaitcal.faults.verdict import (
     stopping,
     without_consequences,
 )
-from gaitcal.findings import STUDY, Finding, Severity
 
 GOOD, DOUBTFUL, REFUSED = Judgement
 WALKS = ("walk", "walk2")

@@ -17,7 +17,7 @@ from gaitcal.cli.figures import chosen
 from gaitcal.cli.figures import draw_figures as run
 from gaitcal.cli.view import print_report
 from gaitcal.errors import InputError, UsageError
-from gaitcal.export.muscle_paths import MusclePath, muscle_changes, muscles_csv
+from gaitcal.export.account import MusclePath, muscle_changes, muscles_csv
 from gaitcal.figures import report
 from gaitcal.figures.chart import SIDE_COLOURS, Chart
 from gaitcal.figures.paper import LINE, Strides, moment_arm_charts, paper_charts
@@ -33,18 +33,13 @@ from gaitcal.results.summary import summary
 from gaitcal.results.table_file import write_csv
 from gaitcal.session.result import Calibration
 from gaitcal.session.tables import parameter_table
-from tests.fake_result import ANGLE_ERROR, fake_calibration
+from tests.fake_result import ANGLE_ERROR
 from tests.figures.told import panel_figure
 
 PACKED = 1 / 60_000
 """Of the range of a curve: a page_data holds 16-bit integers."""
 AS_WRITTEN = 1e-6
 """`cycles.csv` has six decimals."""
-
-
-@pytest.fixture(scope="module")
-def whole() -> Calibration:
-    return fake_calibration()
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +181,6 @@ def test_a_report_draws_the_curves_of_the_sheet(whole: Calibration) -> None:
     expected = trial.layout.lay("r", np.where(curve.valid, curve.value, np.nan) / whole.model.subject.mass)[1]
     np.testing.assert_allclose(np.asarray(drawn.get_ydata()), expected)
     body = whole.trial("walk")
-    assert body.loads is not None
     column = body.body.coordinates.index("hip_flexion_r")
     exact = body.loads.final.tau[:, column]
     assert np.abs(curve.value - exact).max() < PACKED * np.ptp(exact)
@@ -226,7 +220,7 @@ def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibr
 )
 def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError) as told:
-        run(Console(quiet=True, verbose=False), folder, tmp_path / "out", **changes)  # type: ignore[arg-type]
+        run(Console(quiet=True, verbose=False), folder, tmp_path / "out", **changes)
     assert str(told.value).startswith(message)
     assert not (tmp_path / "out").exists()
 
@@ -280,7 +274,7 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     result = Path(shutil.copytree(folder, tmp_path / "result"))
     chosen_arms = {"only": ("moment_arms",), "formats": "svg"}
     with pytest.raises(InputError, match=r"found none; allowed: one; gaitcal export .*NAME.osim --muscles writes it"):
-        run(Console(quiet=True, verbose=False), result, None, **chosen_arms)  # type: ignore[arg-type]
+        run(Console(quiet=True, verbose=False), result, None, **chosen_arms)
     deg = np.array([0.0, 45.0, 90.0])
     paths = {}
     for k in range(12):
@@ -292,7 +286,7 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     (result / "export").mkdir()
     for draws in ((), (before, after)):
         (result / "export" / "mine.muscles.csv").write_text(muscles_csv(muscle_changes(before, after), draws))
-        run(Console(quiet=True, verbose=False), result, tmp_path / "out", **chosen_arms)  # type: ignore[arg-type]
+        run(Console(quiet=True, verbose=False), result, tmp_path / "out", **chosen_arms)
         assert [p.name for p in (tmp_path / "out").glob("*.svg")] == ["moment_arms_knee_angle_r.svg"]
     (chart,) = moment_arm_charts(pd.read_csv(result / "export" / "mine.muscles.csv"))
     assert len(chart.panels) == 9 and chart.panels[0].label == "moment arm of m11 about knee_angle_r"

@@ -40,11 +40,6 @@ PACKED = 1 / 60_000
 """Of the range of a curve: a sheet holds 16-bit integers."""
 
 
-@pytest.fixture(scope="module")
-def whole() -> Calibration:
-    return fake_calibration()
-
-
 @pytest.mark.slow
 def test_each_figure_is_a_png_and_an_svg(whole: Calibration, tmp_path: Path) -> None:
     found = list(charts(whole).values())
@@ -104,7 +99,6 @@ def lines_of(panel: Panel, width: float) -> dict[str, np.ndarray]:
 
 def test_forces_are_drawn_along_their_axes(whole: Calibration) -> None:
     walk = whole.trial("walk")
-    assert walk.loads is not None
     force = np.zeros((len(walk.body.time), 2, 3))
     force[:, 0] = 10.0, 100.0, -5.0
     panels = forces_chart(walk.body.time, force, walk.loads.reactions.valid_legs, "w").panels
@@ -114,7 +108,6 @@ def test_forces_are_drawn_along_their_axes(whole: Calibration) -> None:
 
 def test_moments_are_per_body_mass(whole: Calibration) -> None:
     loads = whole.trial("walk").loads
-    assert loads is not None
     hip = next(p for p in charts(whole)["moments"].panels if p.label.startswith("Hip flexion"))
     moment = moment_of(loads.final, "hip_flexion_r") / whole.model.subject.mass
     shown = SheetRecording(told(whole).page_data["trials"][0]).layout
@@ -130,7 +123,6 @@ def test_a_moved_parameter_is_drawn_with_its_standard_error() -> None:
         )  # fmt: skip
 
     chart = parameters_chart((Group("Hip", (row("r", 2.0),), (row("l", None),), 0),))
-    assert chart is not None
     bars = {
         str(line.get_color()): (list(line.get_xdata()), list(line.get_ydata()))
         for line in panel_figure(chart.panels[0]).axes[0].lines
@@ -165,12 +157,11 @@ def test_global_settings_of_matplotlib_stay(whole: Calibration) -> None:
 
 def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
     """Drawn, and as `gait/moments.py` computes them."""
-    written = summary(whole)["trials"]["walk"]["torque_change_bwh"]  # type: ignore[index, call-overload]
+    written = summary(whole)["trials"]["walk"]["torque_change_bwh"]
     (panel,) = charts(whole)["moment_change"].panels
     widths = sorted(bar.get_width() for bar in panel_figure(panel).axes[0].patches)
     assert widths == pytest.approx(sorted(written.values()), rel=SAME)
     walk = whole.trial("walk")
-    assert walk.loads is not None
     drawn = layout(walk.body, walk.loads.reactions, walk.events)
     numbers = moment_numbers(whole.model, drawn, walk.loads.final, walk.loads.nominal)
     assert {n.name: n.change_bwh for n in numbers} == pytest.approx(written, rel=SAME)
@@ -178,7 +169,6 @@ def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
 
 def test_limits_of_the_residuals(whole: Calibration) -> None:
     trial = whole.trial("walk")
-    assert trial.loads is not None
     limits = residual_limits(whole.model.parameters, trial.body.q, trial.loads.reactions, trial.recording.plates)
     assert limits.peak_force == pytest.approx(1400.0)
     assert limits.force == pytest.approx(70.0)
@@ -219,7 +209,7 @@ def test_normal_bands_lie_behind_the_panels_of_their_variables(whole: Calibratio
     percent, mean, sd = np.array([0.0, 100.0]), np.array([0.5, 0.5]), np.array([0.1, 0.1])
     common = {"signs": BAND_SIGNS["clinical"], "percent": percent, "mean": mean, "sd": sd}
     bands = {
-        name: NormalBand(variable=name, unit=unit, **common)  # type: ignore[arg-type]
+        name: NormalBand(variable=name, unit=unit, **common)
         for name, unit in (("knee_angle_moment", "N m/kg"), ("hip_flexion", "rad"))
     }
     for kind, title, low, high in (

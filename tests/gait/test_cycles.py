@@ -1,7 +1,6 @@
 """Foot strikes, cycles, normalisation and peaks on known contacts; mean curves against plain loops."""
 
 import itertools
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +27,7 @@ from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble, spread
 from gaitcal.gait.peaks import PEAKS, PHASE_PEAKS, PHASES, peak_columns, peak_means, phase_peaks, stride_peaks
 from tests.gait.walks import vendor_strides
 
-FRAME = 0.01
+TIME = np.arange(0.0, 3.0, 0.01)
 ROUNDING = 1e-9
 """Linear interpolation of numbers up to 1e3."""
 
@@ -42,40 +41,32 @@ FEET = FootEvents(
 )
 
 
-def test_cycles_run_from_strike_to_next_strike_of_the_same_foot() -> None:
+def test_cycles_run_from_strike_to_next_strike_of_the_same_foot_and_say_what_told_these() -> None:
     cycles = gait_cycles(FEET)
-    assert [(c.start, c.stop, c.toe_off) for c in cycles] == [(0.2, 1.3, 0.86), (1.3, 2.4, 1.96)]
+    assert cycles == (
+        GaitCycle(0.2, 1.3, 0.86, sources=FEET.sources[:2]), GaitCycle(1.3, 2.4, 1.96, sources=FEET.sources[1:]),
+    )  # fmt: skip
     assert [c.stance for c in cycles] == pytest.approx([60.0, 60.0])
-
-
-def test_a_cycle_says_what_told_its_two_strikes() -> None:
-    assert [c.sources for c in gait_cycles(FEET)] == [FEET.sources[:2], FEET.sources[1:]]
-
-
-def test_a_stop_or_a_flicker_is_no_cycle() -> None:
-    assert gait_cycles(FootEvents(np.array([0.2, 0.5, 5.0]), np.array([]))) == ()
+    assert gait_cycles(FootEvents(np.array([0.2, 0.5, 5.0]), np.array([]))) == (), "a flicker and a stop"
 
 
 def test_flickers_of_the_threshold_are_no_steps() -> None:
-    time = np.arange(0.0, 3.0, FRAME)
-    loaded = contact(time, 0.2)
+    loaded = contact(TIME, 0.2)
     loaded[50:54] = False
     loaded[100:103] = True
-    assert np.array_equal(steady(time, loaded), contact(time, 0.2))
+    assert np.array_equal(steady(TIME, loaded), contact(TIME, 0.2))
 
 
 def test_stances_also_at_the_ends_of_the_trial() -> None:
-    time = np.arange(0.0, 2.0, FRAME)
-    found = stances(FootEvents(np.array([0.8, 1.9]), np.array([0.36, 1.46])), time)
-    assert found == ((0.0, 0.36), (0.8, 1.46), (1.9, time[-1]))
-    assert stances(FootEvents(np.array([]), np.array([])), time) == ()
+    found = stances(FootEvents(np.array([0.8, 1.9]), np.array([0.36, 1.46])), TIME[:200])
+    assert found == ((0.0, 0.36), (0.8, 1.46), (1.9, TIME[199]))
+    assert stances(FootEvents(np.array([]), np.array([])), TIME) == ()
 
 
 def test_the_drawn_cycle_is_the_one_with_most_valid_frames() -> None:
-    time = np.arange(0.0, 3.0, FRAME)
     cycles = (GaitCycle(0.0, 1.0, 0.6), GaitCycle(1.0, 2.0, 1.6))
-    assert best_cycle(cycles, time, time > 0.9) == cycles[1]
-    assert best_cycle(cycles, time, np.ones(len(time), dtype=bool)) == cycles[0]
+    assert best_cycle(cycles, TIME, TIME > 0.9) == cycles[1]
+    assert best_cycle(cycles, TIME, TIME >= 0.0) == cycles[0]
 
 
 cycle_times = st.tuples(st.floats(0.0, 1.0), st.floats(0.5, 1.5)).map(lambda t: GaitCycle(t[0], t[0] + t[1], None))
@@ -83,18 +74,15 @@ cycle_times = st.tuples(st.floats(0.0, 1.0), st.floats(0.5, 1.5)).map(lambda t: 
 
 @given(cycle_times, st.floats(-100, 100), st.floats(-100, 100), st.integers(2, 200))
 def test_a_straight_line_stays_one(cycle: GaitCycle, level: float, slope: float, points: int) -> None:
-    time = np.arange(0.0, 3.0, FRAME)
-    out = normalise(time, level + slope * time, cycle, points)
     expected = level + slope * np.linspace(cycle.start, cycle.stop, points)
-    assert out == pytest.approx(expected, abs=ROUNDING * 1e3)
+    assert normalise(TIME, level + slope * TIME, cycle, points) == pytest.approx(expected, abs=ROUNDING * 1e3)
 
 
 @given(cycle_times, st.floats(-5, 5), st.floats(0.2, 5))
 def test_the_clock_does_not_matter(cycle: GaitCycle, shift: float, scale: float) -> None:
-    time = np.arange(0.0, 3.0, FRAME)
-    values = np.stack([np.sin(5 * time), np.cos(3 * time)], axis=1)
+    values = np.stack([np.sin(5 * TIME), np.cos(3 * TIME)], axis=1)
     moved = GaitCycle(scale * cycle.start + shift, scale * cycle.stop + shift, None)
-    here, there = normalise(time, values, cycle), normalise(scale * time + shift, values, moved)
+    here, there = normalise(TIME, values, cycle), normalise(scale * TIME + shift, values, moved)
     inside = np.isfinite(here) & np.isfinite(there)
     assert inside[1:-1].all()
     assert here[inside] == pytest.approx(there[inside], abs=1e-6)
@@ -102,22 +90,19 @@ def test_the_clock_does_not_matter(cycle: GaitCycle, shift: float, scale: float)
 
 @given(cycle_times, st.integers(0, 280), st.integers(1, 19))
 def test_a_gap_stays_a_gap_and_nothing_else_becomes_one(cycle: GaitCycle, first: int, length: int) -> None:
-    time = np.arange(0.0, 3.0, FRAME)
-    values = np.ones(len(time))
+    values = np.ones(len(TIME))
     values[first : first + length] = np.nan
-    at = np.linspace(cycle.start, cycle.stop, 101)
-    out = normalise(time, values, cycle)
-    last = min(first + length, len(time)) - 1
-    inside = (at > time[first] + ROUNDING) & (at < time[last] - ROUNDING)
-    outside = (at < time[max(first - 1, 0)] - ROUNDING) | (at > time[min(last + 1, len(time) - 1)] + ROUNDING)
+    at, last = np.linspace(cycle.start, cycle.stop, 101), first + length - 1
+    out = normalise(TIME, values, cycle)
+    inside = (at > TIME[first] + ROUNDING) & (at < TIME[last] - ROUNDING)
+    outside = (at < TIME[max(first - 1, 0)] - ROUNDING) | (at > TIME[min(last + 1, len(TIME) - 1)] + ROUNDING)
     assert np.isnan(out[inside]).all()
     assert out[outside] == pytest.approx(1.0)
 
 
 def test_outside_the_trial_there_is_nothing() -> None:
-    time = np.arange(0.0, 1.0, FRAME)
-    out = resample(time, np.ones(len(time)), np.array([-0.1, 0.5, 2.0]))
-    assert np.isnan(out[[0, 2]]).all() and out[1] == 1.0
+    out = resample(TIME, np.ones(len(TIME)), np.array([-0.1, 0.5, 3.5]))
+    np.testing.assert_array_equal(out, [np.nan, 1.0, np.nan])
 
 
 def test_a_time_in_single_precision_takes_nothing_from_a_gap_beside_its_frame() -> None:
@@ -138,18 +123,15 @@ WITHIN, BETWEEN, OWN, SHARED = 2.0, 3.0, 1.5, 4.0
 EXACT = 1e-10
 
 
-def table(values: dict[tuple[str, str, int], np.ndarray], valid: np.ndarray | None = None) -> pd.DataFrame:
+def table(values: dict[tuple[str, str, int], np.ndarray]) -> pd.DataFrame:
     """Strides of one variable: (trial, side, stride) -> (m,) values."""
-    rows = []
-    for (trial, side, stride), curve in values.items():
-        for percent, value in enumerate(curve):
-            rows.append(
-                {
-                    "person": "p", "session": "", "trial": trial, "side": side, "stride": stride, "percent": percent,
-                    "variable": "knee_angle", "value": value, "se": np.hypot(OWN, SHARED), "valid": 1,
-                    "se_stride": OWN,
-                }
-            )  # fmt: skip
+    same = {"person": "p", "session": "", "variable": "knee_angle", "se": np.hypot(OWN, SHARED), "valid": 1}
+    keys = ("trial", "side", "stride")
+    rows = [
+        {**same, **dict(zip(keys, key, strict=True)), "percent": percent, "value": value, "se_stride": OWN}
+        for key, curve in values.items()
+        for percent, value in enumerate(curve)
+    ]
     return pd.DataFrame(rows)
 
 
@@ -234,12 +216,10 @@ def test_the_order_of_rows_is_no_matter() -> None:
 
 def test_people_and_sessions_are_apart_and_a_stride_twice_is_refused() -> None:
     strides = table({("a", "r", 1): np.zeros(3)})
-    later = strides.assign(session="second", value=5.0)
-    found = ensemble(pd.concat([strides, later], ignore_index=True))
+    found = ensemble(pd.concat([strides, strides.assign(session="second", value=5.0)], ignore_index=True))
     assert found.groupby("session")["mean"].mean().to_dict() == {"": 0.0, "second": 5.0}
-    with pytest.raises(
-        InputError, match="found stride 1 of a, side r, twice; allowed: once for each person and session"
-    ):
+    told = "found stride 1 of a, side r, twice; allowed: once for each person and session"
+    with pytest.raises(InputError, match=told):
         ensemble(pd.concat([strides, strides], ignore_index=True))
 
 
@@ -265,50 +245,49 @@ def test_variables_are_those_of_the_table_and_windows_lie_within_the_stride() ->
     assert min(peak.window[0] for peak in loads) == 0.08
 
 
-@pytest.mark.parametrize("toe_off", [55.0, 62.0, 75.0])
-def test_windows_follow_the_foot_not_the_percent(toe_off: float) -> None:
-    """The same phases of a quick and of a slow walk: half of stance, half of swing."""
-    push, swing = 0.8 * toe_off, toe_off + 0.4 * (100.0 - toe_off)
-    found = stride_peaks(
-        {"ankle_angle_moment": (-bump((push, 90.0)), NONE, NONE), "knee_angle": (bump((swing, 60.0)), NONE, NONE)},
-        toe_off,
-    )
-    assert found["plantarflexion_moment"][3] == round(push) and found["knee_flexion_swing"][3] == round(swing)
-    assert "knee_flexion_loading" not in found
+STRIKE, SWING, PUSH_OFF = "knee_flexion_strike", "knee_flexion_swing", "plantarflexion_moment"
+RISING = PERCENT + 1.5 * (PERCENT == 15.0)
+"""deg: a knee that bends on through its loading window, with 1.5 deg more in one sample."""
+SWINGING = bump((82.0, 60.0))
 
 
-def test_the_shock_of_the_strike_is_no_peak() -> None:
-    """An extensor moment of 56 N·m at 1 %, and one of 30 at 12 %: the second. Alone, the shock is none."""
-    both, alone = -bump((1.0, 56.0), (12.0, 30.0)), -bump((1.0, 56.0))
-    of = {
-        name: stride_peaks({"hip_flexion_moment": (curve, NONE, NONE)}, 62.0)
-        for name, curve in (("both", both), ("alone", alone))
-    }
-    assert of["both"]["hip_extension_moment"][3] == 12.0 and of["both"]["hip_extension_moment"][0] == both[12]
-    assert "hip_extension_moment" not in of["alone"]
+def ankle_and_knee(push: float, swing: float) -> dict[str, np.ndarray]:
+    """Half of stance and half of swing, in percent of a quick or a slow walk."""
+    return {"ankle_angle_moment": -bump((push, 90.0)), "knee_angle": bump((swing, 60.0))}
 
 
-def test_a_wiggle_on_a_rising_curve_is_no_peak() -> None:
-    """A knee that bends on through its loading window, with 1.5 deg more in one sample, and one that turns there."""
-    rising = PERCENT + 1.5 * (PERCENT == 15.0)
-    assert "knee_flexion_loading" not in stride_peaks({"knee_angle": (rising, NONE, NONE)}, 60.0)
-    turning = rising + 40.0 * (PERCENT == 15.0)
-    assert stride_peaks({"knee_angle": (turning, NONE, NONE)}, 60.0)["knee_flexion_loading"][3] == 15.0
-
-
-@pytest.mark.parametrize("toe_off", [0.0, 100.0])
-def test_a_stride_without_stance_or_swing_has_no_peaks_there(toe_off: float) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = stride_peaks({"knee_angle": (bump((50.0, 60.0)), NONE, NONE)}, toe_off)
-    assert ("knee_flexion_swing" in found) == (toe_off == 0.0) and "knee_flexion_loading" not in found
-
-
-def test_a_gap_in_the_window_or_an_unknown_toe_off_has_no_peak() -> None:
-    curve = bump((82.0, 60.0))
-    holed = np.where((PERCENT > 70) & (PERCENT < 78), np.nan, curve)
-    assert "knee_flexion_swing" not in stride_peaks({"knee_angle": (holed, NONE, NONE)}, 62.0)
-    assert list(stride_peaks({"knee_angle": (curve, NONE, NONE)}, None)) == ["knee_flexion_strike"]
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("curves", "toe_off", "places"),
+    [
+        pytest.param(ankle_and_knee(44.0, 73.0), 55.0, {PUSH_OFF: 44.0, STRIKE: 0.0, SWING: 73.0}, id="quick"),
+        pytest.param(ankle_and_knee(49.6, 77.2), 62.0, {PUSH_OFF: 50.0, STRIKE: 0.0, SWING: 77.0}, id="usual"),
+        pytest.param(ankle_and_knee(60.0, 85.0), 75.0, {PUSH_OFF: 60.0, STRIKE: 0.0, SWING: 85.0}, id="slow"),
+        pytest.param(
+            {"hip_flexion_moment": -bump((1.0, 56.0), (12.0, 30.0))}, 62.0, {"hip_extension_moment": 12.0},
+            id="the shock of the strike is lower but no peak",
+        ),
+        pytest.param({"hip_flexion_moment": -bump((1.0, 56.0))}, 62.0, {}, id="the shock alone"),
+        pytest.param({"knee_angle": RISING}, 60.0, {STRIKE: 0.0}, id="a wiggle on a rising curve"),
+        pytest.param(
+            {"knee_angle": RISING + 40.0 * (PERCENT == 15.0)}, 60.0, {STRIKE: 0.0, "knee_flexion_loading": 15.0},
+            id="a curve that turns there",
+        ),
+        pytest.param({"knee_angle": bump((50.0, 60.0))}, 0.0, {SWING: 50.0}, id="no stance"),
+        pytest.param({"knee_angle": bump((50.0, 60.0))}, 100.0, {STRIKE: 0.0}, id="no swing"),
+        pytest.param(
+            {"knee_angle": np.where(abs(PERCENT - 74.0) < 4.0, np.nan, SWINGING)}, 62.0, {STRIKE: 0.0},
+            id="a gap in the window",
+        ),
+        pytest.param({"knee_angle": SWINGING}, None, {STRIKE: 0.0}, id="an unknown toe-off"),
+    ],
+)  # fmt: skip
+def test_a_peak_is_where_its_curve_turns_within_the_window_of_its_phase(
+    curves: dict[str, np.ndarray], toe_off: float | None, places: dict[str, float]
+) -> None:
+    found = stride_peaks({name: (curve, NONE, NONE) for name, curve in curves.items()}, toe_off)
+    assert {name: at for name, (*_, at) in found.items()} == places
+    assert {found[name][0] for name in places} <= {value for curve in curves.values() for value in curve}
 
 
 def test_a_range_shares_what_its_ends_share() -> None:

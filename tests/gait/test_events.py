@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.findings import Severity
+from gaitcal.errors import Severity
 from gaitcal.gait.cycles import EventSource, source_words
 from gaitcal.gait.event_clock import checked_events
 from gaitcal.gait.events import OFF, STRIKE, corrected, joined_events, plate_events, swing_events
@@ -102,12 +102,8 @@ def test_strikes_of_one_foot_carry_their_sources() -> None:
     found = joined_events(TIME, [], walk(3.0, 4.2), walk())
     foot = found.of("r")
     assert len(foot.sources) == len(foot.strikes) and set(foot.sources) == {EventSource.PLATES, EventSource.MOTION}
+    assert source_words(foot.sources) == "force plates and the motion of the feet" and source_words(()) == ""
     assert foot.strikes.tolist() == sorted(e.time for e in walk() if e.side == "r" and e.moment is FootMoment.STRIKE)
-
-
-def test_sources_in_words() -> None:
-    assert source_words([EventSource.MOTION, EventSource.PLATES]) == "force plates and the motion of the feet"
-    assert source_words(()) == ""
 
 
 STRIDE, SWING = 1.1, 0.44
@@ -128,13 +124,14 @@ def part_of_swing(share: float) -> float:
     return SWING * 0.5 * (1.0 - np.sqrt(1.0 - share))
 
 
-def frames(rate: float = 100.0, stop: float = 3.0) -> np.ndarray:
-    return np.arange(0.0, stop, 1.0 / rate)
+FRAMES = np.arange(0.0, 3.0, 0.01)
+RESTED = swing_events(FRAMES, speed(FRAMES))
+"""Strikes and offs of that foot."""
 
 
 @pytest.mark.parametrize("rate", [60.0, 100.0, 250.0])
 def test_events_are_where_the_speed_passes_its_thresholds(rate: float) -> None:
-    time = frames(rate)
+    time = np.arange(0.0, 3.0, 1.0 / rate)
     strikes, offs = swing_events(time, speed(time))
     assert strikes == pytest.approx(np.array(STRIKES) - part_of_swing(STRIKE), abs=BETWEEN_FRAMES / rate)
     assert offs == pytest.approx(np.array(OFFS) + part_of_swing(OFF), abs=BETWEEN_FRAMES / rate)
@@ -142,47 +139,41 @@ def test_events_are_where_the_speed_passes_its_thresholds(rate: float) -> None:
 
 @given(st.floats(0.3, 4.0), st.floats(0.5, 2.0), st.floats(-50.0, 50.0))
 def test_speed_of_walking_and_begin_of_the_clock_do_not_matter(slower: float, stretch: float, shift: float) -> None:
-    time = frames()
-    here = swing_events(time, speed(time))
-    there = swing_events(shift + stretch * time, speed(time, peak=slower * 3.0))
-    for a, b in zip(here, there, strict=True):
+    there = swing_events(shift + stretch * FRAMES, speed(FRAMES, peak=slower * 3.0))
+    for a, b in zip(RESTED, there, strict=True):
         assert b == pytest.approx(shift + stretch * a, abs=1e-9 * (1.0 + abs(shift)))
 
 
-def test_a_dip_within_a_swing_is_no_contact() -> None:
-    time = frames()
-    dipped = speed(time) * (1.0 - 0.4 * np.exp(-(((time - 1.15) / 0.03) ** 2)))
-    for a, b in zip(swing_events(time, speed(time)), swing_events(time, dipped), strict=True):
+def test_a_dip_within_a_swing_is_no_contact_and_a_short_step_among_long_ones_is_a_step() -> None:
+    dipped = speed(FRAMES) * (1.0 - 0.4 * np.exp(-(((FRAMES - 1.15) / 0.03) ** 2)))
+    for a, b in zip(RESTED, swing_events(FRAMES, dipped), strict=True):
         assert b == pytest.approx(a, abs=0.005)
-
-
-def test_a_short_step_among_long_ones_is_a_step() -> None:
-    time = frames()
-    uneven = np.where((time > 0.9) & (time < 1.5), 0.35, 1.0) * speed(time)
-    strikes, offs = swing_events(time, uneven)
-    assert len(strikes) == 3 and len(offs) == 2
+    uneven = np.where((FRAMES > 0.9) & (FRAMES < 1.5), 0.35, 1.0) * speed(FRAMES)
+    assert [len(found) for found in swing_events(FRAMES, uneven)] == [3, 2]
 
 
 def test_a_foot_that_sways_or_shuffles_on_the_spot_makes_no_step() -> None:
-    time = frames()
-    sway = 0.2 * np.abs(np.sin(9.0 * time))
-    knock = np.where((time > 0.7) & (time < 0.75), 1.0, 0.0)
-    for standing in (sway, speed(time) + np.where(speed(time) > 0, 0.0, 0.2 * np.abs(np.sin(25 * time)))):
-        assert len(swing_events(time, standing)[0]) in (0, 3)
-    assert all(len(found) == 3 - k for k, found in enumerate(swing_events(time, np.maximum(speed(time), knock))))
+    steps = speed(FRAMES)
+    sway = 0.2 * np.abs(np.sin(9.0 * FRAMES))
+    shuffle = steps + np.where(steps > 0, 0.0, 0.2 * np.abs(np.sin(25 * FRAMES)))
+    knock = np.maximum(steps, np.where((FRAMES > 0.7) & (FRAMES < 0.75), 1.0, 0.0))
+    for standing in (sway, shuffle):
+        assert len(swing_events(FRAMES, standing)[0]) in (0, 3)
+    assert [len(found) for found in swing_events(FRAMES, knock)] == [3, 2]
 
 
 def test_a_swing_that_the_trial_cuts_tells_the_end_that_it_shows() -> None:
-    time = frames()
-    whole = swing_events(time, speed(time))
-    late, early = time > 0.15, time < 2.3
-    assert swing_events(time[late], speed(time)[late])[0] == pytest.approx(whole[0], abs=1e-9)
-    assert swing_events(time[early], speed(time)[early])[1] == pytest.approx(whole[1], abs=1e-9)
-    later, shaken = time > 0.26, speed(time)  # too little of the swing to tell it from what filters do at an end
-    assert swing_events(time[later], speed(time)[later])[0] == pytest.approx(whole[0][1:], abs=1e-9)
-    shaken[time < 0.47] = 0.0
+    def of(frames: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return swing_events(FRAMES[frames], values[frames])
+
+    strikes, offs = RESTED
+    assert of(FRAMES > 0.15, speed(FRAMES))[0] == pytest.approx(strikes, abs=1e-9)
+    assert of(FRAMES < 2.3, speed(FRAMES))[1] == pytest.approx(offs, abs=1e-9)
+    # too little of the swing to tell it from what filters do at an end
+    assert of(FRAMES > 0.26, speed(FRAMES))[0] == pytest.approx(strikes[1:], abs=1e-9)
+    shaken = np.where(FRAMES < 0.47, 0.0, speed(FRAMES))
     shaken[:4] = (0.9, 0.5, 0.2, 0.05)
-    assert swing_events(time, shaken)[0] == pytest.approx(whole[0][1:], abs=1e-9)
+    assert of(FRAMES >= 0.0, shaken)[0] == pytest.approx(strikes[1:], abs=1e-9)
 
 
 @pytest.mark.parametrize("values", [np.zeros(300), np.full(300, np.nan), np.ones(2)])
@@ -233,16 +224,79 @@ def test_one_offset_of_all_events_is_told_with_its_size(offset: float, seed: int
     assert size == pytest.approx(abs(offset), abs=NEAR)
 
 
-@pytest.mark.parametrize("offset", [-0.06, 0.07])
-def test_a_small_offset_is_told_against_plates(offset: float) -> None:
-    used, (finding,) = checked_events(moved(walk(), offset), walk(3.0, 4.5), walk(), TIME)
-    assert used == [] and f"{1e3 * abs(offset):.0f} ms too" in finding.cause and "force plates" in finding.found
-    assert causes(moved(walk(), 0.5 * offset), walk(3.0, 4.5), walk()) == []
+def late(
+    events: list[FootEvent], by: float, side: str = "", moment: FootMoment | None = None, time: float | None = None
+) -> list[FootEvent]:
+    """The same with those of one side, one kind or one time later by `by` s."""
+    chosen = [(not side or e.side == side) and moment in (None, e.moment) and time in (None, e.time) for e in events]
+    return [replace(e, time=e.time + by) if c else e for e, c in zip(events, chosen, strict=True)]
 
 
-def test_a_small_offset_is_told_against_the_motion_where_there_are_no_plates() -> None:
-    used, (finding,) = checked_events(moved(walk(), 0.08), [], walk(), TIME)
-    assert used == [] and "80 ms too late" in finding.cause and "motion" in finding.found
+STRIKES_ALONE = FootMoment.STRIKE
+PLATES = walk(3.0, 4.5)
+ON_PLATE = next(e for e in PLATES if e.moment is FootMoment.STRIKE)
+ASTRAY = walk()[4]
+BY_CHANCE = [FootEvent(FootMoment.STRIKE, "rl"[k % 2], t) for k, t in enumerate((2.31, 2.77, 3.64, 3.9, 4.9, 5.3))]
+
+
+def others(side: str = "", moment: FootMoment | None = None) -> list[FootEvent]:
+    return [e for e in walk() if e.side != side and e.moment is not moment]
+
+
+@pytest.mark.parametrize(
+    ("file", "plates", "motion", "used", "cause", "found", "severity"),
+    [
+        pytest.param(moved(walk(), -0.06), PLATES, walk(), [], "60 ms too early", "plates", "WARNING", id="early"),
+        pytest.param(moved(walk(), 0.07), PLATES, walk(), [], "70 ms too late", "plates", "WARNING", id="late"),
+        pytest.param(moved(walk(), 0.08), [], walk(), [], "80 ms too late", "motion", "WARNING", id="without plates"),
+        *(
+            pytest.param(
+                late(walk(), by, side, moment), walk(2.6, 4.9), walk(), others(side, moment),
+                f"the file's {word} events come {1e3 * abs(by):.0f} ms too", "", "WARNING", id=f"{word} {by}",
+            )
+            for by in (-0.06, 0.08)
+            for side, moment, word in (("l", None, "left"), ("r", None, "right"), ("", STRIKES_ALONE, "foot strike"))
+        ),
+        pytest.param(
+            late(walk(), 0.2, time=ASTRAY.time), [], walk(), [e for e in walk() if e != ASTRAY], "",
+            f"{ASTRAY.time + 0.2:.2f} s", "INFO", id="one astray",
+        ),
+        pytest.param(
+            late(walk(), 0.06, time=ON_PLATE.time), PLATES, walk(), [e for e in walk() if e != ON_PLATE], "",
+            f"{ON_PLATE.time + 0.06:.2f} s (plate {ON_PLATE.time:.2f} s)", "INFO", id="its plate contradicts one",
+        ),
+        pytest.param(BY_CHANCE, [], walk(), [], "", "not used", "INFO", id="no known fault explains them"),
+        pytest.param([*walk(), *moved(walk(), 0.06)], PLATES, walk(), walk(), "more than once", "", "INFO", id="twice"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_events_is_told_and_the_others_stay(
+    file: list[FootEvent], plates: list[FootEvent], motion: list[FootEvent], used: list[FootEvent], cause: str,
+    found: str, severity: str,
+) -> None:  # fmt: skip
+    kept, (finding,) = checked_events(file, plates, motion, TIME)
+    assert kept == used
+    assert cause in finding.cause and found in finding.found and finding.severity is Severity[severity]
+
+
+@pytest.mark.parametrize(
+    ("file", "plates", "motion", "used"),
+    [
+        pytest.param(moved(walk(), 0.035), PLATES, walk(), moved(walk(), 0.035), id="an offset that nobody could tell"),
+        pytest.param(walk(0.5, 9.0), [], walk(), walk(), id="before and after a trial that was cut"),
+        pytest.param(walk(), late(PLATES, 0.08, time=ON_PLATE.time), walk(), walk(), id="down in front of its plate"),
+        pytest.param(walk(1.0, 5.0), [], [], walk(2.0, 5.0), id="nothing to check them by"),
+        pytest.param([], walk(), walk(), [], id="none"),
+    ],
+)
+def test_events_that_fit_are_believed(
+    file: list[FootEvent], plates: list[FootEvent], motion: list[FootEvent], used: list[FootEvent]
+) -> None:
+    assert checked_events(file, plates, motion, TIME) == (used, ())
+
+
+def test_events_that_stand_twice_are_used_once_with_nothing_to_check_them_by() -> None:
+    alone, told = checked_events([*walk(), *moved(walk(), 0.06)], [], [], TIME)
+    assert len(alone) == len(walk()) and told
 
 
 @pytest.mark.parametrize("step", [0.49, 0.53, 0.6])
@@ -263,75 +317,3 @@ def test_times_from_the_first_frame_are_used_as_they_are_meant(seed: int) -> Non
         used, (finding,) = checked_events(moved(right, offset), [], walk(), TIME)
         assert [e.time for e in used] == pytest.approx([e.time for e in right])
         assert words in finding.cause and finding.severity is Severity.INFO
-
-
-def test_a_single_event_astray_is_left_out_and_named() -> None:
-    right = walk()
-    file = [*right[:4], replace(right[4], time=right[4].time + 0.2), *right[5:]]
-    used, (finding,) = checked_events(file, [], right, TIME)
-    assert used == [*right[:4], *right[5:]]
-    assert f"{file[4].time:.2f} s" in finding.found and finding.severity is Severity.INFO
-
-
-def test_events_before_and_after_a_trial_that_was_cut_are_no_fault() -> None:
-    used, findings = checked_events(walk(0.5, 9.0), [], walk(), TIME)
-    assert used == walk() and findings == ()
-
-
-def test_events_that_no_known_fault_explains_are_not_used_and_this_is_said() -> None:
-    times = [2.31, 2.77, 3.64, 3.9, 4.9, 5.3]
-    file = [FootEvent(FootMoment.STRIKE, "rl"[k % 2], t) for k, t in enumerate(times)]
-    used, (finding,) = checked_events(file, [], walk(), TIME)
-    assert used == [] and finding.severity is Severity.INFO and "not used" in finding.found
-
-
-def test_without_anything_to_check_them_by_events_are_believed() -> None:
-    assert checked_events(walk(1.0, 5.0), [], [], TIME) == (walk(2.0, 5.0), ())
-    assert checked_events([], walk(), walk(), TIME) == ([], ())
-
-
-def late(events: list[FootEvent], by: float, side: str = "", moment: FootMoment | None = None) -> list[FootEvent]:
-    """The same with those of one side or one kind later by `by` s."""
-    chosen = [(not side or e.side == side) and (moment is None or e.moment is moment) for e in events]
-    return [replace(e, time=e.time + by) if c else e for e, c in zip(events, chosen, strict=True)]
-
-
-@pytest.mark.parametrize(
-    ("side", "moment", "word"), [("l", None, "left"), ("r", None, "right"), ("", FootMoment.STRIKE, "foot strike")]
-)
-@pytest.mark.parametrize("by", [-0.06, 0.08])
-def test_an_offset_of_one_foot_or_one_kind_is_told_and_the_others_stay(
-    side: str, moment: FootMoment | None, word: str, by: float
-) -> None:
-    file = late(walk(), by, side, moment)
-    used, (finding,) = checked_events(file, walk(2.6, 4.9), walk(), TIME)
-    assert f"the file's {word} events come {1e3 * abs(by):.0f} ms too" in finding.cause
-    assert finding.severity is Severity.WARNING
-    assert used and all(e in walk() and not (e.side == side or e.moment is moment) for e in used)
-
-
-def test_one_event_that_its_plate_contradicts_gives_way_and_is_named() -> None:
-    plates = walk(3.0, 4.5)
-    wrong = next(e for e in plates if e.moment is FootMoment.STRIKE)
-    file = [replace(e, time=e.time + 0.06) if e == wrong else e for e in walk()]
-    used, (finding,) = checked_events(file, plates, walk(), TIME)
-    assert f"{wrong.time + 0.06:.2f} s (plate {wrong.time:.2f} s)" in finding.found
-    assert len(used) == len(checked_events(walk(), plates, walk(), TIME)[0]) - 1
-    assert not any(e.side == wrong.side and abs(e.time - wrong.time) < 0.1 and e.moment is wrong.moment for e in used)
-
-
-def test_a_foot_that_comes_down_in_front_of_its_plate_contradicts_no_event() -> None:
-    """The plate is loaded 80 ms after the strike, which the motion shows where the file has it."""
-    on_plates = walk(3.0, 4.5)
-    first = next(e for e in on_plates if e.moment is FootMoment.STRIKE)
-    plates = [replace(e, time=e.time + 0.08) if e == first else e for e in on_plates]
-    assert causes(walk(), plates, walk()) == []
-
-
-def test_events_that_stand_twice_are_used_once_and_told() -> None:
-    clean = checked_events(walk(), walk(3.0, 4.5), walk(), TIME)[0]
-    file = [*walk(), *moved(walk(), 0.06)]
-    used, (finding,) = checked_events(file, walk(3.0, 4.5), walk(), TIME)
-    assert used == sorted(clean, key=lambda e: e.time) and "more than once" in finding.cause
-    alone, told = checked_events(file, [], [], TIME)
-    assert len(alone) == len(checked_events(walk(), [], [], TIME)[0]) and told

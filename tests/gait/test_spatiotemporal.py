@@ -263,7 +263,6 @@ def test_means_count_each_stride_and_symmetry_is_that_of_the_means() -> None:
 
     trials = {"a": [stride("r", 0.6), stride("r", 0.7), stride("l", 0.5)], "b": [stride("r", 0.8)]}
     (found,) = measure_means(trials)
-    assert found.right is not None and found.left is not None
     assert (found.right.n, found.right.trials, found.left.n) == (3, 2, 1) and found.unit == "m"
     assert found.right.mean == pytest.approx(0.7) and found.right.sd == pytest.approx(0.1) and found.left.sd is None
     assert found.right.sd_within == pytest.approx(np.std([0.6, 0.7], ddof=1))

@@ -28,7 +28,7 @@ def matrix(turn: Turn) -> np.ndarray:
 
 def inverse(turn: Turn) -> Turn:
     source = tuple(turn.source.index(i) for i in range(3))
-    return Turn(source, tuple(turn.sign[i] for i in source))  # type: ignore[arg-type]
+    return Turn(source, tuple(turn.sign[i] for i in source))
 
 
 @pytest.mark.parametrize("turn", [*UP_TO_Y.values(), *ABOUT_Y])

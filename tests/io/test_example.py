@@ -213,7 +213,7 @@ def test_ctrl_c_keeps_what_is_complete(server: Served, tmp_path: Path, monkeypat
     def interrupted(file: RemoteFile, *rest: object) -> None:
         if file.name == "forces.mot":
             raise KeyboardInterrupt
-        download(file, *rest)  # type: ignore[arg-type]
+        download(file, *rest)
 
     monkeypatch.setattr(example_folder, "download", interrupted)
     with pytest.raises(InterruptedWork, match="interrupted; 2 of 3 files are in .*; run again for the rest") as ending:

@@ -14,7 +14,7 @@ from tests.io.recordings import standing_points_mm, write_raw_c3d
 
 
 def read(folder: Path, labels: list[str], **more: object) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    path = write_raw_c3d(folder / "labels.c3d", standing_points_mm(5)[:, : len(labels)], labels, **more)  # type: ignore[arg-type]
+    path = write_raw_c3d(folder / "labels.c3d", standing_points_mm(5)[:, : len(labels)], labels, **more)
     recording = read_recording(path)
     assert recording.markers.shape == (5, len(recording.labels), 3)
     return recording.labels, recording.notes

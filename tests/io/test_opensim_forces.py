@@ -170,10 +170,7 @@ def test_faults_of_tables(tmp_path: Path, text: str, message: str) -> None:
 def test_markers_and_forces_of_a_room_with_another_axis_up(tmp_path: Path, turn: Turn, kind: str) -> None:
     """Both are turned alike, so that the feet stay on their plates; corners too."""
     recording = standing_body()
-    back = Turn(
-        tuple(turn.source.index(k) for k in range(3)),  # type: ignore[arg-type]
-        tuple(turn.sign[turn.source.index(k)] for k in range(3)),  # type: ignore[arg-type]
-    )
+    back = Turn(tuple(turn.source.index(k) for k in range(3)), tuple(turn.sign[turn.source.index(k)] for k in range(3)))
     np.testing.assert_array_equal(turn.apply(back.apply(np.array([1.0, 2, 3]))), [1, 2, 3])
     away = turn_recording(recording, back)
     if kind == "mot":

@@ -73,7 +73,7 @@ def test_new_then_replaced(tmp_path: Path) -> None:
 @pytest.mark.parametrize("write", [lambda path: atomic_directory(path, ResultKind.CALIBRATION), amended])
 def test_failure_leaves_the_old_or_none(tmp_path: Path, error: BaseException, write: object) -> None:
     def fail(target: Path) -> None:
-        with write(target) as folder:  # type: ignore[operator]
+        with write(target) as folder:
             (folder / "motion").mkdir()
             (folder / "motion/walk.mot").write_text("half")
             raise error
@@ -164,7 +164,6 @@ def test_kill_at_any_moment_leaves_a_whole_result(tmp_path: Path) -> None:
     (target / "montecarlo/draws").write_text("hours")
     for number in range(6):
         process = subprocess.Popen([sys.executable, "-c", REPLACE, str(target)], stdout=subprocess.PIPE)
-        assert process.stdout is not None
         with process.stdout as stream:
             stream.readline()
         time.sleep(0.007 * number)
@@ -388,7 +387,6 @@ def holder(folder: Path, seconds: float) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [sys.executable, "-c", HOLD, str(folder), str(seconds)], stdout=subprocess.PIPE, text=True
     )
-    assert process.stdout is not None
     with process.stdout as stream:
         assert stream.readline() == "held\n"
     return process
@@ -491,7 +489,7 @@ def test_every_file_is_listed_with_its_hash(folder: Path) -> None:
 @pytest.mark.parametrize("spoil", [lambda b: b[:100], lambda b: b"\x01" + b[1:], lambda b: b""])
 def test_a_damaged_file_is_named(folder: Path, spoil: object) -> None:
     path = folder / "splines.npz"
-    path.write_bytes(spoil(path.read_bytes()))  # type: ignore[operator]
+    path.write_bytes(spoil(path.read_bytes()))
     with pytest.raises(InputError, match=r"splines\.npz: is damaged.*calibrate again"):
         read(folder, "splines.npz")
     read(folder, "model.toml")  # nothing else suffers

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.errors import InputError
+from gaitcal.errors import InputError, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Severity
 from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import Recording
 from gaitcal.model.landmarks import labelled_hips

@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.model.ankle_zero import AnkleZero
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture

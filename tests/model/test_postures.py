@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import still_window
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture, static_posture

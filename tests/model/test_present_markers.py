@@ -10,13 +10,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.errors import InputError
+from gaitcal.errors import InputError, Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Severity
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import ComputedPoints
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import still_window
+from gaitcal.io.recording import Recording, still_window
 from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model

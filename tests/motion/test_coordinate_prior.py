@@ -7,7 +7,7 @@ import pytest
 
 from gaitcal.calibration.error_sources import coordinate_variances, marker_moves
 from gaitcal.calibration.joint_estimate import free_of
-from gaitcal.dynamics.axis_errors import ErrorSource
+from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import LUMBAR, MARKED_SEGMENTS, coordinates_before

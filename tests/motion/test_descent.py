@@ -12,8 +12,8 @@ from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
 from gaitcal.motion.motion import SharedMotions, track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.published.draw import refit
-from gaitcal.published.joint_recovery import step_together
 from gaitcal.published.protocol import MonteCarloSettings
+from gaitcal.published.recovery import step_together
 from tests.derivatives import Array, seeded_trial
 
 KNEE = ("knee_r.thigh.sup", "knee_r.shank.sup")

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,13 @@ must not hang the tests."""
 READY = """document.getElementById('pane') === null || !document.getElementById('failure').hidden
     || window.gaitcal?.stage?.figure !== undefined"""
 """Nothing is to be drawn in space, or cannot be, or the figure stands."""
+
+Visit = Callable[..., "Page"]
+"""The fixture `visit` of the tests."""
+DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
+STEADY = "new Promise(done => setTimeout(() => requestAnimationFrame(() => done(true)), 150))"
+"""Curves are drawn when they are seen, and follow what is chosen."""
+SETTLED = "new Promise(done => requestAnimationFrame(() => setTimeout(done, 300)))"
 
 # The browser reads commands from descriptor 3 and answers on descriptor 4.
 _LAUNCH = """
@@ -126,6 +133,31 @@ class Page:
             raise RuntimeError(out["exceptionDetails"].get("exception", {}).get("description", out))
         return out["result"].get("value")
 
+    def until(self, condition: str) -> None:
+        """Wait until the JavaScript condition holds, however slow the machine; in the end it is a timeout."""
+        self.run(f"new Promise(done => {{ const look = () => {condition} ? done() : setTimeout(look, 20); look(); }})")
+
+    def texts(self, selector: str) -> list[str]:
+        """What every element says that a CSS selector finds."""
+        found = f"[...document.querySelectorAll({json.dumps(selector)})]"
+        return list(self.run(f"{found}.map(e => e.textContent.trim())"))
+
+    def click(self, selector: str) -> None:
+        self.run(f"document.querySelector({json.dumps(selector)}).click()")
+
+    def box(self, element: str) -> tuple[float, float, float, float]:
+        """Left, top, width and height of a JavaScript element, px."""
+        left, top, width, height = self.run(
+            f"(r => [r.left, r.top, r.width, r.height])({element}.getBoundingClientRect())"
+        )
+        return left, top, width, height
+
+    def drag(self, start: tuple[float, float], *ways: tuple[float, float]) -> None:
+        """With the left button, from place to place; without ways it is a click."""
+        kinds = ("mousePressed", *["mouseMoved"] * len(ways), "mouseReleased")
+        for kind, (x, y) in zip(kinds, (start, *ways, (start, *ways)[-1]), strict=True):
+            self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
     def picture(self, path: Path | None = None) -> bytes:
         content = base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
         if path is not None:
@@ -165,31 +197,8 @@ def browser(folder: Path, binary: str) -> Iterator[Page]:
         process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(15)
-        _end_all(process.pid)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)  # the first of a browser's processes does not wait for the others
         process.wait()
         os.close(command_write)
         os.close(answer_read)
-
-
-def _end_all(group: int) -> None:
-    """End what is left of a process group: the first of a browser's processes does not wait for the others."""
-    deadline = time.monotonic() + TIMEOUT
-    with contextlib.suppress(ProcessLookupError):
-        while _works(group):
-            os.killpg(group, signal.SIGKILL)
-            time.sleep(0.01)
-            if time.monotonic() > deadline:
-                raise TimeoutError("the browser does not end")
-
-
-def _works(group: int) -> bool:
-    """Whether a process of the group still runs; one that ended may wait for long to be buried, where nobody does."""
-    if not Path("/proc/self/stat").exists():
-        os.killpg(group, 0)
-        return True
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):
-            state, _, of = path.read_text().rpartition(")")[2].split()[:3]
-            if int(of) == group and state not in "ZX":
-                return True
-    return False

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from gaitcal.page.bone_files import bones_of_folder
+from gaitcal.page.bone_files import BoneMeshes, bones_of_folder
 from gaitcal.page.scene import Scene
-from gaitcal.page.view import Shown, page_html
-from tests.page.browser import Page, browser, chromium
+from tests.page.browser import Page, Visit, browser, chromium
 from tests.page.made_bones import folder_of_bones
-from tests.page.made_page import everything_page
+from tests.page.made_page import everything_page, plain_data, written_page
 from tests.page.people import walking_scene
 
 
@@ -21,11 +20,20 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="session")
-def html(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("view")
-    bones = bones_of_folder(folder_of_bones(folder / "Geometry"))
-    (folder / "view.html").write_text(page_html(Shown(scene), bones), encoding="utf-8")
-    return folder / "view.html"
+def bones(tmp_path_factory: pytest.TempPathFactory) -> BoneMeshes:
+    return bones_of_folder(folder_of_bones(tmp_path_factory.mktemp("Geometry")))
+
+
+@pytest.fixture(scope="session")
+def html(scene: Scene, bones: BoneMeshes, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a scene alone."""
+    return written_page(tmp_path_factory.mktemp("scene"), scene, bones=bones)
+
+
+@pytest.fixture(scope="session")
+def shown(scene: Scene, bones: BoneMeshes, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plain page of a result."""
+    return written_page(tmp_path_factory.mktemp("plain"), scene, plain_data(scene), bones)
 
 
 @pytest.fixture(scope="session")
@@ -67,7 +75,7 @@ def _left_blank(_browser: Page) -> Iterator[None]:
 
 
 @pytest.fixture
-def visit(_browser: Page, _left_blank: None) -> Iterator[Callable[..., Page]]:
+def visit(_browser: Page, _left_blank: None) -> Iterator[Visit]:
     """Open a page; every console message, exception and request since is kept in it.
 
     A page that is open already in this size is not loaded again unless `fresh`: what is chosen there is as it was when
@@ -91,3 +99,15 @@ def visit(_browser: Page, _left_blank: None) -> Iterator[Callable[..., Page]]:
 
     yield open_page
     _browser.run("if (window.gaitcal?.stage) gaitcal.state.set({ playing: false })")
+
+
+@pytest.fixture
+def media(_browser: Page) -> Iterator[Callable[..., None]]:
+    """Media features of the browser (`prefers_color_scheme="dark"`), as they were again afterwards."""
+
+    def put(**features: str) -> None:
+        named = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+        _browser.send("Emulation.setEmulatedMedia", features=named)
+
+    yield put
+    put()

@@ -2,12 +2,13 @@
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.gait.cycles import GaitCycle, normalise, usable
 from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, OF_BOTH_LEGS, Stride, counting
 from gaitcal.model.subject_model import Subject
@@ -59,9 +60,14 @@ EVENTS = {
 """s from the begin of the walk."""
 
 
-def plain_page(scene: Scene, bones: BoneMeshes | None = None) -> str:
-    """The page of a scene with its data; `bones` unless those of the extra are to be used."""
-    return page_html(Shown(scene, plain_data(scene)), bones)
+def written_page(
+    folder: Path, scene: Scene, sheet: dict[str, Any] | None = None, bones: BoneMeshes | None = None
+) -> Path:
+    """The page of a scene as a file; `bones` unless those of the extra are to be used."""
+    folder.mkdir(exist_ok=True)
+    path = folder / "result.html"
+    path.write_text(page_html(Shown(scene, sheet), bones), encoding="utf-8")
+    return path
 
 
 def plain_data(scene: Scene) -> dict[str, Any]:

@@ -6,18 +6,16 @@ fetches it and prints that path). Without it, what needs it is skipped.
 
 import itertools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from tests.page.browser import Page
+from tests.page.browser import SETTLED, Page, Visit
 from tests.page.made_page import PRESETS
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-Visit = Callable[..., Page]
 SIZES = {1280: 800, 390: 844}
 """px wide -> high: a screen and a phone."""
 TARGET = 24.0
@@ -34,8 +32,6 @@ UNNAMED = """[...document.querySelectorAll('button, select, input, [tabindex="0"
     .filter(e => e.checkVisibility({visibilityProperty: true}))
     .filter(e => !(e.labels?.length || e.ariaLabel || e.getAttribute('aria-labelledby') || e.textContent.trim()))
     .map(e => e.outerHTML.slice(0, 80))"""
-SETTLED = "new Promise(done => requestAnimationFrame(() => setTimeout(done, 300)))"
-"""Curves are drawn when they are seen."""
 
 
 @pytest.fixture(scope="module")
@@ -44,17 +40,6 @@ def axe() -> str:
     if not path or not Path(path).is_file():
         pytest.skip("no axe-core: GAITCAL_AXE is to be the path of its axe.min.js (sh scripts/tools/fetch_axe.sh)")
     return Path(path).read_text(encoding="utf-8")
-
-
-@pytest.fixture
-def scheme(request: pytest.FixtureRequest, _browser: Page) -> Iterator[str]:
-    features: list[dict[str, Any]] = [
-        {"name": "prefers-color-scheme", "value": request.param},
-        {"name": "prefers-reduced-motion", "value": "reduce"},
-    ]
-    _browser.send("Emulation.setEmulatedMedia", features=features)
-    yield request.param
-    _browser.send("Emulation.setEmulatedMedia", features=[])
 
 
 def opened(page: Page, preset: str) -> Page:
@@ -66,8 +51,11 @@ def opened(page: Page, preset: str) -> Page:
     return page
 
 
-@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)], indirect=["scheme"])
-def test_axe_finds_nothing_serious(visit: Visit, everything: Path, axe: str, scheme: str, width: int) -> None:
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)])
+def test_axe_finds_nothing_serious(
+    visit: Visit, media: Callable[..., None], everything: Path, axe: str, scheme: str, width: int
+) -> None:
+    media(prefers_color_scheme=scheme, prefers_reduced_motion="reduce")
     page = visit(everything, width, SIZES[width], phone=width < 760, fresh=True)
     page.run(f"{axe}; true")
     faults = {preset: opened(page, preset).run(FAULTS) for preset in PRESETS}

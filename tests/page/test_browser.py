@@ -1,7 +1,8 @@
+"""The figure in space, in a browser: layers, clock, joints from near by, markup that cannot run, long walks."""
+
 import io
 import re
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +16,14 @@ from gaitcal.page import view as view_page
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import Shown, page_html
 from gaitcal.results.calibration import write_page
-from tests.page.browser import Page
-from tests.page.made_page import plain_data
+from tests.page.browser import DRAWN, Page, Visit
+from tests.page.made_page import plain_data, written_page
 from tests.page.people import long_scene, model_markers
 from tests.page.test_page import LIMIT
 
 pytestmark = pytest.mark.browser
 
 LAYERS = ("body", "bones", "measured", "model", "errors", "forces", "nominal", "fitted", "uncertainty")
-DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
 SHOWN = 0.2
 """mm: one decimal is shown, of positions packed to some 0.05 mm."""
 POSING = """(() => { let best = Infinity;
@@ -33,19 +33,12 @@ POSING = """(() => { let best = Infinity;
         best = Math.min(best, performance.now() - start);
     } return best; })()"""
 """ms that 100 poses take at best: only to be compared within one browser."""
-Visit = Callable[..., Page]
-
-
-def until(condition: str) -> str:
-    """A promise kept once the condition holds, however slow the machine; `Page.run` gives up in the end."""
-    return f"new Promise(done => {{ const look = () => {condition} ? done(true) : setTimeout(look, 20); look(); }})"
 
 
 def stage(page: Page) -> np.ndarray:
     """(h, w, 3) what the stage shows."""
-    box = page.run("(r => [r.left, r.top, r.width, r.height])(document.getElementById('pane').getBoundingClientRect())")
     scale = page.run("devicePixelRatio")
-    left, top, width, height = (round(scale * x) for x in box)
+    left, top, width, height = (round(scale * x) for x in page.box("document.getElementById('pane')"))
     picture = np.asarray(Image.open(io.BytesIO(page.picture())).convert("RGB"), dtype=int)
     return picture[top : top + height, left : left + width]
 
@@ -87,7 +80,7 @@ def test_playing_moves_the_picture_and_the_slider(visit: Visit, html: Path) -> N
     page = visit(html, fresh=True)
     assert page.run("gaitcal.state.playing")
     page.run("gaitcal.clock.seek(0)")
-    page.run(until("Number(document.getElementById('time').value) > 0.05"))
+    page.until("Number(document.getElementById('time').value) > 0.05")
     page.run("document.getElementById('play').click()")
     assert not page.run("gaitcal.state.playing")
     first = stage(paused(page, 0.2))
@@ -187,8 +180,7 @@ def test_without_bones_the_page_says_how_to_get_them(
     visit: Visit, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(view_page, "installed_bones", lambda: None)
-    (tmp_path / "view.html").write_text(page_html(Shown(scene)), encoding="utf-8")
-    page = paused(visit(tmp_path / "view.html"))
+    page = paused(visit(written_page(tmp_path, scene)))
     assert page.run("document.getElementById('show-bones').disabled")
     assert "pip install 'gaitcal[bones]'" in page.run("document.getElementById('toggles').textContent")
     assert page.console == []

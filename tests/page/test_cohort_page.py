@@ -11,12 +11,11 @@ import pytest
 from gaitcal.cohort.one_person import STEPS
 from gaitcal.gait.cycles import Kind
 from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
-from tests.page.browser import Page
-from tests.page.test_accessible import FAULTS, SETTLED, SIZES, SMALL, TARGET, UNNAMED
+from tests.page.browser import SETTLED, Page, Visit
+from tests.page.test_accessible import FAULTS, SIZES, SMALL, TARGET, UNNAMED
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-Visit = Callable[..., Page]
 NAMES = """[...document.querySelectorAll('.people-table tbody tr')]
     .filter(row => row.dataset.person).map(row => gaitcal.people.name(Number(row.dataset.person)))"""
 HOSTILE = "<img src=x onerror=window.hacked=1></script><script>window.hacked=1</script>"
@@ -37,10 +36,6 @@ def page(visit: Visit, cohort: Path) -> Iterator[Page]:
     yield opened
     assert opened.console == []
     assert opened.requests == [cohort.as_uri()]
-
-
-def press(page: Page, selector: str) -> None:
-    page.run(f"document.querySelector({selector!r}).click()")
 
 
 def write(page: Page, selector: str, text: str) -> None:
@@ -71,14 +66,14 @@ def test_it_opens_with_those_who_need_a_look_first(page: Page) -> None:
 
 
 def test_triage_and_causes_filter(page: Page) -> None:
-    press(page, ".triage li:nth-child(1) .card")
+    page.click(".triage li:nth-child(1) .card")
     assert page.run(NAMES) == ["Cid"]
     assert page.run("document.querySelector('.triage .card').getAttribute('aria-pressed')") == "true"
-    press(page, ".triage li:nth-child(1) .card")
-    press(page, ".causes tbody tr:nth-child(1) button")
+    page.click(".triage li:nth-child(1) .card")
+    page.click(".causes tbody tr:nth-child(1) button")
     assert page.run(NAMES) == ["Cid", "Bob"]
     assert KNEE[1] in page.run("document.querySelector('.chips').textContent")
-    press(page, ".chips .chip")
+    page.click(".chips .chip")
     assert len(page.run(NAMES)) == 6
     assert FORCES[1] in page.run("document.querySelector('tr[data-person=\"2\"]').textContent").lower()
 
@@ -95,7 +90,7 @@ def test_trustworthy_without_a_stride_is_said_and_filtered(visit: Visit, tmp_pat
     assert ["of these 2 without a usable stride" in card for card in cards] == [False, False, True, False]
     row = page.run("document.querySelector('.causes tbody tr').innerText")
     assert row.startswith("No stride of these walks counts") and "info" in row
-    press(page, ".causes tbody tr button")
+    page.click(".causes tbody tr button")
     assert page.run(NAMES) == ["B", "C"]
 
 
@@ -166,7 +161,7 @@ def test_what_is_chosen_stands_in_the_address(page: Page, visit: Visit, cohort: 
 
 
 def test_columns_are_chosen_from_all(page: Page) -> None:
-    press(page, "#people .bar button")
+    page.click("#people .bar button")
     assert page.run("document.getElementById('chooser').open")
     write(page, "#chooser input[type=search]", "knee_flexion_swing_l")
     assert page.run("[...document.querySelectorAll('.column-list li:not([hidden])')].length") == 2
@@ -181,7 +176,7 @@ def mean_of(page: Page, group: str) -> list[float]:
     """Mean, standard deviation and number of people of a group, of the first variable at the beginning."""
     script = f"""(found => found ? [found.mean[0], Number.isNaN(found.sd[0]) ? null : found.sd[0], found.people] : null)
         (gaitcal.people.means(gaitcal.choices, 0).get({group!r}))"""
-    return page.run(script)  # type: ignore[no-any-return]
+    return page.run(script)
 
 
 def test_every_person_counts_the_same_and_refused_legs_do_not(page: Page) -> None:
@@ -202,11 +197,11 @@ def test_a_ticked_person_is_drawn_over_the_means(page: Page) -> None:
     page.run(SETTLED)
     assert page.run("document.querySelectorAll('.mean-plot canvas').length") >= 3
     before = page.run("document.querySelector('.mean-plot canvas').toDataURL()")
-    press(page, "tr[data-person='1'] input")
+    page.click("tr[data-person='1'] input")
     page.run(SETTLED)
     assert page.run("document.querySelector('.mean-plot canvas').toDataURL()") != before
     assert "Bob" in page.run("document.querySelector('.mean-legend').textContent")
-    press(page, "tr[data-person='0'] td:last-child")
+    page.click("tr[data-person='0'] td:last-child")
     assert page.run("gaitcal.choices.shown") == [1, 0]
     assert page.run("document.querySelector('.mean-panel').getAttribute('aria-label')").startswith(
         "Hip flexion, deg, over the stride. a: 2 people"
@@ -250,15 +245,9 @@ def test_nobody_in_groups_is_everyone(visit: Visit, tmp_path: Path) -> None:
     assert none.console == []
 
 
-@pytest.fixture
-def scheme(request: pytest.FixtureRequest, _browser: Page) -> Iterator[str]:
-    _browser.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": request.param}])
-    yield request.param
-    _browser.send("Emulation.setEmulatedMedia", features=[])
-
-
-@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)], indirect=["scheme"])
-def test_everybody_can_use_it(visit: Visit, cohort: Path, scheme: str, width: int) -> None:
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)])
+def test_everybody_can_use_it(visit: Visit, media: Callable[..., None], cohort: Path, scheme: str, width: int) -> None:
+    media(prefers_color_scheme=scheme)
     page = visit(cohort, width, SIZES[width], phone=width < 760)
     page.run("gaitcal.choices.set({shown: [0], sort: '-speed', group: 'a'})")
     page.run("for (const fold of document.querySelectorAll('details')) fold.open = true")
@@ -272,5 +261,5 @@ def test_everybody_can_use_it(visit: Visit, cohort: Path, scheme: str, width: in
     if axe and Path(axe).is_file():
         page.run(f"{Path(axe).read_text(encoding='utf-8')}; true")
         assert page.run(FAULTS) == []
-        press(page, "#people .bar button")
+        page.click("#people .bar button")
         assert page.run(FAULTS) == []

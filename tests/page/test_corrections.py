@@ -1,7 +1,6 @@
 """What a reader changes: strides in and out of means, events, comments; and what is first seen."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +9,15 @@ import tomllib
 
 from gaitcal.io.csv import EVENTS, with_corrected_events, write_markers_csv
 from gaitcal.io.labels import FootEvent, FootMoment
-from gaitcal.page.view import Shown, page_html
 from gaitcal.results.gait_report import read_comments
 from tests.io.recordings import body
-from tests.page.browser import Page
-from tests.page.made_page import HOSTILE, long_walks, stridden
+from tests.page.browser import STEADY, Page, Visit
+from tests.page.made_page import HOSTILE, long_walks, stridden, written_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
-Visit = Callable[..., Page]
 STRIDES = {0: {"r": [0.103, 0.551, 0.987, 1.1], "l": [0.252, 0.741]}, 1: {"r": [0.05, 0.5]}}
 START = 2.0
 """s: the first walk's begin on the clock of its recording."""
-REST = "new Promise(done => setTimeout(() => done(true), 200))"
 KEEP = "Gaitcal.download = (...said) => { window.said = said; }; 0"
 
 
@@ -34,16 +30,18 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
         trial |= {"file": name, "start": start}
         for k, stride in enumerate(trial["strides"]):
             stride |= reasons[k % 2]
-    path = tmp_path_factory.mktemp("corrected") / "result.html"
-    path.write_text(page_html(Shown(scene, sheet)), encoding="utf-8")
-    return path
+    return written_page(tmp_path_factory.mktemp("corrected"), scene, sheet)
+
+
+def opened(visit: Visit, path: Path) -> Page:
+    page = visit(path, 1440, 900)
+    page.run(f"gaitcal.clock.play(false); {KEEP}; {STEADY}")
+    return page
 
 
 @pytest.fixture
 def page(visit: Visit, walked: Path) -> Page:
-    opened = visit(walked, 1440, 900)
-    opened.run(f"gaitcal.clock.play(false); {KEEP}; {REST}")
-    return opened
+    return opened(visit, walked)
 
 
 def pressed(page: Page, host: str, words: str) -> None:
@@ -59,7 +57,7 @@ def test_what_is_first_seen_is_both_sheets_steps_and_strides(page: Page) -> None
     assert page.run(f"Math.max(...{panels}.map(p => p.getBoundingClientRect().bottom))") <= foot + 1
     assert page.run("document.getElementById('counting').getBoundingClientRect().top") < foot
     page.size(390, 844, True)
-    page.run(f"scrollTo(0, 0); {REST}")
+    page.run(f"scrollTo(0, 0); {STEADY}")
     first = "document.querySelector('.curve-panel .curve-plot').getBoundingClientRect().bottom"
     assert 0 < page.run(first) <= 420
     page.size(1440, 900)
@@ -91,15 +89,10 @@ def test_a_tick_takes_a_stride_out_of_means(page: Page) -> None:
 def test_corrected_events_are_those_that_are_read(page: Page, tmp_path: Path) -> None:
     """One is dragged, one moved by a key, one added, one deleted: the table that is saved reads back as they stand."""
     page.run("document.getElementById('correct').click()")
-    first = "document.querySelector('#track-r .movable').getBoundingClientRect()"
-    at = f"(r => [r.x + r.width / 2, r.y + r.height / 2])({first})"
-    wide = page.run("document.getElementById('track-r').getBoundingClientRect().width")
-    x, y = page.run(at)
+    left, top, width, height = page.box("document.querySelector('#track-r .movable')")
+    x, y, wide = left + width / 2, top + height / 2, page.box("document.getElementById('track-r')")[2]
     duration = page.run("gaitcal.trial.duration")
-    for kind, shift in (("mousePressed", 0.0), ("mouseMoved", 0.05), ("mouseMoved", 0.1), ("mouseReleased", 0.1)):
-        page.send(
-            "Input.dispatchMouseEvent", type=kind, x=x + shift * wide, y=y, button="left", buttons=1, clickCount=1
-        )
+    page.drag(*((x + shift * wide, y) for shift in (0.0, 0.05, 0.1)))
     moved = page.run("gaitcal.sheet.events.find(e => e.source === Gaitcal.BY_HAND)")
     assert moved["time"] == pytest.approx(0.103 + 0.1 * duration, abs=0.012) and moved["side"] == "r"
     assert page.run("gaitcal.state.window") is None, "no stretch is looped"
@@ -142,14 +135,11 @@ def test_comments_are_kept_in_the_saved_page_and_read_by_the_report(visit: Visit
     name, saved, _ = page.run("said")
     assert name == "result.html"
     (tmp_path / name).write_text(saved, encoding="utf-8")
-    again = visit(tmp_path / name, 1440, 900)
-    again.run(f"gaitcal.clock.play(false); {KEEP}; {REST}")
+    again = opened(visit, tmp_path / name)
     for section, text in said.items():
         assert again.run(f"document.getElementById('comment-{section}').value") == text
     again.run("gaitcal.print.build()")
-    assert again.run("[...document.querySelectorAll('#print .comment')].map(e => e.textContent)") == [
-        f"Comment: {text}" for text in said.values()
-    ]
+    assert again.texts("#print .comment") == [f"Comment: {text}" for text in said.values()]
     again.run("gaitcal.print.clear()")
     pressed(again, "comments", "Save page with comments")
     assert again.run("said[1]") == saved, "saved again it is the same"

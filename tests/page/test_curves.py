@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,8 @@ from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.page.page_data import coordinate_rows, peak_page_rows
 from gaitcal.page.plain_data import lengths
 from gaitcal.page.scene import Scene
-from gaitcal.page.view import Shown, page_html
-from tests.page.browser import Page
-from tests.page.made_page import SIZE, SUBJECT, VARIABLE, long_walks, stridden
+from tests.page.browser import STEADY, Page, Visit
+from tests.page.made_page import SIZE, SUBJECT, VARIABLE, long_walks, stridden, written_page
 
 pytestmark = pytest.mark.browser
 
@@ -29,7 +27,6 @@ ON_FRAME = 1e-4
 """s: a frame's time in 32 bits."""
 ON_LINE = 0.11
 """px: cursors are placed to a tenth."""
-STEADY = "new Promise(done => setTimeout(() => requestAnimationFrame(() => done(true)), 150))"
 STRIDES = {
     0: {"r": [0.103, 0.551, 0.987], "l": [0.252, 0.741]},
     1: {"r": [0.031, 0.498], "l": [0.2, 0.702]},
@@ -38,7 +35,6 @@ STRIDES = {
 """Trial 0 has a right stride that turns, trial 2 no right stride."""
 CONVENTIONS = "gaitcal.curves.convention"
 LEAD = "gaitcal.curves.lead"
-Visit = Callable[..., Page]
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +45,7 @@ def walked() -> Any:
 
 @pytest.fixture(scope="module")
 def walked_html(walked: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("curves") / "result.html"
-    path.write_text(page_html(Shown(walked[0], walked[1])), encoding="utf-8")
-    return path
+    return written_page(tmp_path_factory.mktemp("curves"), walked[0], walked[1])
 
 
 @pytest.fixture
@@ -60,12 +54,8 @@ def page(visit: Visit, walked_html: Path) -> Page:
     return at_rest(visit(walked_html, 1280, 900))
 
 
-def shown(
-    visit: Visit, folder: Path, scene: Scene, sheet: dict[str, Any], width: int = 1280, phone: bool = False
-) -> Page:
-    path = folder / "result.html"
-    path.write_text(page_html(Shown(scene, sheet)), encoding="utf-8")
-    return at_rest(visit(path, width, 900, phone))
+def shown(visit: Visit, folder: Path, scene: Scene, sheet: dict[str, Any], width: int = 1280) -> Page:
+    return at_rest(visit(written_page(folder, scene, sheet), width, 900, phone=width < 760))
 
 
 def at_rest(page: Page) -> Page:
@@ -80,14 +70,8 @@ def panel(base: str, kind: str) -> str:
 def place(page: Page, at: str, x: float, y: float = 0.5) -> tuple[float, float]:
     """Where in the window a share of a panel's plot is, after it has been brought into view."""
     page.run(f"{at}.root.scrollIntoView({{ block: 'center' }}); {STEADY}")
-    left, top, width, height = page.run(
-        f"(r => [r.left, r.top, r.width, r.height])({at}.plot.over.getBoundingClientRect())"
-    )
+    left, top, width, height = page.box(f"{at}.plot.over")
     return left + x * width, top + y * height
-
-
-def mouse(page: Page, kind: str, x: float, y: float) -> None:
-    page.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
 
 def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
@@ -129,11 +113,10 @@ def test_conventions_are_those_of_the_package(page: Page) -> None:
                 c.positive('{base}', 'angle', '{side}')]
                 )(new Gaitcal.Convention(gaitcal.curves.strides.sheet, {chosen}))""")
             one = np.ones(1)
-            assert told[0] == pytest.approx(float(convention.moment(base, one, SUBJECT, side)[0]), rel=1e-12)
-            assert told[1] == float(convention.angle(base, one, side)[0])
-            assert told[2] == pytest.approx(float(convention.power(one, SUBJECT)[0]), rel=1e-12)
-            assert told[3] == convention.senses(f"{base}_moment", "r")[0]
-            assert told[4] == convention.senses(base, side)[0]
+            of_python = convention.moment(base, one, SUBJECT, side), convention.angle(base, one, side)
+            factors = [float(values[0]) for values in (*of_python, convention.power(one, SUBJECT))]
+            senses = [convention.senses(f"{base}_moment", "r")[0], convention.senses(base, side)[0]]
+            assert told == [*(pytest.approx(factor, rel=1e-12) for factor in factors), *senses]
 
 
 @pytest.mark.slow
@@ -224,9 +207,7 @@ def test_the_pointed_panel_tells_its_values(page: Page, walked: Any) -> None:
 def test_dragging_loops_whole_frames_and_a_press_ends_it(page: Page) -> None:
     at = panel("hip_flexion", "angle")
     begin, end = place(page, at, 0.2), place(page, at, 0.6)
-    mouse(page, "mousePressed", *begin)
-    mouse(page, "mouseMoved", *end)
-    mouse(page, "mouseReleased", *end)
+    page.drag(begin, end)
     window = page.run("gaitcal.state.window")
     times = np.array(page.run("Array.from(gaitcal.trial.time)"))
     assert window[0] < window[1] and all(np.abs(times - t).min() < ON_FRAME for t in window)
@@ -237,8 +218,7 @@ def test_dragging_loops_whole_frames_and_a_press_ends_it(page: Page) -> None:
     page.run(f"{panel('knee_angle', 'angle')}.nearest({{ clientX: 0, clientY: 1e4 }})")  # another leg may lead now
     widths = page.run(f"(gaitcal.curves.redraw(), {STEADY}).then(() => {shaded})")
     assert len(widths) > 3 and np.ptp(widths) < 0.01 and min(widths) > 0.3, "all panels shade the same part"
-    mouse(page, "mousePressed", *begin)
-    mouse(page, "mouseReleased", *begin)
+    page.drag(begin)
     assert page.run("gaitcal.state.window") is None and page.run(f"{at}.plot.select.width") == 0
 
 
@@ -276,17 +256,6 @@ def test_a_trial_without_strides_is_shown_over_time(visit: Visit, tmp_path: Path
     assert page.run("gaitcal.curves.strides.percent") is False
     assert "holds no complete stride" in page.run("document.querySelector('.curve-notes').textContent")
     assert page.console == []
-
-
-def test_what_is_off_takes_no_part(page: Page) -> None:
-    page.run("gaitcal.state.set({ spread: 'mean' })")
-    traces = f"new Gaitcal.Traces({panel('hip_flexion', 'angle')}.subject, gaitcal.curves.strides, {CONVENTIONS})"
-    count = f"Math.max(...{traces}.main('l').counts)"
-    assert page.run(count) == 3
-    page.run("gaitcal.state.set({ off: new Set(['0/l/1']) })")
-    assert page.run(count) == 2
-    page.run("gaitcal.state.set({ off: new Set(['0/l/1', '1']) })")
-    assert page.run(f"{traces}.main('l').n") == 1
 
 
 def test_a_number_has_the_error_that_its_band_shows(page: Page) -> None:
@@ -366,7 +335,7 @@ def test_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_phone_shows_one_kind_in_one_column(visit: Visit, walked: Any, tmp_path: Path) -> None:
     scene, sheet, _ = walked
-    page = shown(visit, tmp_path, scene, sheet, width=390, phone=True)
+    page = shown(visit, tmp_path, scene, sheet, width=390)
     kinds = """[...new Set([...document.querySelectorAll('.curve-panel')]
         .filter((p) => p.offsetParent).map((p) => p.dataset.kind))]"""
     assert page.run(kinds) == ["angle"]

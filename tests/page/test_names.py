@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +11,8 @@ from gaitcal.page.page_data import calibration_page_data
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import Shown, page_html
 from tests.fake_result import HOSTILE, Names, fake_calibration
-from tests.page.browser import Page
+from tests.page.browser import Visit
 from tests.page.people import walking_scene
-from tests.page.test_browser import until
 
 WORST = f"</script><!--<script>@@PAGE@@ \\g<0> \u2066\u05d0\u2069 \u2028 \ud800 {HOSTILE}"
 TAG = re.compile(r"<(/?script|!--|img|svg)", re.IGNORECASE)
@@ -37,7 +35,6 @@ def test_a_hostile_study_adds_no_markup(hostile: str) -> None:
     clean = page_html(shown("name"))
     assert TAG.findall(hostile) == TAG.findall(clean)
     found = re.search(r'<script type="application/json" id="result">(.*?)</script>', hostile, re.DOTALL)
-    assert found is not None
     one = json.loads(found.group(1))
     assert one["scene"]["subject"] == one["sheet"]["person"]["name"] == WORST
     assert one["scene"]["trials"][0]["name"] == one["sheet"]["trials"][0]["name"] == WORST
@@ -46,7 +43,7 @@ def test_a_hostile_study_adds_no_markup(hostile: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.browser
-def test_a_browser_makes_nothing_of_them(hostile: str, visit: Callable[..., Page], tmp_path: Path) -> None:
+def test_a_browser_makes_nothing_of_them(hostile: str, visit: Visit, tmp_path: Path) -> None:
     (tmp_path / "result.html").write_text(hostile, encoding="utf-8")
     page = visit(tmp_path / "result.html")
     page.run("gaitcal.state.set({ trial: 1, spread: 'mean' })")
@@ -54,7 +51,7 @@ def test_a_browser_makes_nothing_of_them(hostile: str, visit: Callable[..., Page
     assert page.run("typeof window.hacked") == "undefined"
     assert page.run("document.scripts.length") == 7
     assert page.run("document.getElementById('subject').textContent") == WORST
-    assert page.run(until("document.documentElement.scrollWidth <= innerWidth"))  # its curves have its width
+    page.until("document.documentElement.scrollWidth <= innerWidth")  # its curves have its width
     assert len(page.requests) == 1
 
 

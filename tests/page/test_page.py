@@ -1,3 +1,5 @@
+"""A page as a file: what it holds, what may run, its size whatever the trials, the meshes of the body."""
+
 import base64
 import hashlib
 import json
@@ -12,12 +14,14 @@ import pytest
 
 from gaitcal.page import body_meshes as meshes_module
 from gaitcal.page.body_meshes import BALLS, MESHES, Mesh, body_meshes, read_stl, round_body
-from gaitcal.page.plain_data import GAP
-from gaitcal.page.scene import Scene, person_scene
+from gaitcal.page.page_data import calibration_page_data, curves_left_out, thinned
+from gaitcal.page.plain_data import GAP, base64_of, floats, lengths, script_json
+from gaitcal.page.scene import MotionScene, Scene, person_scene
 from gaitcal.page.scene_file import scene_json
-from gaitcal.page.view import SCRIPTS
+from gaitcal.page.view import SCRIPTS, Shown, page_html, sentences
+from gaitcal.session.result import Calibration
 from gaitcal.synthetic.motion import gait_motion
-from tests.page.people import long_motion, subject_model, walking_trial
+from tests.page.people import long_motion, standard_errors, subject_model, walking_scene, walking_trial
 
 LIMIT = 25_000_000
 """bytes that a page may have."""
@@ -36,7 +40,7 @@ def content(html: str) -> dict[str, Any]:
     return scene
 
 
-def lengths(packed: dict[str, Any]) -> np.ndarray:
+def values_of(packed: dict[str, Any]) -> np.ndarray:
     raw = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2")
     return np.where(raw == GAP, np.nan, packed["low"] + packed["step"] * (raw.astype(float) + 32767))
 
@@ -46,27 +50,27 @@ def test_the_page_holds_what_the_scene_holds(scene: Scene, html: Path) -> None:
     found = content(text)
     trial, packed = scene.trials[0], found["trials"][0]
     pelvis = np.frombuffer(base64.b64decode(packed["pelvis"]), dtype="<f4").reshape(-1, 1, 3)
-    assert lengths(packed["measured"]).reshape(trial.measured.shape) + pelvis == pytest.approx(
-        trial.measured, abs=PACKED, nan_ok=True
-    )
-    assert lengths(packed["origins"]).reshape(trial.origins.shape) + pelvis == pytest.approx(trial.origins, abs=PACKED)
+    for name in ("measured", "origins"):
+        wanted = getattr(trial, name)
+        back = values_of(packed[name]).reshape(wanted.shape) + pelvis
+        assert back == pytest.approx(wanted, abs=PACKED, nan_ok=True), name
     assert found["markers"]["labels"] == list(scene.labels)
     assert [t["name"] for t in found["trials"]] == ["walk", "no plates"]
     assert len(text) < 3_000_000
 
 
-def test_exactly_two_scripts_may_run_and_nothing_is_fetched(html: Path) -> None:
+def test_only_its_own_scripts_may_run_nothing_is_fetched_and_nothing_of_this_machine_is_in_it(html: Path) -> None:
     text = html.read_text(encoding="utf-8")
-    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
-    assert policy is not None
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text).group(1)
     running = [body for attributes, body in scripts(text) if "type=" not in attributes]
     hashes = {base64.b64encode(hashlib.sha256(body.encode()).digest()).decode() for body in running}
     assert len(running) == 3
-    assert set(re.findall(r"'sha256-([^']*)'", policy.group(1))) == hashes
-    assert policy.group(1).startswith("default-src 'none'; ")
-    assert "unsafe-eval" not in policy.group(1) and "script-src 'unsafe" not in policy.group(1)
+    assert set(re.findall(r"'sha256-([^']*)'", policy)) == hashes
+    assert policy.startswith("default-src 'none'; ")
+    assert "unsafe-eval" not in policy and "script-src 'unsafe" not in policy
     outside = re.sub(r"<script.*?</script", "", text, flags=re.DOTALL)
     assert not re.search(r"(src|href)\s*=|url\(|@import|https?:", outside)
+    assert str(Path(meshes_module.__file__).parent) not in text and "site-packages" not in text
 
 
 def test_no_two_scripts_define_the_same_name() -> None:
@@ -77,51 +81,41 @@ def test_no_two_scripts_define_the_same_name() -> None:
     assert sorted({n for n in names if names.count(n) > 1}) == []
 
 
-def test_nothing_of_this_machine_is_in_the_page(html: Path) -> None:
-    text = html.read_text(encoding="utf-8")
-    assert str(Path(meshes_module.__file__).parent) not in text
-    assert "site-packages" not in text
+def packed_trial(trial: MotionScene) -> dict[str, Any]:
+    """A trial as the page holds it."""
+    packed: dict[str, Any] = json.loads(scene_json(person_scene(subject_model(), (trial,), {}), body_meshes()))
+    return packed["trials"][0]
 
 
 def test_a_long_walk_does_not_coarsen_the_markers() -> None:
-    model = subject_model()
-    far = walking_trial(model, long_motion(10_000), "long", None)
+    far = walking_trial(subject_model(), long_motion(10_000), "long", None)
     assert np.ptp(far.origins[:, 0, 0]) > 50.0
-    packed = json.loads(scene_json(person_scene(model, (far,), {}), body_meshes()))["trials"][0]
-    assert packed["measured"]["step"] < PACKED
+    assert packed_trial(far)["measured"]["step"] < PACKED
 
 
 def test_an_absurd_marker_is_left_out_and_spares_the_others() -> None:
-    model = subject_model()
-    trial = walking_trial(model, gait_motion(), "walk", None)
+    trial = walking_trial(subject_model(), gait_motion(), "walk", None)
     measured = trial.measured.copy()
-    measured[5, 2] = [1e30, 0.0, 0.0]
-    measured[6, 2] = np.inf
-    odd = replace(trial, measured=measured)
-    packed = json.loads(scene_json(person_scene(model, (odd,), {}), body_meshes()))["trials"][0]
-    back = lengths(packed["measured"]).reshape(measured.shape)
+    measured[5:7, 2] = [1e30, 0.0, 0.0], [np.inf] * 3
+    packed = packed_trial(replace(trial, measured=measured))["measured"]
+    back = values_of(packed).reshape(measured.shape)
     assert np.isnan(back[5:7, 2]).all() and np.isfinite(back[7]).all()
-    assert packed["measured"]["step"] < PACKED
+    assert packed["step"] < PACKED
 
 
 # ------------------------------------------------------------------------------------------------------- body meshes
 
 
-def test_the_package_has_every_mesh() -> None:
-    assert body_meshes().replaced == ()
-
-
-def test_capsules_where_the_package_is_missing(monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:
+def test_meshes_that_are_missing_or_in_another_unit_are_replaced(monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:
+    assert body_meshes().replaced == (), "the package has every mesh"
+    low, high = MESHES["foot"]
+    with monkeypatch.context() as patch:
+        patch.setitem(MESHES, "foot", (low * 0.01, high * 0.01))
+        assert body_meshes().replaced == ("foot",)
     monkeypatch.setattr(meshes_module, "PACKAGE", "no-such-package")
     body = body_meshes()
     assert set(body.replaced) == set(MESHES) - set(BALLS)
     assert json.loads(scene_json(scene, body))["capsules"]
-
-
-def test_a_mesh_in_another_unit_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    low, high = MESHES["foot"]
-    monkeypatch.setitem(MESHES, "foot", (low * 0.01, high * 0.01))
-    assert body_meshes().replaced == ("foot",)
 
 
 @pytest.mark.parametrize("body", [b"", b"solid ascii", b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 100])
@@ -148,3 +142,65 @@ def test_a_ball_has_the_volume_of_a_ball() -> None:
 def volume(mesh: Mesh) -> float:
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+FRAMES = 3334
+"""Of a trial of 10 000, one in three."""
+
+
+def long_trial(name: str, curves: int = 100) -> dict[str, Any]:
+    """As many curves with as many parts as a walk on plates has."""
+    time = np.arange(FRAMES) * 0.03
+    values = np.sin(time)
+    values[5] = np.nan
+    part = lengths(values)
+    curve = {"base": "hip_flexion", "valid": 0, **dict.fromkeys(("value", "se", "own", "nominal"), part), "truth": None}
+    return {
+        "name": name,
+        "frames": 10_000,
+        "every": 3,
+        "time": floats(time),
+        "masks": [base64_of(np.arange(FRAMES, dtype="<u1"))],
+        "curves": [curve] * curves,
+        "strides": [],
+    }
+
+
+def test_a_sheet_of_common_size_stays_as_it_is(whole: Calibration) -> None:
+    sheet = calibration_page_data(whole)
+    assert thinned(sheet) is sheet and curves_left_out(sheet) == ()
+
+
+def test_what_stays_are_the_same_values_at_their_times() -> None:
+    trial = long_trial("walk")
+    (short,) = thinned({"trials": [trial]}, most=1_000_000)["trials"]
+    factor = short["every"] // 3
+    assert factor > 1 and short["frames"] == 10_000
+    for part in ("value", "se", "own", "nominal"):
+        found, whole = (values_of(of["curves"][7][part]) for of in (short, trial))
+        np.testing.assert_array_equal(found, whole[::factor])
+    assert short["curves"][7]["truth"] is None
+    time = np.frombuffer(base64.b64decode(short["time"]), dtype="<f4")
+    np.testing.assert_allclose(time, np.arange(FRAMES)[::factor] * 0.03, rtol=1e-6)
+    assert base64.b64decode(short["masks"][0]) == bytes(np.arange(FRAMES, dtype="<u1")[::factor])
+    assert len(script_json({"trials": [short]})) < 1_200_000
+
+
+@pytest.mark.slow
+def test_long_trials_stay_under_the_limit(whole: Calibration) -> None:
+    model = subject_model()
+    trial = walking_trial(model, long_motion(10_000), "long", None)
+    data = calibration_page_data(whole) | {"trials": [long_trial("long")] * 12}
+    shown = Shown(person_scene(model, (trial,) * 12, standard_errors()), data)
+    assert LIMIT / 2 < len(page_html(shown)) < LIMIT
+    left_out = sentences(shown)
+    assert len(left_out) == 2 * 12
+    assert re.search(r"holds \d+ of 10000 frames, one in \d+;", left_out[0])
+    assert "its curves hold one frame in" in left_out[12]
+    assert sentences(Shown(walking_scene())) == ()
+
+
+def test_the_sheet_may_stand_in_a_script_whatever_it_says() -> None:
+    names = ["</script>", "<!--", "\u202e\u2028\ud800", '"\\', "@@PAGE@@"]
+    text = script_json({"names": names})
+    assert "<" not in text and text.isascii() and json.loads(text)["names"] == names

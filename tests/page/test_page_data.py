@@ -28,11 +28,6 @@ PRESETS = {"clinician", "fit", "joints", "trust", "provenance"}
 
 
 @pytest.fixture(scope="module")
-def whole() -> Calibration:
-    return fake_calibration()
-
-
-@pytest.fixture(scope="module")
 def sheet(whole: Calibration) -> dict[str, Any]:
     return calibration_page_data(whole)
 
@@ -49,18 +44,10 @@ def test_every_block_is_of_a_known_kind_with_plain_data(sheet: dict[str, Any]) -
 
 def test_marker_errors_are_those_of_the_summary(whole: Calibration, sheet: dict[str, Any]) -> None:
     told = summary(whole)["trials"]
-    assert isinstance(told, dict)
     (table,) = tables(sheet["sections"]["fit"], "Trial")
+    keys = ("nominal", "calibrated", "rigid_floor", "calibrated_to_floor", "joint_floor", "calibrated_to_joint_floor")
     for name, row in rows_of(table).items():
         rms = told[name.split()[0]]["rms_mm"]
-        keys = (
-            "nominal",
-            "calibrated",
-            "rigid_floor",
-            "calibrated_to_floor",
-            "joint_floor",
-            "calibrated_to_joint_floor",
-        )
         assert row[:6] == [number(rms.get(key), 2 if "to" in key else 1) for key in keys]
         assert row[6] == number(told[name.split()[0]]["max_mm"]["calibrated"])
     (segments,) = tables(sheet["trials"][0]["sections"]["fit"], "Segment, RMS in mm")
@@ -80,9 +67,8 @@ def test_parameters_are_those_of_the_table(whole: Calibration, sheet: dict[str, 
     assert len(fitted) == len(drawn) > 0
     for name, row in fitted.iterrows():
         interval = drawn[parameter_words(name), name.split(".")[0][-1]]
-        assert interval["fitted"] == pytest.approx(row["fitted"], abs=1e-4)
-        assert interval["nominal"] == pytest.approx(row["nominal"], abs=1e-4)
-        assert interval["se"] == pytest.approx(row["standard_error"], abs=1e-4)
+        told = [interval[key] for key in ("fitted", "nominal", "se")]
+        assert told == pytest.approx(row[["fitted", "nominal", "standard_error"]].tolist(), abs=1e-4)
         assert interval["bounds"][1] - interval["bounds"][0] in (100.0, 60.0)
     text = words(sheet["sections"]["joints"])
     assert "kept, not determined" in text and ", at its bound" in text
@@ -94,8 +80,7 @@ def test_parameters_are_those_of_the_table(whole: Calibration, sheet: dict[str, 
 
 
 def test_residuals_and_changes_are_those_of_the_summary(whole: Calibration, sheet: dict[str, Any]) -> None:
-    told = summary(whole)["trials"]["walk"]  # type: ignore[index,call-overload]
-    blocks = sheet["trials"][0]["sections"]["trust"]
+    told, blocks = summary(whole)["trials"]["walk"], sheet["trials"][0]["sections"]["trust"]
     (table,) = tables(blocks, "Model")
     rows = rows_of(table)
     *before, last = list(rows.values())[:-3]
@@ -110,18 +95,14 @@ def test_residuals_and_changes_are_those_of_the_summary(whole: Calibration, shee
     rows = rows_of(changes)
     assert rows["Right hip flexion"][0] == number(told["torque_change_bwh"]["hip_flexion_r"], 2)
     (curves,) = [b for b in walked(blocks) if b["kind"] == "curves"]
-    walk = gait_numbers(whole.model, whole.trials[0])
-    assert walk is not None and walk.limits is not None
+    assert gait_numbers(whole.model, whole.trials[0]).limits is not None
     assert curves["kinds"] == ["residual_force", "residual_moment"], "no limit is drawn by which nothing is judged"
 
 
 def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(whole: Calibration) -> None:
     walk, mass = gait_numbers(whole.model, whole.trials[0]), whole.model.subject.mass
-    assert walk is not None
     loads = walk.trial.loads
-    assert loads is not None and loads.errors is not None
     peak = peak_error(walk, "knee_adduction_l", mass)
-    assert peak is not None
     valid = loads.reactions.valid_legs[:, 1]
     moment = loads.final.knee_adduction[:, 1]
     assert peak.value * mass == pytest.approx(moment[valid].min()), "the abductor's peak: external adduction"
@@ -154,31 +135,24 @@ def test_peaks_are_told_with_their_sources_the_largest_first(sheet: dict[str, An
     ],
 )
 def test_what_is_not_there_is_said_or_left_out(without: dict[str, bool], there: str, missing: str) -> None:
-    made = calibration_page_data(fake_calibration(**without))  # type: ignore[arg-type]
+    made = calibration_page_data(fake_calibration(**without))
     text = words(every(made))
     assert there in text
     assert missing not in text
     json.dumps(made, allow_nan=False)
 
 
-def test_no_trial_at_all() -> None:
-    made = calibration_page_data(fake_calibration(gait=False, isolated=False))
-    assert "nothing was fitted" in words(made["sections"]["fit"])
-    assert "clinician" not in made["sections"]
-
-
 def test_a_further_trial_has_the_sections_of_its_kind(whole: Calibration, sheet: dict[str, Any]) -> None:
     for trial, told in zip(whole.trials, sheet["trials"], strict=True):
         assert trial_sections(whole.model, trial) == told["sections"]
-
-
-def test_a_refused_leg_is_told(whole: Calibration) -> None:
-    text = words(trial_sections(whole.model, whole.trials[0].refused(["l"]))["clinician"])
-    assert "Refused: left" in text
+    refused = trial_sections(whole.model, whole.trials[0].refused(["l"]))
+    assert "Refused: left" in words(refused["clinician"])
+    none = calibration_page_data(fake_calibration(gait=False, isolated=False))["sections"]
+    assert "nothing was fitted" in words(none["fit"]) and "clinician" not in none
 
 
 def test_hostile_and_long_names_are_data_and_folders_stay_private() -> None:
-    made = calibration_page_data(fake_calibration(Names(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE)))
+    made = calibration_page_data(fake_calibration(Names(*[HOSTILE] * 6)))
     text = json.dumps([made["sections"], made["lines"], [t["sections"] for t in made["trials"]]], ensure_ascii=False)
     assert "\u202e" not in text, "nothing turns the writing direction"
     assert '<script>alert(\\"x\\")</script>' in text, "a name is shown as it is"
@@ -207,12 +181,9 @@ def test_what_was_recorded_assumed_and_computed(whole: Calibration) -> None:
     assert recorded["walk"][1:4] == ["walk.trc", "2.40 s", "241"]
 
 
-def test_the_same_result_gives_the_same_sections(whole: Calibration) -> None:
+def test_how_long_it_took_is_not_told_and_what_did_not_converge_is_told_first(whole: Calibration) -> None:
     slower = replace(whole, phases=tuple(replace(p, seconds=7.0) for p in whole.phases))
-    assert result_sections(whole) == result_sections(slower), "how long it took is told elsewhere"
-
-
-def test_what_did_not_converge_is_said_first(whole: Calibration) -> None:
+    assert result_sections(whole) == result_sections(slower)
     made = calibration_page_data(with_phase(whole, False))
     assert made["lines"][0]["tone"] == "poor" and made["lines"][0]["text"].startswith("Not converged")
     assert made["sections"]["trust"][0]["tone"] == "bad"
@@ -221,19 +192,13 @@ def test_what_did_not_converge_is_said_first(whole: Calibration) -> None:
 def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     believed, agrees, counts = sheet["lines"]
     assert believed["tone"] == "look" and believed["text"].startswith("Doubtful: knee_r.thigh.front (right knee axis")
-    rms = summary(whole)["trials"]["walk"]["pelvis_and_legs_mm"]["calibrated"]  # type: ignore[index,call-overload]
-    limit = summary(whole)["trials"]["walk"]["pelvis_residual_limit"]  # type: ignore[index,call-overload]
+    walk = summary(whole)["trials"]["walk"]
+    rms, limit = walk["pelvis_and_legs_mm"]["calibrated"], walk["pelvis_residual_limit"]
     assert agrees["text"].startswith(f"Marker fit {number(rms)} mm (best possible ")
     assert f"N RMS (limit {number(limit['force_N'])}), moment " in agrees["text"] and "too high" not in agrees["text"]
     assert "Usable for moments: 1 of 2 right, 0 of 1 left strides; others: " in counts["text"]
-
-
-def test_nothing_on_top_is_amber_where_the_verdict_has_no_reason(whole: Calibration) -> None:
     sound = replace(whole, verdict=judge((), ["walk"]))
     assert [line["tone"] for line in calibration_page_data(sound)["lines"]] == ["good", "good", "plain"]
-
-
-def test_a_page_without_plates_says_so(whole: Calibration) -> None:
     without = calibration_page_data(fake_calibration(plates=False))["lines"][2]
     assert without == {"tone": "plain", "text": "Angles alone count, no moments: there are no force plates."}
 

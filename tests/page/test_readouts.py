@@ -2,7 +2,6 @@
 
 import io
 import itertools
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from gaitcal.gait.cycles import Kind
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import Subject
-from tests.page.browser import Page
+from tests.page.browser import Page, Visit
 from tests.results.test_cycles_export import kept_strides
 
 pytestmark = pytest.mark.browser
@@ -49,7 +48,7 @@ def column_of(table: pd.DataFrame, base: str, side: str, kind: Kind) -> Any:
 
 
 @pytest.mark.parametrize("axis", ["percent", "time"])
-def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Callable[..., Page], kept: Path) -> None:
+def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Visit, kept: Path) -> None:
     folder = kept_strides(kept)
     page = visit(folder / "result.html", 1280, 900)
     page.run("gaitcal.clock.play(false)")

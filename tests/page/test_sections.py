@@ -1,8 +1,8 @@
 """Tables, pictures, verdict and steps of the page, and what it is on paper."""
 
 import base64
+import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,20 @@ import pytest
 from gaitcal.explanations import PARTS
 from gaitcal.gait.spatiotemporal import Average, counting, measure_means
 from gaitcal.page.page_data import SHOWN_MEASURES
-from tests.page.browser import Page
-from tests.page.made_page import HOSTILE, REFUSED, STRAIGHT, everything_page, measured_strides
-from tests.page.test_browser import until
+from tests.page.browser import Page, Visit
+from tests.page.made_page import (
+    HOSTILE,
+    REFUSED,
+    STRAIGHT,
+    everything_page,
+    long_walks,
+    measured_strides,
+    stridden,
+    written_page,
+)
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-Visit = Callable[..., Page]
 A4_HEIGHT = (297.0 - 13.0 - 15.0) / 25.4 * 96.0
 """px between the margins of `print.css`."""
 ROUNDING = 1e-9
@@ -32,21 +39,17 @@ def opened(visit: Visit, everything: Path, preset: str, width: int = 1280, heigh
     return page
 
 
-def text(page: Page, selector: str) -> list[str]:
-    return list(page.run(f"[...document.querySelectorAll({selector!r})].map(e => e.textContent.trim())"))
-
-
 def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everything: Path) -> None:
     of = "#sections > :not(.of-trial, .reasons)"
     for preset in ("fit", "provenance"):
         page = opened(visit, everything, preset)
         assert page.console == []
-        assert text(page, "#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Pair"]
+        assert page.texts("#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Pair"]
         assert page.run(f"document.querySelectorAll('{of} table').length") == 7, "five tables, those of two pictures"
-        assert len(text(page, ".of-trial figure.traced")) == 3, "curves are of a trial"
+        assert len(page.texts(".of-trial figure.traced")) == 3, "curves are of a trial"
         assert page.run("document.querySelectorAll('#sections > figure.traced').length") == 0
         assert page.run("document.querySelectorAll('#sections img').length") == 0
-        assert HOSTILE in "".join(text(page, "#sections th"))
+        assert HOSTILE in "".join(page.texts("#sections th"))
         assert not page.run("document.title").startswith("1")
 
 
@@ -103,11 +106,11 @@ def test_intervals_show_the_change_and_tell_the_values(visit: Visit, everything:
 
 def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "trust")
-    words = text(page, ".of-trial .traced figcaption")
+    words = page.texts(".of-trial .traced figcaption")
     assert "Peak 39.4 N in the valid frames." in words[0], "60 N do not count"
     duration = page.run("gaitcal.trial.duration")
     page.run("document.querySelector('.traced').scrollIntoView()")  # it is drawn when it is seen
-    page.run(until("document.querySelector('.traced .cursor') !== null"))
+    page.until("document.querySelector('.traced .cursor') !== null")
     page.run("gaitcal.clock.seek(gaitcal.trial.duration / 2)")
     assert "translateX(50" in page.run("document.querySelector('.traced .cursor').style.transform")
     page.run(
@@ -124,33 +127,33 @@ def test_what_is_unfolded_stays_so_in_another_trial(visit: Visit, everything: Pa
     page = opened(visit, everything, "fit")
     page.run("document.querySelector('#sections > details').open = true; gaitcal.state.set({trial: 1})")
     assert page.run("document.querySelector('#sections > details').open")
-    assert text(page, ".of-trial > h2") == ["Trial walk 2, walking"]
+    assert page.texts(".of-trial > h2") == ["Trial walk 2, walking"]
 
 
 def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "clinician")
-    assert text(page, "#verdict .lines li") == [
+    assert page.texts("#verdict .lines li") == [
         "✕poor: A line of tone poor.",
         "!look at this: A line of tone look.",
         "·A line of tone plain.",
     ]
-    assert text(page, "#verdict .facts") == ["Diagnosis: <b>none</b>"]
-    assert text(page, "#verdict strong") == ["Refused"]
+    assert page.texts("#verdict .facts") == ["Diagnosis: <b>none</b>"]
+    assert page.texts("#verdict strong") == ["Refused"]
     page.run("document.querySelector('#verdict button').click()")
     assert page.run("gaitcal.state.preset") == "trust"
-    assert text(page, ".reasons li > strong") == ["Plates and feet do not agree", "Few markers"]
-    assert HOSTILE in text(page, ".reasons li")[0] and "walk 2, left leg" in text(page, ".reasons li")[0]
-    assert text(page, ".explanation summary") == ["What this means, and what to do: GC-073"]
+    assert page.texts(".reasons li > strong") == ["Plates and feet do not agree", "Few markers"]
+    assert HOSTILE in page.texts(".reasons li")[0] and "walk 2, left leg" in page.texts(".reasons li")[0]
+    assert page.texts(".explanation summary") == ["What this means, and what to do: GC-073"]
     assert not page.run("document.querySelector('.explanation').open")
-    assert text(page, ".explanation h3") == list(PARTS)
-    assert text(page, ".explanation > p")[-1] == "The same on the command line: gaitcal explain GC-073"
-    assert text(page, ".reasons tbody tr")[1] == "walk 2✕refused✓trustworthy✕refused"
+    assert page.texts(".explanation h3") == list(PARTS)
+    assert page.texts(".explanation > p")[-1] == "The same on the command line: gaitcal explain GC-073"
+    assert page.texts(".reasons tbody tr")[1] == "walk 2✕refused✓trustworthy✕refused"
 
 
 def test_without_lines_the_sentence_stands_on_top(visit: Visit, tmp_path: Path) -> None:
     path = tmp_path / "page.html"
     path.write_text(everything_page(lines=[]), encoding="utf-8")
-    assert text(opened(visit, path, "clinician"), "#verdict .lines li") == ["·Do not use the left leg."]
+    assert opened(visit, path, "clinician").texts("#verdict .lines li") == ["·Do not use the left leg."]
 
 
 def means(of: Average | None) -> list[float | None]:
@@ -180,7 +183,7 @@ def test_steps_are_those_of_python(visit: Visit, everything: Path, off: tuple[in
         assert numbers(right) == close(means(wanted[name].right))
         assert numbers(left) == close(means(wanted[name].left))
         assert [symmetry, error] == close([wanted[name].symmetry, wanted[name].symmetry_error])
-    assert len(text(page, "#steps tbody tr")) == len(found)
+    assert len(page.texts("#steps tbody tr")) == len(found)
 
 
 def test_steps_leave_out_a_stride_that_is_off(visit: Visit, everything: Path) -> None:
@@ -204,11 +207,11 @@ def test_three_pages_first_then_the_shown_preset_of_all_trials(visit: Visit, eve
         assert page.run("[...document.body.children].filter(e => e.offsetParent || e.offsetHeight).map(e => e.id)") == [
             "print"
         ]
-        assert text(page, "#print .leaf:first-child .leaf-steps > h2") == ["Steps and phases"]
-        assert text(page, "#print .leaf:first-child .leaf-strides > h2") == ["Which strides count"]
-        assert len(text(page, "#print .leaf:nth-child(2) .curve-panel")) == 4
-        assert len(text(page, "#print .leaf:nth-child(3) .curve-panel")) == 4
-        assert len(text(page, "#print .appendix .of-trial")) == len(REFUSED)
+        assert page.texts("#print .leaf:first-child .leaf-steps > h2") == ["Steps and phases"]
+        assert page.texts("#print .leaf:first-child .leaf-strides > h2") == ["Which strides count"]
+        assert len(page.texts("#print .leaf:nth-child(2) .curve-panel")) == 4
+        assert len(page.texts("#print .leaf:nth-child(3) .curve-panel")) == 4
+        assert len(page.texts("#print .appendix .of-trial")) == len(REFUSED)
         assert page.run("document.querySelectorAll('#print details:not([open], .explanation)').length") == 0
         page.run("gaitcal.print.clear()")
     finally:
@@ -237,17 +240,74 @@ def test_without_webgl_everything_but_the_body_is_there(visit: Visit, everything
     script = blank.send("Page.addScriptToEvaluateOnNewDocument", source=NO_WEBGL)["identifier"]
     try:
         page = visit(everything, 1280, 900, fresh=True)
-        assert "no WebGL" in text(page, "#failure")[0]
-        assert "Refused" in text(page, "#verdict .judged")[0] and len(text(page, "#verdict-lines li")) == 3
-        page.run(until("gaitcal.curves.panels.some((panel) => panel.plot && panel.span)"))
+        assert "no WebGL" in page.texts("#failure")[0]
+        assert "Refused" in page.texts("#verdict .judged")[0] and len(page.texts("#verdict-lines li")) == 3
+        page.until("gaitcal.curves.panels.some((panel) => panel.plot && panel.span)")
         page.run("gaitcal.clock.play(false); gaitcal.clock.seek(0.3); gaitcal.curves.readings()")
-        assert any(text(page, ".curve-reading"))
+        assert any(page.texts(".curve-reading"))
         for preset in ("fit", "joints", "trust", "provenance", "clinician"):
             page.run(f"gaitcal.state.set({{ preset: '{preset}', joint: null }})")
-            assert preset == "clinician" or text(page, "#sections table")
+            assert preset == "clinician" or page.texts("#sections table")
         page.press("j")
         page.run("gaitcal.print.build(); gaitcal.print.clear(); true")
         assert page.console == []
     finally:
         blank.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
         visit("about:blank", fresh=True)
+
+
+STRIDES = {0: {"r": [0.103, 0.551, 0.987], "l": [0.252, 0.741]}}
+ROW = 40
+"""px: one row of switches."""
+
+
+def test_switches_are_a_row_and_say_what_is_set_behind_the_button(visit: Visit, walked: Path) -> None:
+    page = visit(walked, 1280, 800)
+    assert page.run("document.getElementById('switches').offsetHeight") <= ROW
+    assert page.run("document.getElementById('switches-others').hidden")
+    assert page.texts("#switches-more") == ["More"]
+    page.run("gaitcal.state.set({ acting: 'external', nominal: true, off: new Set(['0/r/1']) })")
+    assert page.texts("#switches-more") == ["More: external, before calibration"]
+    assert page.texts("#switches .told") == ["external, clinical signs"]
+    page.run("document.getElementById('switches-more').click()")
+    assert not page.run("document.getElementById('switches-others').hidden")
+    assert page.run("document.getElementById('switches-more').getAttribute('aria-expanded')") == "true"
+
+
+def test_a_joint_of_the_address_is_in_view(visit: Visit, walked: Path) -> None:
+    page = visit(f"{walked.as_uri()}?joint#joint=ankle_r", 1280, 400)
+    page.run("new Promise(done => setTimeout(() => done(true), 300))")
+    large = "document.querySelector('.curve-group.large')"
+    assert page.run(f"{large}.dataset.joint") == "ankle" and page.run("scrollY") > 0
+    assert 0 <= page.run(f"{large}.getBoundingClientRect().top") < page.run("innerHeight / 2")
+
+
+def test_a_phone_shows_the_first_line_until_more_is_asked_for(visit: Visit, everything: Path) -> None:
+    page = visit(everything, 390, 844, phone=True)
+    seen = "[...document.querySelectorAll('#verdict .lines li')].filter(li => li.offsetHeight > 0).length"
+    assert page.run(seen) == 1
+    page.run("document.querySelector('#verdict .more').click()")
+    assert page.run(seen) == 3 and page.texts("#verdict .more") == ["Less"]
+
+
+def test_trust_tells_of_the_trial_between_verdict_and_calibration(visit: Visit, everything: Path) -> None:
+    page = visit(everything, 1280, 800)
+    page.run("gaitcal.state.set({ preset: 'trust', playing: false })")
+    parts = page.run("[...document.querySelectorAll('#sections > :is(.reasons, .of-trial, h2)')].map(e => e.className)")
+    assert parts == ["", "reasons refused", "of-trial", "of-all"]
+    assert page.run("document.querySelector('.of-all').nextElementSibling.tagName") == "H3"
+
+
+def test_a_key_names_bounds_only_where_one_is_seen(visit: Visit, everything: Path) -> None:
+    page = visit(everything, 1280, 800)
+    row = {"label": "axis", "nominal": 0.0, "fitted": 1.0, "se": None, "truth": None}
+    rows = [{**row, "bounds": bounds} for bounds in ([-50.0, 50.0], [None, 1.0])]
+    made = "Gaitcal.BLOCKS.intervals({unit: 'mm', rows: [%s]}, new Gaitcal.Blocks({})).querySelector('.key')"
+    told_of = [page.run(f"({made % json.dumps(row)})?.textContent ?? ''") for row in rows]
+    assert ["bound" in text for text in told_of] == [False, True]
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    scene = long_walks()
+    return written_page(tmp_path_factory.mktemp("walked"), scene, stridden(scene, STRIDES)[0])

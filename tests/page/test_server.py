@@ -127,7 +127,6 @@ def test_ctrl_c_ends_it_cleanly(scene: Scene, tmp_path: Path) -> None:
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
     try:
-        assert process.stdout is not None
         assert re.fullmatch(rb"http://127\.0\.0\.1:\d+/[\w-]{43}/\n", process.stdout.readline())
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=120)

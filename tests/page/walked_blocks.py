@@ -1,7 +1,10 @@
 """What blocks say, as plain rows: for tests."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
+
+from gaitcal.page.page_data import calibration_page_data
+from gaitcal.session.result import Calibration
 
 Block = dict[str, Any]
 KINDS = {
@@ -62,3 +65,21 @@ def words(blocks: Sequence[Block]) -> str:
         out += b.get("items", [])
         out += [shown(cell) for row in (b.get("head", []), *b.get("rows", [])) if b["kind"] == "table" for cell in row]
     return "\n".join(filter(None, out))
+
+
+def page_words(calibration: Calibration) -> str:
+    """Everything that its page says in words and formatted numbers, a line for each piece."""
+    sheet = calibration_page_data(calibration)
+    parts = (sheet["verdict"], sheet["lines"], sheet["sections"], [trial["sections"] for trial in sheet["trials"]])
+    return "\n".join(_pieces(parts))
+
+
+def _pieces(data: Any) -> Iterator[str]:
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, Mapping):
+        for value in data.values():
+            yield from _pieces(value)
+    elif isinstance(data, list | tuple):
+        for value in data:
+            yield from _pieces(value)

@@ -6,8 +6,8 @@ import pytest
 
 from gaitcal.published.case import MonteCarloCase, nominal_case
 from gaitcal.published.draw import MonteCarloContext
-from gaitcal.published.inertial_recovery import SeedResult, noiseless, noisy_draws
 from gaitcal.published.protocol import MonteCarloSettings
+from gaitcal.published.recovery import SeedResult, noiseless, noisy_draws
 from tests.kept import kept_object
 
 FEW_SEEDS = 2

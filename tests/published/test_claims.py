@@ -14,9 +14,8 @@ from gaitcal.published import reproduce
 from gaitcal.published.claims import Claim, Verdict, table_claims
 from gaitcal.published.disturbance_claims import Disturbances, disturbance_claims
 from gaitcal.published.draw import TORQUES
-from gaitcal.published.inertial_recovery import InertialRecovery, SeedResult
-from gaitcal.published.joint_recovery import JointRecovery
 from gaitcal.published.protocol import PUBLISHED_LEVELS, MonteCarloSettings, Plan, ReactionFrame, Varied
+from gaitcal.published.recovery import InertialRecovery, JointRecovery, SeedResult
 from gaitcal.published.reproduce import ReproductionSettings, _disturb
 
 Change = Callable[[SeedResult], SeedResult]

@@ -32,7 +32,6 @@ from gaitcal.published.draw_sensitivity import (
     unfinished_draws,
     with_shared_centre,
 )
-from gaitcal.published.joint_recovery import solve, synthetic_problem, true_model, true_motion
 from gaitcal.published.noise_sensitivity import (
     RATES,
     Absorbed,
@@ -50,6 +49,7 @@ from gaitcal.published.noise_sensitivity import (
     trial_lengths,
 )
 from gaitcal.published.protocol import PROBLEMS, MonteCarloSettings, ReactionFrame, Varied, table_one
+from gaitcal.published.recovery import solve, synthetic_problem, true_model, true_motion
 from gaitcal.synthetic.motion import marker_noise, synthetic_markers
 from tests.derivatives import Array
 from tests.published.test_claims import AS_PUBLISHED, disturbed_table

@@ -29,26 +29,24 @@ from gaitcal.model.parameters import (
 from gaitcal.published import reproduce
 from gaitcal.published.case import people_rows
 from gaitcal.published.claims import Kind, Verdict
-from gaitcal.published.inertial_recovery import (
+from gaitcal.published.protocol import PROBLEMS, table_four, table_one, table_three, table_two
+from gaitcal.published.recovery import (
+    LEG,
     SEED_RANGE,
     SeedResult,
+    free_parameters,
     gait_equations,
     generators,
     inertial_rms,
+    joint_errors,
+    joint_rms,
     noisy_draw,
     random_seed,
     symmetric_errors,
-)
-from gaitcal.published.joint_recovery import (
-    LEG,
-    free_parameters,
-    joint_errors,
-    joint_rms,
     synthetic_problem,
     true_model,
     true_motion,
 )
-from gaitcal.published.protocol import PROBLEMS, table_four, table_one, table_three, table_two
 from gaitcal.published.reproduce import (
     CLAIM_COLUMNS,
     TABLE_COLUMNS,

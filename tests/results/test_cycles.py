@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gaitcal.dynamics.axis_errors import ErrorSource
+from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, typed, unit_of
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble
@@ -41,11 +41,6 @@ from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_c
 ROUNDED = 1e-6
 
 
-@pytest.fixture(scope="module")
-def whole() -> Calibration:
-    return fake_calibration()
-
-
 def one(table: pd.DataFrame, side: str, variable: str) -> pd.DataFrame:
     rows: pd.DataFrame = table[(table["side"] == side) & (table["variable"] == variable) & (table["stride"] == 1)]
     return rows
@@ -55,7 +50,6 @@ def test_every_stride_has_every_variable_from_0_to_100_percent(whole: Calibratio
     table = cycle_table(whole.model, whole.trials)
     assert tuple(table.columns) == CYCLE_COLUMNS
     trial = whole.trial("walk")
-    assert trial.loads is not None
     strides = strides_of(trial.events)
     for side, found in strides.items():
         own = table[(table["trial"] == "walk") & (table["side"] == side)]

@@ -277,7 +277,6 @@ def test_no_adult_is_held_against_children_unasked(made: Path) -> None:
 
 def test_axes_hold_strides_and_norm_and_stay_wide_where_little_happens(content: ReportContent) -> None:
     shown = panel(content, "ankle_angle_moment")
-    assert shown.norm is not None
     mean, sd = shown.norm
     low, high, step = limits_of(shown)
     assert low < np.nanmin(mean - sd) and np.nanmax(mean + sd) < high and 3 <= (high - low) / step <= 6

@@ -11,9 +11,8 @@ import pytest
 from gaitcal.cli.console import Console
 from gaitcal.cli.view import compare_sessions_or_models as run
 from gaitcal.cli.view import print_report
-from gaitcal.codes import Code
 from gaitcal.compare.stride_sets import Common
-from gaitcal.errors import InputError, UsageError
+from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.figures.document import write_pdf
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.model_file import save_model
@@ -169,7 +168,7 @@ def test_options_that_cannot_be(results: tuple[Path, Path], tmp_path: Path) -> N
         (after, {"study": (tmp_path / "study.toml",)}),
     ):
         with pytest.raises(UsageError):
-            run(console, before, other, **options)  # type: ignore[arg-type]
+            run(console, before, other, **options)
 
 
 def test_a_shared_model_says_what_it_needs(results: tuple[Path, Path], tmp_path: Path) -> None:

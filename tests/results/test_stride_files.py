@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.cli.console import _residuals
-from gaitcal.findings import Severity
+from gaitcal.cli.calibrate import _residuals
+from gaitcal.errors import Severity
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.events import joined_events
 from gaitcal.io.labels import FootEvent
@@ -30,13 +30,7 @@ from gaitcal.results.summary import summary, trial_summary
 from gaitcal.session.result import Calibration
 from gaitcal.study.study_trial import Role
 from tests.fake_result import ERROR_SHARES, fake_calibration
-from tests.page.page_words import page_words
-from tests.page.walked_blocks import rows_of, walked
-
-
-@pytest.fixture(scope="module")
-def whole() -> Calibration:
-    return fake_calibration()
+from tests.page.walked_blocks import page_words, rows_of, walked
 
 
 def hashes(folder: Path) -> dict[str, str]:
@@ -61,9 +55,9 @@ def test_summary_and_report_have_the_means(whole: Calibration) -> None:
     table = spatiotemporal(whole)
     for side in "rl":
         own = table[(table["side"] == side) & (table["variable"] == "stance")]["value"]
-        entry = means["stance"][side]  # type: ignore[index,call-overload]
-        assert entry["mean"] == pytest.approx(own.mean(), abs=1e-5) and entry["strides"] == len(own)  # type: ignore[index,call-overload]
-    assert content["trials"]["walk"]["spatiotemporal"] == means  # type: ignore[index,call-overload]
+        entry = means["stance"][side]
+        assert entry["mean"] == pytest.approx(own.mean(), abs=1e-5) and entry["strides"] == len(own)
+    assert content["trials"]["walk"]["spatiotemporal"] == means
     assert any(trial["measures"] for trial in calibration_page_data(whole)["trials"])
     without = replace(whole, trials=tuple(replace(t, strides=()) for t in whole.trials))
     assert not any(trial["measures"] for trial in calibration_page_data(without)["trials"])
@@ -164,7 +158,6 @@ def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
     for parts in sources.values():
         assert sum(parts.values()) == pytest.approx(1.0, abs=1e-3)
         assert parts == pytest.approx({source.key: share for source, share in ERROR_SHARES.items()})
-    assert trial.loads is not None
     without = replace(trial, loads=replace(trial.loads, errors=None))
     assert "torque_error_sources" not in cast(Any, trial_summary(without, whole.verdict))
 

@@ -102,7 +102,7 @@ def test_dynamics_of_a_model_that_changes_meanwhile(name: str, folder: Path, mon
 def test_export_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write, name = other_programs.WRITERS["urdf"]
     changing = after(write, lambda: edit(folder / "result/model.toml"))
-    monkeypatch.setitem(other_programs.WRITERS, "urdf", (changing, name))  # type: ignore[arg-type]
+    monkeypatch.setitem(other_programs.WRITERS, "urdf", (changing, name))
     with pytest.raises(InputError, match=CHANGED):
         run("export", folder / "result")
     assert not (folder / "result/export").exists()

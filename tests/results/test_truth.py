@@ -32,7 +32,7 @@ from gaitcal.study.truth import TrueCurves
 from gaitcal.synthetic.motion import WALK_NODES
 from tests.figures.told import charts, panel_figure, told
 from tests.kept import copied_person, kept_person
-from tests.page.page_words import page_words
+from tests.page.walked_blocks import page_words
 
 pytestmark = pytest.mark.slow
 
@@ -58,7 +58,6 @@ def known(kept: Path) -> Calibration:
 
 
 def errors(calibration: Calibration) -> TruthErrors:
-    assert calibration.truth is not None
     return calibration.truth
 
 
@@ -67,14 +66,12 @@ def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) ->
     legs = {name: curve for name, curve in walk.coordinates.items() if leg_of(name)}
     assert set(legs) == {name for name in COORDINATES if leg_of(name)}
     for name, curve in legs.items():
-        assert curve.rms is not None
         assert curve.rms < (SAME_ANKLE if name.startswith("ankle") else SAME_ANGLE), name
         assert np.ptp(curve.truth) > 1.0, name
     for name, curve in walk.forces.items():
         if leg_of(name):
-            assert curve.rms is not None
             assert curve.rms < SAME_TORQUE, name
-            assert curve.compared.sum() == known.trial("gait").loads.reactions.valid_for(name).sum()  # type: ignore[union-attr]
+            assert curve.compared.sum() == known.trial("gait").loads.reactions.valid_for(name).sum()
 
 
 def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -> None:
@@ -88,13 +85,10 @@ def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -
         assert all(feature.within)
     for name, curve in truth.of("gait").coordinates.items():
         if leg_of(name):
-            assert curve.rms is not None and curve.nominal_rms is not None
             assert curve.rms < 0.02 < 0.2 < curve.nominal_rms, name  # as the reference says of synthesize
     for name, curve in truth.of("gait").forces.items():
         if leg_of(name):
-            assert curve.rms is not None
             assert curve.rms < SAME_TORQUE, name
-            assert curve.share_within is not None
             assert curve.share_within > 0.95, name
 
 
@@ -231,7 +225,7 @@ def test_true_curves_of_other_times(known: Calibration) -> None:
     assert re.search(r"RMS error over 3\d\d of 415 frames, those of the true curves", page)
     assert "RMS error over all 415 frames" in page_words(known)
     unknown = replace(truth, motions={}, moments=truth.moments | {"run": truth.moments["gait"]})
-    del unknown.moments["gait"]  # type: ignore[attr-defined]
+    del unknown.moments["gait"]
     none = with_truth(replace(known, study=replace(known.study, truth=unknown), truth=None))
     assert errors(none).not_compared == {"gait": "no true curves of it are known"}
 

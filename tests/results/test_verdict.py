@@ -10,17 +10,15 @@ import pytest
 
 from gaitcal.cli.calibrate import calibrate_study as run_calibrate
 from gaitcal.cli.console import Console
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.faults.verdict import judge
-from gaitcal.findings import STUDY, Finding, Severity
 from gaitcal.results.saved import load_result
 from gaitcal.results.summary import of_the_model, require_not_refused, summary
 from gaitcal.results.table_file import REFUSED_HEADER
 from gaitcal.session.result import Calibration, withdrawn
 from gaitcal.session.tables import moment_table
 from tests.fake_result import fake_calibration
-from tests.page.page_words import page_words
+from tests.page.walked_blocks import page_words
 from tests.synthetic_studies import write_synthetic_study
 
 
@@ -55,8 +53,8 @@ def test_what_is_refused_has_no_valid_torque_and_no_error_bar() -> None:
 @pytest.mark.parametrize(("severity", "word"), [(Severity.ERROR, "refused"), (Severity.WARNING, "doubtful")])
 def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: str) -> None:
     told = summary(with_finding(severity, "walk"))
-    assert told["verdict"] == word and told["trials"]["walk"]["verdict"] == word  # type: ignore[index,call-overload]
-    (reason,) = told["reasons"]  # type: ignore[misc]
+    assert told["verdict"] == word and told["trials"]["walk"]["verdict"] == word
+    (reason,) = told["reasons"]
     assert reason == {
         "code": "GC-069",
         "cause": "the forces come late",
@@ -90,7 +88,6 @@ def test_one_refused_leg_leaves_the_other() -> None:
     sound, result = fake_calibration().trial("walk"), with_finding(Severity.ERROR, "walk", "r")
     trial = result.trial("walk")
     assert trial.refused_legs == ("r",) and not trial.is_refused
-    assert trial.loads is not None and sound.loads is not None and trial.loads.errors is not None
     reactions = trial.loads.reactions
     assert not reactions.valid_r.any() and not reactions.valid.any()
     np.testing.assert_array_equal(reactions.valid_l, sound.loads.reactions.valid_l)
@@ -101,7 +98,7 @@ def test_one_refused_leg_leaves_the_other() -> None:
         np.testing.assert_array_equal(table[f"{name}_l_se"], before[f"{name}_l_se"])
         assert np.isfinite(table[f"{name}_l_se"]).all()
     assert np.isnan(table["lumbar_extension_se"]).all()
-    told = summary(result)["trials"]["walk"]  # type: ignore[index, call-overload]
+    told = summary(result)["trials"]["walk"]
     assert (told["verdict"], told["verdict_r"], told["verdict_l"]) == ("doubtful", "refused", "trustworthy")
     assert told["valid_frames"] == told["valid_frames_r"] == 0 < told["valid_frames_l"]
     assert "hip_flexion_r" not in told["torque_change_bwh"] and "hip_flexion_l" in told["torque_change_bwh"]

@@ -2,8 +2,7 @@
 
 import pytest
 
-from gaitcal.codes import Code
-from gaitcal.findings import STUDY, Finding, Severity
+from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.session.draft import study_of
 from gaitcal.session.drafting import without_faulty_trials
 from gaitcal.study.study import Study

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.errors import InputError
-from gaitcal.findings import Severity
+from gaitcal.errors import InputError, Severity
 from gaitcal.io.csv import write_forces_csv
 from gaitcal.session.drafting import rejected_forces
 from gaitcal.study.study import Study

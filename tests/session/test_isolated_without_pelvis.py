@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import gaitcal as gc
+from gaitcal.errors import Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Severity
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.motion.motion import tracked_motion

@@ -20,8 +20,8 @@ from gaitcal.session.draft import doubtful_lines, study_of
 from gaitcal.session.drafting import draft_of
 from gaitcal.session.folder import read_folder
 from gaitcal.session.label_proposal import LANDMARK_SET, LabelProposal, propose_labels
-from gaitcal.session.marker_motion import forward_direction, standing_points
 from gaitcal.session.person_facts import Options
+from gaitcal.session.unnamed_markers import forward_direction, standing_points
 from gaitcal.study.study import Study
 from scripts.validation.clinics.labels import own_set
 from tests.session.folders import SAID, draft, recordings, write

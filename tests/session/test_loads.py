@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.torque_errors import ErringForces
-from gaitcal.dynamics.axis_errors import AxisErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.dynamics.plate_errors import DEFAULT
+from gaitcal.dynamics.measurement_errors import DEFAULT, AxisErrors
+from gaitcal.errors import Severity
 from gaitcal.faults.study import examined
-from gaitcal.findings import Severity
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.bandwidth import with_bandwidth

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gaitcal import load_model
+from gaitcal.errors import Severity
 from gaitcal.faults.study import check_study
-from gaitcal.findings import Severity
 from gaitcal.io.csv import write_markers_csv
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import upright, with_landmarks

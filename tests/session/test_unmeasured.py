@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaitcal.errors import Severity
 from gaitcal.faults.verdict import Judgement
-from gaitcal.findings import Severity
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration

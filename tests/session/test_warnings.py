@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from gaitcal.findings import Severity
+from gaitcal.errors import Severity
 from gaitcal.session.result import Calibration
 from gaitcal.session.warnings import disagreements, unfinished
 from tests.fake_result import fake_calibration, with_phase

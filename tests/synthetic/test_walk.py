@@ -6,8 +6,8 @@ import pytest
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, HEEL_M, SHAPE
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
-from gaitcal.dynamics.plate_errors import foot_tip
-from gaitcal.io.still import runs
+from gaitcal.dynamics.measurement_errors import foot_tip
+from gaitcal.io.recording import runs
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.io.text_file import FileFault, naming_file, readable_size
 
 BLOCK = 512

@@ -1,7 +1,5 @@
 """The force plates that a C3D file describes: parameters and analog channels to wrenches in the axes of the file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ bytes changed among their first 1500, eleven ended ezc3d 1.7 by a segmentation f
 process of its own, which parses one file after the other; a new one follows when it has died.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import pickle
@@ -21,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
+from gaitcal.errors import Code
 from gaitcal.io.axes import UP_TO_Y, Vertical, find_vertical, turn_up
 from gaitcal.io.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
 from gaitcal.io.c3d.plates import measured_plates, stand_up

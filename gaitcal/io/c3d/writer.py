@@ -9,8 +9,6 @@ masks keep their values exactly, coordinates are those integers times the file's
 float. Parameters that are not concerned are copied byte for byte.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.codes import Code
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import atomic_file
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d.layout import (

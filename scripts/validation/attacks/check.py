@@ -40,9 +40,9 @@ from pathlib import Path
 from time import perf_counter
 
 from gaitcal import Calibration, GaitcalError, Study, calibrate
+from gaitcal.errors import Severity
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement
-from gaitcal.findings import Severity
 from scripts.validation.attacks.bases import EVERY, SYNTHETIC, loaded
 from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, by_title, corpus, once_each, pattern, spoilt
 from scripts.validation.attacks.curves import Curves, curves, largest

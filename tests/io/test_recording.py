@@ -1,4 +1,4 @@
-"""The still window of a static trial."""
+"""The still part of a recording, stretches of frames, gaps."""
 
 from dataclasses import replace
 
@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaitcal.errors import InputError
-from gaitcal.io.recording import Recording
-from gaitcal.io.still import marker_gaps, runs, still_window
+from gaitcal.io.recording import Recording, marker_gaps, runs, still_window
 from tests.io.recordings import LABELS, body
 
 
