@@ -8,10 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal import Study, calibrate, parameter_table
+from gaitcal.export.peer_model import Axis, displacement_axis
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
@@ -30,16 +32,15 @@ ROUNDING = 1e-10
 """m, or of a unit vector: coordinates of metres, in doubles, through a singular value decomposition."""
 
 
-def test_screw_axis_is_the_line_that_was_turned_about() -> None:
+def test_a_displacement_turns_about_the_line_that_it_was_turned_about() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         n = rng.normal(size=3)
         n /= np.linalg.norm(n)
-        point, angle, slide = rng.normal(size=3), rng.uniform(0.05, 2.5), rng.normal()
-        turn = Rotation.from_rotvec(angle * n).as_matrix()
-        before = (Rotation.random(random_state=1).as_matrix(), rng.normal(size=3))
-        after = (turn @ before[0], turn @ (before[1] - point) + point + slide * n)
-        found = rigid.screw_axis(before, after)
+        point, turn = rng.normal(size=3), pin.exp3(rng.uniform(0.05, 2.5) * n)
+        before = pin.SE3(Rotation.random(random_state=1).as_matrix(), rng.normal(size=3))
+        slid = pin.SE3(turn, point - turn @ point + rng.normal() * n)
+        found = displacement_axis(before, slid * before)
         np.testing.assert_allclose(found.direction, n, atol=ROUNDING)
         assert found.distance(point) < ROUNDING
 
@@ -64,7 +65,7 @@ def test_sara_finds_a_hinge() -> None:
     turns = Rotation.from_rotvec(np.linspace(-1, 1, 30)[:, None] * n).as_matrix()
     below = above @ turns @ rest
     proximal, distal = rigid.sara((above, at), (below, above @ c + at - below @ d))
-    assert proximal.angle(n) < 1e-6 and distal.angle(rest.T @ n) < 1e-6  # deg
+    assert rigid.angle(proximal.direction, n) < 1e-6 and rigid.angle(distal.direction, rest.T @ n) < 1e-6  # deg
     assert proximal.distance(c) < ROUNDING and distal.distance(d) < ROUNDING
 
 
@@ -77,7 +78,7 @@ def test_true_parameters_of_a_known_linkage() -> None:
     for side in "rl":
         coordinates = {"knee": "knee_angle", "ankle": "ankle_angle", "subtalar": "subtalar_angle"}
         axes = {
-            f"{joint}_{side}": rigid.Line(known[f"{c}_{side}"][1], known[f"{c}_{side}"][0])
+            f"{joint}_{side}": Axis(known[f"{c}_{side}"][1], known[f"{c}_{side}"][0])
             for joint, c in coordinates.items()
         }
         centres = {f"hip_{side}": known[f"hip_flexion_{side}"][1]}
@@ -140,7 +141,7 @@ def test_skin_follows_the_joints_by_its_law() -> None:
     np.testing.assert_allclose(linear[:, left], 0.0, atol=ROUNDING)
 
 
-def test_table_and_limits_of_a_few_fits() -> None:
+def test_table_of_a_few_fits() -> None:
     held = error_bars.Bars(20, (14, 19), 20.0)
     fits = [
         report.Outcome(
@@ -160,12 +161,6 @@ def test_table_and_limits_of_a_few_fits() -> None:
     assert row.split()[4:] == ["30.0", "4.00", "3.00", "to", "8.00", "5.45", "12.0", "1.00", "70.0", "95.0", "60"]
     lost = [replace(fits[0], converged=False)]
     assert any("1 NOT CONVERGED" in r for r in report.lines(lost))
-    found = {c.words: (c.met, round(c.found, 2)) for c in report.checks(fits)}
-    assert found == {
-        "isolated, linear: hip in pelvis, mm, RMS": (True, 5.45),
-        "isolated, linear: hip in pelvis, mm, in 95 %": (True, 95.0),
-    }
-    assert "wanted: 2 of 2 met" in "\n".join(report.wanted_lines(fits))
 
 
 @pytest.mark.slow

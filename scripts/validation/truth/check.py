@@ -15,8 +15,7 @@ published   the published subject with the published noise, `--seeds` draws of i
 Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published waves, by skin that
 follows the joints or its own time. `before` is the nominal model, `peer` SCoRE or SARA (RMS), `SE` the RMS of the
 standard errors, then how many intervals of 68 and 95 % held the truth (a fixed parameter has none, which holds nothing)
-of how many. At the end stand the limits that were set, and whether they are met. Settings are gaitcal's defaults but
-for `--set`, as `[calibration]` has them.
+of how many. Settings are gaitcal's defaults but for `--set`, as `[calibration]` has them.
 """
 
 from __future__ import annotations
@@ -91,5 +90,5 @@ def run(chosen: argparse.Namespace) -> list[Outcome]:
     if outcomes:
         if chosen.set:
             say(f"settings: {', '.join(chosen.set)}")
-        say(*report.lines(outcomes), *report.wanted_lines(outcomes))
+        say(*report.lines(outcomes))
     return outcomes

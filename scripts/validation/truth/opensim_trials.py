@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from gaitcal.arrays import Array
+from gaitcal.export.peer_model import Axis, displacement_axis
 from gaitcal.io.opensim_files import read_table, write_trc
 from gaitcal.io.recording import Recording
-from scripts.validation.truth.rigid import Line, relative, screw_axis
 
 RATE, SECONDS, STANDING = 200.0, 6.0, 1.0
 HERTZ = 0.6
@@ -37,8 +38,6 @@ VIRTUAL = ("HJC", "KJC", "AJC", "EJC", "SJC", "WJC")
 """Endings of labels that are joint centres, not markers."""
 LEFT_AT_ZERO = ("beta", "mtp", "arm_rot")
 """Parts of coordinates' names that the linkage has no like of: patella, toes, turn of the upper arm."""
-
-Pose = tuple[Array, Array]
 
 
 class Simulation:
@@ -83,7 +82,7 @@ class Simulation:
         """(nj, 3) m, of `JOINTS`."""
         return np.array([_vector(j.getParentFrame().getPositionInGround(self.state)) for j in self._joints.values()])
 
-    def bodies(self, joint: str) -> tuple[Pose, Pose]:
+    def bodies(self, joint: str) -> tuple[pin.SE3, pin.SE3]:
         """Poses of the bodies above and below a joint."""
         frames = self._joints[joint].getParentFrame(), self._joints[joint].getChildFrame()
         above, below = (_pose(f.findBaseFrame().getTransformInGround(self.state)) for f in frames)
@@ -98,9 +97,9 @@ def _vector(v: Any) -> Array:
     return np.array([v.get(i) for i in range(3)])
 
 
-def _pose(transform: Any) -> Pose:
+def _pose(transform: Any) -> pin.SE3:
     r = transform.R()
-    return np.array([[r.get(i, j) for j in range(3)] for i in range(3)]), _vector(transform.p())
+    return pin.SE3(np.array([[r.get(i, j) for j in range(3)] for i in range(3)]), _vector(transform.p()))
 
 
 def smooth_step(x: Array, start: float, end: float) -> Array:
@@ -168,16 +167,19 @@ def true_axis(person: Simulation, joint: str, side: str) -> dict[str, dict[str, 
     """The axis of a hinge in the static pose, as the bodies above and below carry it."""
     coordinate, middle = HINGES[joint]
 
-    def between(degrees: float) -> Pose:
+    def between(degrees: float) -> pin.SE3:
         person.put({**person.standing, f"{coordinate}_{side}": np.deg2rad(degrees)})
-        return relative(*person.bodies(f"{joint}_{side}"))
+        above, below = person.bodies(f"{joint}_{side}")
+        return above.actInv(below)
 
     ends = between(middle - STEP), between(middle + STEP)
-    line = screw_axis(*ends)
+    line = displacement_axis(*ends)
+    if line is None:
+        raise RuntimeError(f"{joint}_{side} does not turn")
     # seen from below the screw is the same line at both ends, but for what it slides along itself
-    points = [rotation.T @ (line.point - origin) for rotation, origin in ends]
-    below = Line(np.mean(points, axis=0), ends[0][0].T @ line.direction)
+    points = [end.actInv(line.point) for end in ends]
+    below = Axis(np.mean(points, axis=0), ends[0].rotation.T @ line.direction)
     person.put(person.standing)
     above_pose, below_pose = person.bodies(f"{joint}_{side}")
-    lines = {"proximal": line.moved(*above_pose), "distal": below.moved(*below_pose)}
+    lines = {"proximal": line.moved(above_pose), "distal": below.moved(below_pose)}
     return {end: {"point": x.point.tolist(), "axis": x.direction.tolist()} for end, x in lines.items()}

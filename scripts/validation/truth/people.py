@@ -20,14 +20,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from gaitcal import Recording, Study, SubjectModel, read_recording
 from gaitcal.arrays import Array
+from gaitcal.export.peer_model import Axis
 from gaitcal.io.opensim_files import read_table
 from gaitcal.model.segment_frames import Frame, rigid_motions
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
+from gaitcal.synthetic.truth import common_perpendicular
 from scripts.validation.truth.opensim_trials import ISOLATED, TRIALS, make_trials
-from scripts.validation.truth.rigid import Line
 
 CENTRES = {"hip": "HJC", "knee": "KJC", "ankle": "AJC"}
 """Joint -> ending of the label of its centre."""
@@ -40,9 +42,9 @@ class IsolatedPerson:
     study: Study
     centres: Mapping[str, Array]
     """`hip_r`, ... -> (3,) m."""
-    proximal: Mapping[str, Line]
+    proximal: Mapping[str, Axis]
     """`knee_r`, `ankle_r`, `subtalar_r`, ... -> axis, as the segment above carries it to the static pose."""
-    distal: Mapping[str, Line]
+    distal: Mapping[str, Axis]
     """The same, as the segment below carries it."""
 
 
@@ -84,9 +86,9 @@ def isolated_person(person: str, data: Path, cache: Path, with_gait: bool = Fals
     trials = tuple(TrialTable(name=j, role="joint", joint=j, file=folder / f"{j}.trc") for j in ISOLATED)  # type: ignore[arg-type]
     study = _loaded(recorded.model_copy(update={"trials": (static, *trials, *walk)}))
 
-    def lines(end: str) -> dict[str, Line]:
+    def lines(end: str) -> dict[str, Axis]:
         axes = truth["axes"].items()
-        return {joint: Line(np.array(ends[end]["point"]), np.array(ends[end]["axis"])) for joint, ends in axes}
+        return {joint: Axis(np.array(ends[end]["point"]), np.array(ends[end]["axis"])) for joint, ends in axes}
 
     centres = {joint: np.array(point) for joint, point in truth["static"].items()}
     return IsolatedPerson(study=study, centres=centres, proximal=lines("proximal"), distal=lines("distal"))
@@ -155,9 +157,9 @@ def with_settings(study: Study, changes: Mapping[str, object]) -> Study:
 DIRECTIONS = ("ant", "sup", "lat")
 
 
-def line_in(frame: Frame, line: Line) -> Line:
+def line_in(frame: Frame, line: Axis) -> Axis:
     """A line of the laboratory in a segment's frame."""
-    return Line(frame.local(line.point), frame.rotation.T @ line.direction)
+    return line.moved(pin.SE3(frame.rotation, frame.origin).inverse())
 
 
 def static_frames(nominal: SubjectModel, static: Recording) -> dict[str, Frame]:
@@ -187,34 +189,24 @@ def leg_parameters(person: IsolatedPerson, frames: Mapping[str, Frame], side: st
     """The 27 joint parameters of a leg, m and rad."""
     thigh, shank, foot = (frames[f"{name}_{side}"] for name in ("thigh", "shank", "foot"))
     out = hip_parameters(frames, side, person.centres[f"hip_{side}"])
-    above, below = line_in(thigh, person.proximal[f"knee_{side}"]), line_in(shank, person.distal[f"knee_{side}"])
-    above, below = rightwards(above), rightwards(below)
+    above = line_in(thigh, person.proximal[f"knee_{side}"]).pointing(2)
+    below = line_in(shank, person.distal[f"knee_{side}"]).pointing(2)
     slide = -above.point[2] / above.direction[2]
     out |= point_parameters(f"knee_{side}.thigh", above.point + slide * above.direction, "ant sup")
     out |= point_parameters(f"knee_{side}.shank", below.point + slide * below.direction)
     out |= z_parameters(f"knee_{side}.thigh", above.direction) | z_parameters(f"knee_{side}.shank", below.direction)
-    z = rightwards(line_in(shank, person.proximal[f"ankle_{side}"]))
+    z = line_in(shank, person.proximal[f"ankle_{side}"]).pointing(2)
     # the subtalar axis as the talus carries it, which at rest is where the shank has it
-    x = forwards(line_in(shank, person.proximal[f"subtalar_{side}"]))
-    on_z, on_x = common_perpendicular(z, x)
+    x = line_in(shank, person.proximal[f"subtalar_{side}"]).pointing(0)
+    on_z, on_x = common_perpendicular(z.direction, z.point, x.direction, x.point)
     up = np.cross(z.direction, x.direction)
     out |= point_parameters(f"talocrural_{side}.shank", on_z) | z_parameters(f"talocrural_{side}.shank", z.direction)
     out[f"subtalar_{side}.talus.sup"] = float((on_x - on_z) @ up / np.linalg.norm(up))
     out[f"subtalar_{side}.talus.trans"] = float(-np.arcsin(z.direction @ x.direction))
-    line = forwards(line_in(foot, person.distal[f"subtalar_{side}"]))
+    line = line_in(foot, person.distal[f"subtalar_{side}"]).pointing(0)
     slide = (on_x - x.point) @ x.direction
     out |= point_parameters(f"subtalar_{side}.foot", line.point + slide * line.direction)
     return out | x_parameters(f"subtalar_{side}.foot", line.direction)
-
-
-def rightwards(line: Line) -> Line:
-    """The line with its direction towards +z."""
-    return Line(line.point, line.direction * np.sign(line.direction[2]))
-
-
-def forwards(line: Line) -> Line:
-    """The line with its direction towards +x."""
-    return Line(line.point, line.direction * np.sign(line.direction[0]))
 
 
 def point_parameters(prefix: str, point: Array, which: str = "ant sup lat") -> dict[str, float]:
@@ -240,11 +232,3 @@ def z_axis(front: float, trans: float) -> Array:
 def x_axis(trans: float, sag: float) -> Array:
     """(3,) the x axis of Ry(trans) Rz(sag)."""
     return np.array([np.cos(trans) * np.cos(sag), np.sin(sag), -np.sin(trans) * np.cos(sag)])
-
-
-def common_perpendicular(a: Line, b: Line) -> tuple[Array, Array]:
-    """The nearest points of two lines to each other."""
-    between, cosine = b.point - a.point, float(a.direction @ b.direction)
-    matrix = np.array([[1.0, -cosine], [cosine, -1.0]])
-    s, t = np.linalg.solve(matrix, np.array([a.direction @ between, b.direction @ between]))
-    return a.point + s * a.direction, b.point + t * b.direction

@@ -21,6 +21,7 @@ import numpy as np
 from gaitcal import COORDINATES, Calibration, Motion, Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
+from gaitcal.export.peer_model import Axis
 from gaitcal.model.chain import Chain, forward
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, rigid_motions
@@ -42,7 +43,7 @@ from scripts.validation.truth.people import (
     z_axis,
 )
 from scripts.validation.truth.report import Figure, Fitted, Gathered, Outcome, fitted_parameters, timed_fit
-from scripts.validation.truth.rigid import Line, Poses, across, sara, score
+from scripts.validation.truth.rigid import Poses, across, angle, sara, score
 from scripts.validation.truth.skin import Kind, beside, disturbed
 
 JOINT_OF = {"hip": "hip_flexion", "knee": "knee_angle", "ankle": "ankle_angle"}
@@ -213,11 +214,11 @@ def _axis(
     side: str,
 ) -> None:
     prefix, segment, end, joint = (word.format(s=side) for word in AXES[figure])
-    lab: Line = {"proximal": person.proximal, "distal": person.distal}[end][joint]
+    lab = {"proximal": person.proximal, "distal": person.distal}[end][joint]
     true = line_in(frames[segment], lab)
     for when, values in fitted.times:
         found = line_of(prefix, values)
-        gathered.put(f"{figure}, deg", **{when: true.angle(found.direction)})
+        gathered.put(f"{figure}, deg", **{when: angle(true.direction, found.direction)})
         gathered.put(f"{figure}, mm", **{when: 1e3 * true.distance(found.point)})
     if joint.startswith("knee"):
         peer = sara(*poses(study, joint))[0 if end == "proximal" else 1]
@@ -228,19 +229,19 @@ def _axis(
         gathered.add_bars(f"{figure}, {unit}", fitted.bars([n for n in own if n.endswith(words)], unit))
 
 
-def peer_distance(true: Line, found: Line, frame: Frame) -> float:
+def peer_distance(true: Axis, found: Axis, frame: Frame) -> float:
     """Distance (m) of two lines where the found one meets the segment's plane of lateral position zero, as ours is."""
     lateral = frame.rotation[:, 2]
     slide = (frame.origin - found.point) @ lateral / (found.direction @ lateral)
     return true.distance(found.point + slide * found.direction)
 
 
-def line_of(prefix: str, values: Mapping[str, float]) -> Line:
+def line_of(prefix: str, values: Mapping[str, float]) -> Axis:
     """The axis that joint parameters (m, rad) tell in their segment."""
     point = np.array([values.get(f"{prefix}.{d}", 0.0) for d in DIRECTIONS])
     if f"{prefix}.sag" in values:
-        return Line(point, x_axis(values[f"{prefix}.trans"], values[f"{prefix}.sag"]))
-    return Line(point, z_axis(values[f"{prefix}.front"], values[f"{prefix}.trans"]))
+        return Axis(point, x_axis(values[f"{prefix}.trans"], values[f"{prefix}.sag"]))
+    return Axis(point, z_axis(values[f"{prefix}.front"], values[f"{prefix}.trans"]))
 
 
 def poses(study: Study, joint: str) -> tuple[Poses, Poses]:

@@ -74,7 +74,6 @@ class Kind(Enum):
 
 
 FIVE = (Kind.LINEAR, Kind.QUADRATIC, Kind.RANDOM, Kind.BURSTS, Kind.SINUSOIDS)
-SKIN = FIVE[:4]
 OF_PEOPLE = (Kind.PEOPLE, Kind.RESTLESS)
 TASK = {"pelvis": (2.0, 1.0, 0.7), "thigh": (3.0, 1.5, 1.0), "shank": (2.0, 1.0, 0.7), "foot": (1.0, 0.7, 0.5)}
 """Segment -> RMS over a task for each angle beside it: shift mm, turn deg, every marker by itself mm."""
