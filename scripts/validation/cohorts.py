@@ -48,7 +48,6 @@ OWN = {
 
 
 def start(source: Path, out: Path, *words: object) -> subprocess.Popen[bytes]:
-    """`gaitcal cohort` in a process of its own."""
     code = "from gaitcal.cli import main; main()"
     told = map(str, ("cohort", source, "--out", out, "-q", *words))
     return subprocess.Popen([sys.executable, "-c", code, *told])
@@ -85,7 +84,6 @@ def _told(process: int | str, name: str) -> str:
 
 
 def workers_of(parent: int) -> list[int]:
-    """Processes that work for another one."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         parents = _told(stat.parent.name, "stat").rpartition(")")[2].split()[1:2]
@@ -149,7 +147,6 @@ def cluster(folder: Path, people: Sequence[int], _: argparse.Namespace) -> bool:
 
 
 def memory(folder: Path, sizes: Sequence[int], _: argparse.Namespace) -> bool:
-    """The parent of many people is as small as that of few."""
     peaks = []
     for people in sizes:
         source, out = folder / f"people{people}", folder / f"out{people}"
@@ -210,5 +207,4 @@ PARTS = {
 
 
 def passed(found: dict[str, bool]) -> bool:
-    """Whether all are."""
     return all(found.values())

@@ -28,12 +28,10 @@ class Bars:
 
     @property
     def shares(self) -> tuple[float, float]:
-        """% within each interval."""
         return 100.0 * self.within[0] / self.count, 100.0 * self.within[1] / self.count
 
     @property
     def rms(self) -> float:
-        """RMS standard error."""
         return float(np.sqrt(self.squares / self.count))
 
 
@@ -51,11 +49,9 @@ def shares(z: Array) -> tuple[float, float]:
 
 
 def coverage(z: Array) -> str:
-    """The same in words."""
     first, second = shares(z)
     return f"{first:.0f}% of {len(z)} inside 68 %, {second:.0f}% inside 95 %, RMS {rms(z):.2f} standard errors"
 
 
 def rms(values: object) -> float:
-    """Root mean square of all that is there."""
     return float(np.sqrt(np.nanmean(np.square(np.asarray(values, dtype=float)))))

@@ -46,8 +46,6 @@ SHORTEST, LONGEST = 0.4, 1.5
 
 @dataclass(frozen=True)
 class Walk:
-    """One trial: its motion, and the truth."""
-
     time: Array
     """(nf,) s."""
     feet: FootPoints
@@ -61,7 +59,6 @@ def events_of(walk: Walk) -> list[FootEvent]:
 
 
 def walks_of(study: Study) -> list[Walk]:
-    """Every gait trial with the nominal model."""
     model, out = nominal_of(study), []
     for trial in (t for t in study.moving if t.role is Role.GAIT):
         ready = prepare_trial(trial, model, study.settings)
@@ -116,7 +113,6 @@ def told(found: Array) -> str:
 
 
 def lines(labs: dict[str, list[Walk]]) -> Iterator[str]:
-    """The report."""
     yield "events of the motion less those of force plates and of the file, ms: mean ± deviation (number)"
     for moment in FootMoment:
         for name, walks in labs.items():
@@ -125,7 +121,6 @@ def lines(labs: dict[str, list[Walk]]) -> Iterator[str]:
 
 
 def run(chosen: argparse.Namespace) -> dict[str, list[Walk]]:
-    """Track every study's gait trials and print the report."""
     studies = [Study.load(path) for path in chosen.study]
     labs = {study.subject.name: walks_of(study) for study in studies}
     print("\n".join(lines(labs)))

@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -93,7 +94,6 @@ def words_of(allowed: type[Enum] | Iterable[str], default: Iterable[Any] = ()) -
 
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
-    """The names that `--only` means; SystemExit where there is none."""
     known = list(names)
     found = [name for name in known if re.search(pattern.replace(",", "|"), name, re.IGNORECASE)]
     if not found:
@@ -130,13 +130,26 @@ def side_by_side(tasks: Sequence[Callable[[], T]], jobs: int) -> Iterator[T]:
         yield result
 
 
+def said(tasks: Sequence[Callable[[], T]], jobs: int) -> list[T]:
+    """The same, each outcome's `line` printed as soon as it is there."""
+    out = []
+    for outcome in side_by_side(tasks, jobs):
+        say(outcome.line)  # type: ignore[attr-defined]
+        out.append(outcome)
+    return out
+
+
+def gaitcal(*words: object, seconds: float | None = None) -> subprocess.CompletedProcess[str]:
+    """The program in a process of its own, with what it says; subprocess.TimeoutExpired where it takes longer."""
+    command = [sys.executable, "-m", "gaitcal.cli", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=seconds, stdin=subprocess.DEVNULL)
+
+
 def say(*lines: str) -> None:
-    """Print at once."""
     print("\n".join(lines), flush=True)
 
 
 def judged(name: str, figure: str, limit: str, met: bool) -> bool:
-    """Say whether a limit is met."""
     say(f"{'met' if met else 'NOT MET'}: {name} {figure}, limit {limit}")
     return met
 
@@ -172,7 +185,6 @@ def parsed(member: ModuleType, name: str, arguments: Sequence[str]) -> argparse.
 
 
 def results(name: str, *arguments: object) -> Any:
-    """What a member returns that is run with these words."""
     member = import_module(f"scripts.validation.{MEMBERS[name]}")
     return _run(member, parsed(member, name, [str(word) for word in arguments]))
 

@@ -50,7 +50,6 @@ SESSION = 1
 
 @cache
 def body(number: int) -> tuple[SubjectModel, Recording, Recording]:
-    """Model, standing and walking of a made-up body, without noise."""
     model = synthetic_model(np.random.default_rng(number), perturb=True)
     standing = on_the_floor(model, static_motion(STANDING, standing_pose(model.parameters)))
     motion = two_strides(model.parameters)
@@ -68,7 +67,6 @@ def _thinned(walk: Recording) -> Recording:
 
 
 def write_person(folder: Path, number: int, bodies: int) -> None:
-    """Write a person as a study folder."""
     model, standing, walk = body(number % bodies)
     rng = np.random.default_rng([number, SESSION])
     noisy = walk.markers + marker_noise(walk.time, len(walk.labels), rng, NOISE_M)
@@ -104,13 +102,11 @@ _NUMBERS = [c.name for c in COLUMNS if c.kind is float]
 
 
 def person_of(number: int) -> CohortPerson:
-    """One of the many."""
     name = f"P{number:04d}"
     return CohortPerson(folder=Path(name), name=name, group=TREATMENT_GROUPS[number % len(TREATMENT_GROUPS)])
 
 
 def copied(source: Outcome, number: int) -> Outcome:
-    """A person like another one."""
     rng, person = np.random.default_rng(number), person_of(number)
     if number % FAILED == FAILED - 1:
         cause = "holds 2 files, but no recording that can be read (.c3d, .trc or .csv)"

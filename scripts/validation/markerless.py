@@ -163,7 +163,6 @@ def opensim_poses(person: WalkingPerson, walk: Recording) -> Poses:
 
 
 def poses_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Recording:
-    """The points of the poses that a program would write."""
     rng, labels, out = np.random.default_rng(seed), [], []
     for name, (axes, origin) in poses.items():
         place, turn = errors.constant
@@ -185,7 +184,6 @@ TOE_POINTS = {"BigToe": (0.0, 0.0, -0.03), "SmallToe": (-0.03, 0.0, 0.05), "Heel
 
 
 def points_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Recording:
-    """The key points that a program would write."""
     rng, out = np.random.default_rng(seed), dict[str, Array]()
     for side in SIDES:
         away = {name: (segment, np.zeros(3)) for name, segment in KEY_POINTS.items()}
@@ -200,8 +198,6 @@ def points_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Re
 
 @dataclass(frozen=True)
 class Walk:
-    """What a person did."""
-
     poses: Poses
     time: Array
     mass: float
@@ -224,7 +220,6 @@ def made_up(seed: int, folder: Path) -> Walk:
 
 
 def of_opensim(name: str) -> Walk:
-    """That of a person whom OpenSim knows."""
     folder = data() / "opensim_truth"
     person = walking_person(name, folder)
     known = read_recording(folder / name / "walk_with_joint_centres.trc")
@@ -238,8 +233,6 @@ def of_opensim(name: str) -> Walk:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One person."""
-
     trusted: str
     """The verdict."""
     centres: Mapping[str, Array]
@@ -258,7 +251,6 @@ def outcome(folder: Path, seed: int, errors: Errors, walk: Walk, *, points: bool
 
 
 def against(found: Calibration, true: Walk) -> Outcome:
-    """A calibrated walk against what was walked."""
     (walk,), (recorded,) = found.trials, found.study.moving
     here = body_poses(found.model.parameters, walk.body.q)
     rotation, origin = whole_turn(recorded.recording.markers, walk.recording.markers)
@@ -298,7 +290,6 @@ USUAL_PARTS = tuple(ERRORS)
 
 
 def report(part: str, chosen: argparse.Namespace) -> dict[str, object]:
-    """Calibrate the people of one part, and print."""
     found: list[Outcome] = []
     points = part.removeprefix(OPENSIM).startswith("points")
     for seed in range(chosen.seed, chosen.seed + chosen.people):

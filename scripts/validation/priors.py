@@ -66,12 +66,10 @@ Draw = Callable[[np.random.Generator, Person], Array]
 
 
 def scaled(millimetres: float, degrees: float) -> Array:
-    """(98,) m, rad."""
     return np.where(POSITION, 1e-3 * millimetres, np.deg2rad(degrees))
 
 
 def both_sides(values: Array) -> Array:
-    """(98,) the same on both sides."""
     paired = np.array([p.joint[-2:] in ("_r", "_l") for p in JOINT_PARAMETERS])
     return 0.5 * (values + mirror(JP_NAMES) @ values) * np.where(paired, np.sqrt(2.0), 1.0)
 
@@ -124,8 +122,6 @@ TRANSLATIONS = slice(3, 6)
 
 @dataclass(frozen=True, kw_only=True)
 class MadePerson:
-    """Recordings and truth."""
-
     study: Study
     truth: Array
     """(98,) m, rad, in the frames of the study's static trial."""
@@ -134,7 +130,6 @@ class MadePerson:
 
 
 def person_of(draw: Draw, seed: tuple[int, ...], *, isolated: bool) -> MadePerson:
-    """Draw and record a person."""
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2)]
     person = Person(height=float(streams[0].uniform(*HEIGHTS)), sex="male" if streams[0].random() < 0.5 else "female")
     return recorded(person, draw(streams[0], person), streams[1], isolated=isolated)
@@ -174,12 +169,10 @@ def nominal_error() -> Array:
 
 
 def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
-    """Calibrate the joint parameters."""
     return fitted("made up", replace(made.study, joint_prior=prior))
 
 
 def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
-    """What a person's recordings say."""
     parts = parts_of(found.influence, found.parameters.joint - made.nominal.parameters.joint, JP_NAMES, None)
     if parts is None:
         raise RuntimeError("errors of joint parameters without rank")
@@ -210,8 +203,6 @@ BANDS = ("hardly seen in the walk", "half seen", "well seen")
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """One person left out."""
-
     truth: Array
     """(98,) m, rad."""
     nominal: Array
@@ -222,7 +213,6 @@ class Outcome:
 
 
 def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
-    """Lines."""
     for kind in Kind:
         yield _line(outcomes, f"legs, {kind.value}s, {kind.unit}", _chosen(kind, ""))
     for joint in JOINTS:
@@ -238,7 +228,6 @@ def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
 
 
 def _chosen(kind: Kind, joint: str) -> Array:
-    """(54,) which parameters."""
     listed = [JOINT_PARAMETERS[k] for k in LEGS]
     return np.array([p.kind is kind and p.joint.startswith(joint) for p in listed])
 
@@ -298,7 +287,6 @@ def cohort(name: str, people: int, seed: int) -> dict[str, CohortPriors]:
 
 
 def outcomes(name: str, learnt: Mapping[str, CohortPriors], people: int, seed: int) -> Iterator[Outcome]:
-    """People who are not in the cohort."""
     draw = POPULATIONS[name](np.random.default_rng(seed))
     for number in range(people):
         made = person_of(draw, (seed, 1, number), isolated=False)
@@ -314,7 +302,6 @@ def outcomes(name: str, learnt: Mapping[str, CohortPriors], people: int, seed: i
 
 
 def measured(name: str, chosen: argparse.Namespace) -> None:
-    """Print the figures of one population."""
     learnt = cohort(name, chosen.cohort, chosen.seed)
     found = list(outcomes(name, learnt, chosen.left_out, chosen.seed))
     say(f"population {name} (seed {chosen.seed}): {chosen.cohort} people learnt of, {len(found)} left out")

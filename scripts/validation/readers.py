@@ -92,8 +92,6 @@ class Kind:
 
 @dataclass
 class Count:
-    """How the files of one kind ended."""
-
     results: int = 0
     errors: int = 0
     failures: list[str] = field(default_factory=list)
@@ -104,7 +102,6 @@ class Count:
 
     @property
     def cells(self) -> str:
-        """Of the table: files, results, errors, failures."""
         bad = len(self.failures)
         return f"{self.results + self.errors + bad:6} {self.results:8} {self.errors:7} {bad:9}"
 
@@ -172,7 +169,6 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
 
 
 def read_sound(path: Path) -> Recording:
-    """A recording whose arrays fit each other."""
     recording = read_recording(path)
     sound = (
         len(set(recording.labels)) == len(recording.labels)
@@ -278,7 +274,6 @@ def fuzz_alone(kind: Kind, files: int, seed: int) -> Count:
 
 
 def run(chosen: argparse.Namespace) -> dict[str, Count]:
-    """Damage and read; kind of file -> how these ended."""
     with tempfile.TemporaryDirectory() as folder:
         kinds = [*made_kinds(Path(folder)), *real_kinds()]
     share = -(-chosen.files // len(kinds))
@@ -295,5 +290,4 @@ def run(chosen: argparse.Namespace) -> dict[str, Count]:
 
 
 def passed(counts: dict[str, Count]) -> bool:
-    """Whether every file ended in a result or a clear error."""
     return not any(count.failures for count in counts.values())

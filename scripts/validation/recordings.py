@@ -26,8 +26,6 @@ JOINTS: tuple[Joint, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "a
 
 @dataclass(frozen=True, kw_only=True)
 class Person:
-    """Somebody's recordings, and what no file of them holds."""
-
     name: str
     mass: float
     """kg."""
@@ -57,7 +55,6 @@ class Person:
         return self._words(False)
 
     def copy(self, folder: Path) -> None:
-        """The files into an empty folder."""
         for file in self.files:
             shutil.copyfile(data() / file, folder / Path(file).name)
 
@@ -133,7 +130,6 @@ def study_of_person(name: str) -> Study:
 
 
 def changed(study: Study, settings: Mapping[str, object]) -> Study:
-    """The study with these settings of `[calibration]`."""
     told = study.settings.model_dump(exclude_unset=True) | dict(settings)
     return replace(study, settings=type(study.settings).model_validate(told))
 

@@ -73,8 +73,6 @@ Key = TypeVar("Key")
 
 @dataclass(frozen=True)
 class MadeSession:
-    """One session's fit, and what it should have found."""
-
     truth: Array
     """(98,) m, rad, in its own frames."""
     nominal: Array
@@ -126,7 +124,6 @@ def record_session(person: SubjectModel, rng: np.random.Generator, folder: Path)
 
 
 def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
-    """Record and fit one session."""
     with tempfile.TemporaryDirectory() as name:
         worn = record_session(person, rng, Path(name))
         study = Study.load(Path(name) / "study.toml")
@@ -135,7 +132,6 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
 
 
 def outcome(seed: int) -> Outcome:
-    """One person, two sessions, each alone and both together."""
     person, streams = two_sessions(seed)
     a, b = (made_session(person, rng) for rng in streams)
     told = set(told_parameters(b.influence))
@@ -181,7 +177,6 @@ def report(outcomes: list[Outcome]) -> Iterator[str]:
 
 
 def gathered(parts: Iterable[tuple[Key, Array]]) -> dict[Key, Array]:
-    """The finite ones of all arrays of each key."""
     out: dict[Key, list[Array]] = {}
     for key, values in parts:
         out.setdefault(key, []).append(values[np.isfinite(values)])
@@ -208,7 +203,6 @@ def angle_scores(a: Session, b: Session) -> dict[str, Array]:
 
 
 def angles_report(seeds: range) -> Iterator[str]:
-    """A line for each angle, and one for all."""
     found = gathered((name, z) for seed in seeds for name, z in _of_person(seed).items())
     for name, z in found.items():
         yield f"{name}: {coverage(z)}"
@@ -260,7 +254,6 @@ def curve_scores(walks: list[Session], together: Session) -> Mapping[object, Arr
 
 
 def real_report(out: Path | None) -> Iterator[str]:
-    """A line for each kind of curve."""
     with tempfile.TemporaryDirectory() as folder:
         for kind, z in curve_scores(*results(out or Path(folder))).items():
             yield f"{PERSON}: {kind.words}s: {coverage(z)}"  # type: ignore[attr-defined]

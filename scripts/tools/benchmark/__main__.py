@@ -49,7 +49,6 @@ def timed(task: Callable[[], object], runs: int, *, more: bool = False) -> list[
 
 
 def machine() -> dict[str, object]:
-    """What the figures were measured on."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
@@ -68,7 +67,6 @@ def _processor() -> str:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, object]:
-    """Run the chosen sections and print one line a figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "sections", nargs="*", choices=[[], *SECTIONS], metavar="SECTION", help=f"of {', '.join(SECTIONS)}"
@@ -94,7 +92,6 @@ def exponent(points: Sequence[tuple[float, float]]) -> float:
 
 
 def _section(parts: Iterable[Figure], runs: int) -> dict[str, dict[str, object]]:
-    """Measure and print the figures of a section, and the exponents of its series."""
     figures: dict[str, dict[str, object]] = {}
     series: dict[str, list[tuple[float, float]]] = {}
     first = 0.0

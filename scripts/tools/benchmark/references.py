@@ -35,8 +35,6 @@ ACCURACY = 1e-5
 
 
 class Counted(MotionProblem):
-    """A trial that counts what is asked of it."""
-
     def equations(
         self, coefficients: np.ndarray, constants: ChainConstants, *, curved: bool = False
     ) -> NormalEquations:

@@ -33,7 +33,6 @@ GIB, LIMIT_GIB = 2.0**30, 1.5
 
 
 def section_scaling() -> list[Figure]:
-    """All of them."""
     return [*_frames(), *_memory(), *_parameters(), *_trials()]
 
 

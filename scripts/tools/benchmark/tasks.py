@@ -61,7 +61,6 @@ TWENTY = NodeRule(per_second=20.0)
 
 
 def section_track() -> list[Figure]:
-    """Motion of a 208-frame, 27-coordinate gait trial from rest."""
     p, model = problem("gait"), subject()
     with_matrix, without = passes(p)
     said = f"208 frames, {with_matrix} passes with the matrix and {without} without"
@@ -75,7 +74,6 @@ def section_track() -> list[Figure]:
 
 
 def _parts_of_track() -> list[Figure]:
-    """What the time of tracking is made of."""
     p, parameters = problem("gait"), subject().parameters
     constants, coefficients = p.constants(parameters), start_of(p)
     band = p.equations(coefficients, constants).band
@@ -101,7 +99,6 @@ def section_calibrate_gait() -> list[Figure]:
 
 
 def _plain(free: tuple[str, ...]) -> list[Figure]:
-    """SciPy on the plain problem; with finite differences on a part of it."""
     whole, part = problem("gait"), problem("gait", rule=SHORT_NODES, frames=SHORT_FRAMES)
     short = plain_least_squares(part, free, analytic=False, evaluations=SHORT_EVALUATIONS)
     taken: list[int] = []
@@ -198,7 +195,6 @@ def _gaitcal(*words: object) -> Callable[[], object]:
 
 
 def _study() -> Path:
-    """The study file of the demo's synthetic person."""
     folder = temporary_folder()
     _gaitcal("synthesize", "-q", "--out", folder / "study")()
     return folder / "study" / "study.toml"

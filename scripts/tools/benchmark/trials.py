@@ -49,7 +49,6 @@ class Figure:
 
 
 def temporary_folder() -> Path:
-    """A new folder, removed when Python ends."""
     folder = Path(tempfile.mkdtemp(prefix="gaitcal-benchmark-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
@@ -57,7 +56,6 @@ def temporary_folder() -> Path:
 
 @cache
 def subject() -> SubjectModel:
-    """The published subject, made once."""
     return published_model()
 
 

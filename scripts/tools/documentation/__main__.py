@@ -35,7 +35,6 @@ def faults_of(site: Path) -> Iterator[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print what is missing."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--site", type=Path, help="folder of the built site")
     parser.add_argument("--table", action="store_true", help="print what is explained where")

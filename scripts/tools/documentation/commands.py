@@ -18,8 +18,6 @@ EVERYWHERE: Final = ("--quiet", "--verbose", "--help")
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """An argument or an option."""
-
     names: tuple[str, ...]
     """As they are typed: `--jobs`; of an argument its word in the usage, `DIR`."""
     takes: str
@@ -32,8 +30,6 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Command:
-    """A command of the program."""
-
     name: str
     text: str
     example: str
@@ -79,7 +75,6 @@ def _parameter(name: str, annotation: Any, default: object) -> Parameter:
 
 
 def commands() -> tuple[Command, ...]:
-    """Every command in the order of `gaitcal --help`."""
     out = []
     for name, (_, example) in COMMANDS.items():
         given = inspect.signature(declared(name)).parameters.values()
@@ -89,7 +84,6 @@ def commands() -> tuple[Command, ...]:
 
 
 def options_of(command: Command) -> tuple[Parameter, ...]:
-    """Arguments and options of its own, in order."""
     return tuple(p for p in command.parameters if not set(p.names) & set(EVERYWHERE))
 
 

@@ -24,8 +24,6 @@ TOLD: Final = ("tutorials", "how-to", "explanation")
 
 @dataclass(frozen=True)
 class Item:
-    """One thing that needs a page."""
-
     kind: str
     name: str
     place: str
@@ -41,7 +39,6 @@ def _word(text: str) -> str:
 
 
 def items() -> Iterator[Item]:
-    """All of them."""
     for command in commands.commands():
         place, called = f"command: {command.name}", rf"gaitcal {command.name}\b"
         yield Item("command", command.name, place, command.text, (called,))
@@ -95,7 +92,6 @@ def mentions(item: Item) -> tuple[str, ...]:
 
 
 def faults() -> list[str]:
-    """What no page explains."""
     out = []
     for item in items():
         if item.place not in places():

@@ -28,9 +28,6 @@ def lists(docstring: str) -> str:
 
 
 class Lists(griffe.Extension):
-    """Rewrites every docstring as it is collected."""
-
     def on_instance(self, *, obj: Any, **_: Any) -> None:
-        """An object was read from its source."""
         if obj.docstring is not None:
             obj.docstring.value = lists(obj.docstring.value)

@@ -27,7 +27,6 @@ PLACE = re.compile(r"^\{\{ ([a-z-]+)(?:: ([\w-]+))? \}\}$", re.M)
 
 
 def findings() -> str:
-    """A table of the codes of findings and errors."""
     rows = ((f"[{e.code.value}](findings/{e.code.value}.md)", e.title, e.severity.lower()) for e in all_explanations())
     return tables.table_of(("code", "is about", "can be"), rows)
 
@@ -46,8 +45,6 @@ MAKERS: Final[dict[str, Callable[..., str]]] = {
 
 
 def filled(markdown: str) -> str:
-    """A page with its places filled."""
-
     def made(place: re.Match[str]) -> str:
         name, word = place.groups()
         return MAKERS[name](word) if word else MAKERS[name]()
@@ -64,7 +61,6 @@ def on_config(config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """MkDocs has read a page."""
     return filled(markdown)
 
 
@@ -76,7 +72,6 @@ def on_post_page(output: str, **_: Any) -> str:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """MkDocs has listed the pages."""
     for e in all_explanations():
         page = File.generated(config, f"reference/findings/{e.code.value}.md", content=e.markdown)
         page.inclusion = InclusionLevel.NOT_IN_NAV

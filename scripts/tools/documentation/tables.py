@@ -42,8 +42,6 @@ def table_of(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Field:
-    """One key of a table."""
-
     name: str
     takes: str
     default: str
@@ -52,7 +50,6 @@ class Field:
 
 
 def _words(annotation: Any) -> list[str]:
-    """What a key takes, in words."""
     origin = get_origin(annotation)
     if origin is Literal:
         return [f'`"{word}"`' for word in get_args(annotation)]
@@ -85,7 +82,6 @@ def _default(field: FieldInfo) -> str:
 
 
 def fields(table: str) -> tuple[Field, ...]:
-    """The keys of a table, in order."""
     out = []
     for name, field in TABLES[table].model_fields.items():
         words = [word for word in dict.fromkeys(_words(field.annotation)) if word]
@@ -109,12 +105,10 @@ def markdown(table: str) -> str:
 
 
 def marker_sets() -> str:
-    """The built-in marker sets, each with its own description."""
     names = marker_set.built_in_sets()
     return table_of(("set", "worn as"), ((f"`{n}`", marker_set.load_marker_set(n).description) for n in names))
 
 
 def public_examples() -> str:
-    """The public recordings that `gaitcal example` fetches."""
     rows = ((f"`{one.name}`", one.title, one.of, one.licence) for one in examples())
     return table_of(("example", "recordings", "published by", "licence"), rows)

@@ -64,8 +64,6 @@ CATCH_ALL = re.compile(r"look at plate positions, force sign and clock|held near
 
 
 class Ending(str, Enum):
-    """How an attack ended, the best first."""
-
     REFUSED = "refused"
     NAMED = "named"
     HARMLESS = "harmless"
@@ -90,8 +88,6 @@ class Run:
 
 @dataclass(frozen=True)
 class Result:
-    """How one attack ended."""
-
     attack: str
     """Its title."""
     kind: Kind
@@ -108,13 +104,11 @@ class Result:
 
     @property
     def line(self) -> str:
-        """The result in one line."""
         moved = "" if self.moved is None else f" {self.moved:.1f} error bars"
         return f"  {self.ending.value:9}{self.attack}" + (f":{moved} ({self.where})" if self.where else "")
 
 
 def calibrated(study: Study) -> Run:
-    """Check, refuse or calibrate, as the command would."""
     findings = check_study(study)
     if errors := [f for f in findings if f.severity is Severity.ERROR]:
         return Run(refused=tuple(f"{f.where}: {f.topic}: {f.evidence}; {f.cure}" for f in errors))
@@ -130,7 +124,6 @@ def refusal(calibration: Calibration) -> tuple[str, ...]:
 
 
 def warned(calibration: Calibration) -> tuple[str, ...]:
-    """What is said beside a result."""
     late = [f"phase {p.name} did not converge: {p.message}" for p in calibration.phases if not p.converged]
     return (*(reason.line for reason in calibration.verdict.reasons), *late)
 
@@ -146,19 +139,16 @@ def new(messages: Iterable[str], clean: Iterable[str]) -> tuple[str, ...]:
 
 
 def names_cause(message: str, patterns: Sequence[str]) -> bool:
-    """Whether a message matches all of the patterns."""
     return not CATCH_ALL.search(message) and all(re.search(pattern, message, re.IGNORECASE) for pattern in patterns)
 
 
 def run_clean(base: str) -> Run:
-    """Check and calibrate a clean study."""
     start = perf_counter()
     found = calibrated(loaded(base))
     return replace(found, base=base, seconds=perf_counter() - start)
 
 
 def attacked(attack: Attack, clean: Run) -> Result:
-    """Spoil, check and calibrate."""
     start = perf_counter()
     patterns = [pattern(words, loaded(attack.base).marker_set) for words in attack.named]
 
@@ -195,8 +185,6 @@ def run_title(title: str, clean: Run) -> Result:
 
 
 def lines(results: Sequence[Result]) -> Iterator[str]:
-    """The table by ending and kind, then those that ended badly, with what was said."""
-
     def counts(of: Sequence[Result]) -> list[int]:
         return [sum(r.ending is ending for r in of) for ending in Ending]
 
@@ -220,7 +208,6 @@ def lines(results: Sequence[Result]) -> Iterator[str]:
 
 
 def passed(results: Sequence[Result]) -> bool:
-    """Whether the shares are within their limits and nothing crashed."""
     count = {ending: sum(r.ending is ending for r in results) for ending in Ending}
     return (
         count[Ending.CRASH] == 0
@@ -230,7 +217,6 @@ def passed(results: Sequence[Result]) -> bool:
 
 
 def chosen_attacks(chosen: argparse.Namespace) -> list[Attack]:
-    """Those that the command line asks for and whose recordings are there."""
     there, every = os.environ.get("GAITCAL_DATA"), corpus()
     wide = chosen.all or chosen.quick or chosen.base or chosen.only
     return [
@@ -244,7 +230,6 @@ def chosen_attacks(chosen: argparse.Namespace) -> list[Attack]:
 
 
 def print_clean(clean: Iterable[Run]) -> None:
-    """What is said of clean recordings, and how long they take."""
     for one in clean:
         say(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s{' REFUSED' if one.refused else ''}")
         for message in dict.fromkeys((*one.refused, *one.messages)):
@@ -252,7 +237,6 @@ def print_clean(clean: Iterable[Run]) -> None:
 
 
 def run(chosen: argparse.Namespace) -> list[Result]:
-    """Make the attacks and print the table."""
     attacks = chosen_attacks(chosen)
     if chosen.list:
         say(*(attack.title for attack in attacks), f"{len(attacks)} attacks")

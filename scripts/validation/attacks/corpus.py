@@ -21,8 +21,6 @@ from scripts.validation.recordings import WALK
 
 
 class Kind(str, Enum):
-    """What is spoilt, as the sections of the table."""
-
     STATIC = "static trial"
     WALK = "markers of the walk"
     ISOLATED = "isolated trial"
@@ -38,8 +36,6 @@ class CorpusError(Exception):
 
 @dataclass(frozen=True)
 class Attack:
-    """One corruption of one clean study."""
-
     name: str
     base: str
     kind: Kind
@@ -53,7 +49,6 @@ class Attack:
 
     @property
     def title(self) -> str:
-        """Unique in the corpus."""
         return f"{self.base}: {self.kind.value}: {self.name}"
 
     @property

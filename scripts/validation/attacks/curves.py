@@ -49,8 +49,6 @@ FLOOR_BWH, FLOOR_RAD, FLOOR_M, FLOOR_AXIS_RAD = 0.002, np.deg2rad(1.0), 0.005, n
 
 @dataclass(frozen=True, kw_only=True)
 class Curves:
-    """What one moving trial came to."""
-
     time: Array
     """(nf,) s."""
     labels: tuple[str, ...]
@@ -119,8 +117,6 @@ def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
 
 @dataclass(frozen=True)
 class Movement:
-    """How far one result moved."""
-
     bars: float
     """In its own error bars."""
     words: str

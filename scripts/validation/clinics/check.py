@@ -24,7 +24,6 @@ import argparse
 import json
 import re
 import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -37,7 +36,7 @@ import numpy as np
 import pandas as pd
 
 from scripts.validation.clinics.variants import VARIANTS, cases
-from scripts.validation.harness import option, say, side_by_side
+from scripts.validation.harness import gaitcal, option, said
 from scripts.validation.recordings import CLINICS
 
 SHARED = ("--jobs", "--only", "--list", "--json")
@@ -48,8 +47,6 @@ SECONDS = 900.0
 
 
 class Ending(Enum):
-    """How a case ended."""
-
     TORQUES = "torques"
     ASKED = "asked"
     REFUSED = "refused"
@@ -63,8 +60,6 @@ BAD = (Ending.WRONG, Ending.CRASH)
 
 @dataclass(frozen=True)
 class Outcome:
-    """One case."""
-
     title: str
     ending: Ending
     seconds: float
@@ -75,13 +70,11 @@ class Outcome:
 
     @property
     def line(self) -> str:
-        """One line of the table."""
         ratio = "" if self.ratio is None else f" {self.ratio:.2f} bars"
         return f"{self.ending.value:8s}{self.title:45s}{self.seconds:6.1f} s{ratio}  {self.words[:240]}"
 
 
 def run_case(variant_name: str, clinic_name: str, room: Path, clean: Outcome | None) -> Outcome:
-    """Make the folder, run `gaitcal calibrate FOLDER`, and judge."""
     variant = next(v for v in VARIANTS if v.name == variant_name)
     clinic = CLINICS[clinic_name]
     place = room / f"{clinic_name} {variant_name}".replace(" ", "_")
@@ -90,10 +83,9 @@ def run_case(variant_name: str, clinic_name: str, room: Path, clean: Outcome | N
     clinic.copy(folder)
     options = variant.make(folder, clinic)
     begin = time.perf_counter()
-    command = [sys.executable, "-m", "gaitcal.cli", "calibrate", str(folder), "--out", str(result), *options]
     title = f"{clinic_name}: {variant_name}"
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, stdin=subprocess.DEVNULL)
+        done = gaitcal("calibrate", folder, "--out", result, *options, seconds=SECONDS)
     except subprocess.TimeoutExpired:
         return Outcome(title, Ending.CRASH, SECONDS, "no end", result)
     seconds = time.perf_counter() - begin
@@ -118,7 +110,6 @@ def run_case(variant_name: str, clinic_name: str, room: Path, clean: Outcome | N
 
 
 def messages(result: Path) -> set[str]:
-    """Causes that a result gives."""
     summary = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     return {reason["cause"] for reason in summary.get("reasons", ())}
 
@@ -162,7 +153,6 @@ AS_IT_IS = "as it is"
 
 
 def run(chosen: argparse.Namespace) -> list[Outcome]:
-    """Run the cases and print a line for each."""
     wanted = [(v, c) for v, c in cases() if re.search(chosen.only, f"{c}: {v.name}", re.IGNORECASE)]
     if chosen.list:
         print("\n".join(f"{clinic}: {variant.name}" for variant, clinic in wanted))
@@ -171,22 +161,15 @@ def run(chosen: argparse.Namespace) -> list[Outcome]:
         folder = chosen.room or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         bases = sorted({clinic for _, clinic in wanted})
-        first, changed = [partial(run_case, AS_IT_IS, clinic, folder, None) for clinic in bases], []
-        clean = {}
-        for clinic, outcome in zip(bases, side_by_side(first, chosen.jobs), strict=True):
-            clean[clinic] = outcome
-            say(outcome.line)
+        first = [partial(run_case, AS_IT_IS, clinic, folder, None) for clinic in bases]
+        clean = dict(zip(bases, said(first, chosen.jobs), strict=True))
         rest = [partial(run_case, v.name, c, folder, clean[c]) for v, c in wanted if v.name != AS_IT_IS]
-        for outcome in side_by_side(rest, chosen.jobs):
-            changed.append(outcome)
-            say(outcome.line)
-    outcomes = [clean[c] for v, c in wanted if v.name == AS_IT_IS] + changed
+        outcomes = [clean[c] for v, c in wanted if v.name == AS_IT_IS] + said(rest, chosen.jobs)
     counts = Counter(outcome.ending for outcome in outcomes)
     print(", ".join(f"{ending.value} {counts[ending]}" for ending in Ending), f"of {len(outcomes)}")
     return outcomes
 
 
 def passed(outcomes: list[Outcome]) -> bool:
-    """Whether enough reach torques or rightly ask, and nothing is wrong or crashes."""
     reached = sum(o.ending in (Ending.TORQUES, Ending.ASKED, Ending.NAMED) for o in outcomes)
     return reached >= LEAST_SHARE * len(outcomes) and not any(o.ending in BAD for o in outcomes)

@@ -14,8 +14,6 @@ than 95 % are right, or a marker is put on the other leg.
 from __future__ import annotations
 
 import argparse
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -36,7 +34,7 @@ from gaitcal.session.folder import read_folder
 from gaitcal.session.person_facts import Options
 from scripts.validation.clinics.check import OWN, SHARED, Ending, Outcome, difference
 from scripts.validation.clinics.variants import Trial
-from scripts.validation.harness import matching, say, side_by_side
+from scripts.validation.harness import gaitcal, matching, said
 from scripts.validation.recordings import EVERYBODY, HERE, data
 
 __all__ = ["OWN", "SHARED", "passed", "run"]
@@ -48,8 +46,6 @@ NAMED += tuple(f"{name}_{side}" for name in ("heel", "toe") for side in SIDES)
 
 @dataclass(frozen=True, kw_only=True)
 class Proposed:
-    """What became of the markers of one person."""
-
     name: str
     markers: int
     """That the person's own set knows."""
@@ -62,7 +58,6 @@ class Proposed:
 
     @property
     def line(self) -> str:
-        """One line of the table."""
         right = 100 * (1 - len(self.wrong) / self.markers)
         told = "; ".join(f"{m}: {w}" for m, w in (*self.wrong.items(), *self.answers.items()))
         asked = f"asked {', '.join(self.asked) or 'nothing'}"
@@ -70,7 +65,6 @@ class Proposed:
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """C3D and TRC files."""
     return [path for path in sorted(folder.iterdir()) if path.suffix in (".c3d", ".trc")]
 
 
@@ -96,7 +90,6 @@ def names_of(folder: Path, seed: int = 0) -> dict[str, str]:
 
 
 def own_set(name: str) -> MarkerSet:
-    """The marker set of a person's study."""
     return load_marker_set(EVERYBODY[name].markers.replace("{data}", str(data())).replace("{here}", str(HERE)))
 
 
@@ -171,7 +164,6 @@ def segment_named(name: str) -> str:
 
 
 def run_person(name: str, room: Path) -> Outcome:
-    """Calibrate with the labels as they are and without, and judge."""
     place, begin = room / name, time.perf_counter()
     for part in ("named", "nameless"):
         (place / part).mkdir(parents=True)
@@ -194,8 +186,7 @@ def run_person(name: str, room: Path) -> Outcome:
 
 def calibrated(source: Path, result: Path, *options: str) -> str:
     """Run the command; what it says where no result comes of it."""
-    command = [sys.executable, "-m", "gaitcal.cli", "calibrate", str(source), "--out", str(result), *options]
-    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    done = gaitcal("calibrate", source, "--out", result, *options)
     return "" if (result / "summary.json").exists() else (done.stderr.strip() or done.stdout.strip()).splitlines()[-1]
 
 
@@ -207,20 +198,13 @@ def parameter_difference(before: Path, after: Path) -> float:
 
 
 def run(chosen: argparse.Namespace) -> list[Outcome]:
-    """Everybody, and a line for each."""
     names = matching(chosen.only, (name for name in EVERYBODY if name != "multi2"))
     if chosen.list:
         print("\n".join(names))
         return []
-    outcomes = []
     with tempfile.TemporaryDirectory() as temporary:
-        tasks = [partial(run_person, name, chosen.room or Path(temporary)) for name in names]
-        for outcome in side_by_side(tasks, chosen.jobs):
-            outcomes.append(outcome)
-            say(outcome.line)
-    return outcomes
+        return said([partial(run_person, name, chosen.room or Path(temporary)) for name in names], chosen.jobs)
 
 
 def passed(outcomes: list[Outcome]) -> bool:
-    """Whether all are the same with labels and without."""
     return all(outcome.ending is Ending.TORQUES for outcome in outcomes)

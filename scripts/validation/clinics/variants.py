@@ -24,22 +24,18 @@ MOST = 255
 
 
 class Trial:
-    """One C3D file in memory."""
-
     def __init__(self, path: Path) -> None:
         self.path = path
         self.file: Any = ezc3d.c3d(str(path))
 
     @property
     def labels(self) -> list[str]:
-        """Names of all points."""
         point = self.file["parameters"]["POINT"]
         names = list(point["LABELS"]["value"])
         return [*names, *(point["LABELS2"]["value"] if "LABELS2" in point else ())]
 
     @property
     def computed(self) -> set[str]:
-        """Names of points that a model computed."""
         point = self.file["parameters"]["POINT"]
         listed = {name for group in LISTS if group in point for name in point[group]["value"]}
         return listed | computed_points(self.labels)
@@ -52,7 +48,6 @@ class Trial:
                 point[group]["value"] = [change(name) for name in point[group]["value"]]
 
     def keep(self, wanted: Callable[[str], bool]) -> None:
-        """Only the points that are wanted."""
         labels = self.labels
         places = [i for i, label in enumerate(labels) if wanted(label)]
         data, point = self.file["data"], self.file["parameters"]["POINT"]
@@ -91,7 +86,6 @@ class Trial:
         point[other]["value"] = [*point[other]["value"], ""]
 
     def hide(self, label: str, frames: slice = slice(None)) -> None:
-        """A gap."""
         place = self.labels.index(label)
         self.file["data"]["points"][:3, place, frames] = np.nan
         self.file["data"]["meta_points"]["residuals"][0, place, frames] = -1.0
@@ -121,7 +115,6 @@ class Trial:
                 plates[name]["value"] = np.asarray(plates[name]["value"], dtype=float) * factor
 
     def write(self) -> None:
-        """Back to its file."""
         self.file.write(str(self.path))
 
 
@@ -136,8 +129,6 @@ Change: TypeAlias = Callable[[Any], None]
 
 @dataclass(frozen=True)
 class Variant:
-    """One thing that another laboratory does."""
-
     name: str
     files: str
     """`static.c3d`, `*.c3d`, or those of `moving` trials, one by one; or the `folder`."""
@@ -186,7 +177,6 @@ def variant(
 
 
 def without(trial: Trial, *gone: str) -> None:
-    """The trial without some markers."""
     trial.keep(lambda name: name not in gone)
 
 
@@ -341,5 +331,4 @@ def _toe_lost(trial: Trial) -> None:
 
 
 def cases() -> list[tuple[Variant, str]]:
-    """Every variant with every folder that it is meant for."""
     return [(v, clinic) for v in VARIANTS for clinic in v.clinics]

@@ -81,7 +81,6 @@ class Person:
 def evidence_of(
     prepared: MovingTrial, motion: Motion, model: SubjectModel, parameters: Parameters, settings: CalibrationSettings
 ) -> ForceEvidence | None:
-    """What `gaitcal calibrate` looks at."""
     reactions = measured_reactions(prepared, model, parameters, motion, settings)
     return force_evidence(prepared, prepared.recording, model, parameters, motion, reactions)
 
@@ -127,8 +126,6 @@ ONE_TRIAL = 0.5
 
 
 class Outcome(Enum):
-    """How a fault was met."""
-
     FIRST = "first"
     IN_SET = "in set"
     OTHER_PLATE = "other plate"
@@ -140,8 +137,6 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Case:
-    """One fault and how it was met."""
-
     person: str
     trials: tuple[str, ...]
     fault: Fault
@@ -155,7 +150,6 @@ class Case:
 
     @property
     def where(self) -> str:
-        """Person and trials."""
         return f"{self.person} {','.join(self.trials)} {self.scope}"
 
 
@@ -329,7 +323,6 @@ LEAST_FIRST = 0.90
 
 
 def run(chosen: argparse.Namespace) -> tuple[list[Person], list[Case]]:
-    """Diagnose clean and spoilt recordings, and print how each was met."""
     with tempfile.TemporaryDirectory() as folder:
         everybody = list(people(Path(folder), chosen.only))
         print_clean(everybody)
@@ -345,6 +338,5 @@ def run(chosen: argparse.Namespace) -> tuple[list[Person], list[Case]]:
 
 
 def passed(results: tuple[list[Person], list[Case]]) -> bool:
-    """Whether no clean recording is accused, and the right cause comes first often enough."""
     everybody, found = results
     return not accused(everybody) and first_share(found) >= LEAST_FIRST

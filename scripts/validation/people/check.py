@@ -41,7 +41,6 @@ Figures = dict[str, float]
 
 
 def hips_part(chosen: argparse.Namespace) -> Figures:
-    """Movement of joints of real people."""
     fits = [fitted(name, changed(study_of_person(name), chosen.settings)) for name in chosen.only]
     say(*hips.hip_lines(fits), "", *hips.population_lines(fits), "")
     images = hips.imaged(data() / "imaging" / "hip_landmarks_ct.csv")
@@ -50,7 +49,6 @@ def hips_part(chosen: argparse.Namespace) -> Figures:
 
 
 def halves_part(chosen: argparse.Namespace) -> Figures:
-    """Isolated trials against gait."""
     out = {}
     for name in chosen.only:
         found = hips.halves(name, chosen.settings)
@@ -61,14 +59,12 @@ def halves_part(chosen: argparse.Namespace) -> Figures:
 
 
 def pairs_part(chosen: argparse.Namespace) -> Figures:
-    """Recordings of one person against each other."""
     found = pairs.every_score(chosen.only, chosen.settings)
     say(*pairs.lines(found))
     return pairs.figures(found)
 
 
 def knees_part(chosen: argparse.Namespace) -> Figures:
-    """The knee's marker against the shank's."""
     found = [knee for name in chosen.only for knee in knees.knees_of(name, chosen.settings)]
     say(*knees.lines(found))
     return {f"{k.name} {k.side}: centre up": float(k.centre[1]) for k in found}
@@ -99,7 +95,6 @@ PARTS = {
 
 
 def run(chosen: argparse.Namespace) -> dict[str, Figures]:
-    """Print the parts that are asked for."""
     named = matching(chosen.only, PEOPLE) if chosen.only or not chosen.study else []
     chosen.only = [*named, *chosen.study]
     say(f"gaitcal of {Path(gaitcal.__file__).parent}" + (f", {', '.join(chosen.set)}" if chosen.set else ""))

@@ -31,7 +31,6 @@ WIDE_MM = 100.0
 
 
 def hip_lines(fits: Sequence[Fit]) -> Iterator[str]:
-    """One line a person: how far the hips moved in the pelvis, and how far apart they are."""
     yield (
         f"{'hip in pelvis, mm':12}"
         + "".join(f"{f'{s}: ant, sup, outward (SE)':>42}" for s in SIDES)
@@ -48,7 +47,6 @@ def hip_lines(fits: Sequence[Fit]) -> Iterator[str]:
 
 
 def groups(fits: Sequence[Fit]) -> dict[str, list[Fit]]:
-    """All, children, adults."""
     children = [f for f in fits if f.name in CHILDREN]
     adults = [f for f in fits if f.name not in CHILDREN]
     return {name: of for name, of in (("all", list(fits)), ("children", children), ("adults", adults)) if of}
@@ -135,8 +133,6 @@ WITHIN_95 = 2.795
 
 @dataclass(frozen=True)
 class Imaged:
-    """What the images say."""
-
     errors: Array
     """(20, 3) mm: true hip less Harrington's, ant, sup, outward."""
     ratios: Array
@@ -164,7 +160,6 @@ def imaged(file: Path) -> Imaged:
 
 
 def lines(fits: Sequence[Fit], images: Imaged) -> Iterator[str]:
-    """Fitted hips against the population of the images."""
     sd, ratios = images.errors.std(axis=0, ddof=1), images.ratios
     told = ", ".join(f"{m:+.1f} ({s:.1f})" for m, s in zip(images.errors.mean(axis=0), sd, strict=True))
     yield f"{len(images.errors)} hips of CT less Harrington's, mm: mean (SD) ant, sup, outward {told}"

@@ -31,8 +31,6 @@ SESSION = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """Two studies of one person on one static trial."""
-
     kind: str
     person: str
     first: Study
@@ -40,7 +38,6 @@ class Pair:
 
 
 def pairs_of(person: str, study: Study) -> Iterator[Pair]:
-    """All that a person's walks allow."""
     walks, half = study.walks, len(study.walks) // 2
     if person in CHILDREN:
         chosen = [("straight against turn", ("straight",), ("turn",))]
@@ -94,7 +91,6 @@ def every_score(people: Sequence[str], settings: Mapping[str, object]) -> dict[t
 
 
 def lines(found: Mapping[tuple[str, str], Array]) -> Iterator[str]:
-    """Coverage by kind and person, and of each kind."""
     for kind in dict.fromkeys(kind for kind, _ in found):
         yield f"{kind}: joint parameters of the legs"
         of = {person: z for (k, person), z in found.items() if k == kind}

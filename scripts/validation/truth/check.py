@@ -78,7 +78,6 @@ def tasks(chosen: argparse.Namespace, synthetic: range) -> list[Callable[[], Out
 
 
 def run(chosen: argparse.Namespace) -> list[Outcome]:
-    """Make all fits and print the tables."""
     synthetic = range(chosen.seed, chosen.seed + chosen.synthetic_people)
     if "recovery" in chosen.parts:
         settings = made_up.Settings(chosen.know)

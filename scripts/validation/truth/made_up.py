@@ -51,8 +51,6 @@ LEG = ("hip", "knee", "ankle", "subtalar")
 
 
 class Settings(Enum):
-    """What a person is calibrated with."""
-
     DEFAULT = "default"
     """gaitcal's own, every one: what a user has who declares nothing."""
     GAIT_ONLY = "gait-only"
@@ -64,8 +62,6 @@ class Settings(Enum):
 
 @dataclass(frozen=True)
 class SyntheticPerson:
-    """What came of one person."""
-
     parameters: pd.DataFrame
     """By name: kind, joint, status, errors of the nominal and fitted values, `z` in standard errors. Those that the fit
     kept, as its trials do not show them, are among them: their error is the nominal one's, and they have no `z`."""
@@ -83,12 +79,10 @@ class SyntheticPerson:
 
     @property
     def torques(self) -> Array:
-        """(n, 23) errors in standard errors."""
         return self.gaps / self.errors
 
 
 def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object] | None = None) -> SyntheticPerson:
-    """Make, write, read, calibrate and compare one person."""
     with tempfile.TemporaryDirectory() as folder:
         file = synthesize(Path(folder) / "study", seed=seed, noise=True, perturb=True)
         study = Study.load(file)
@@ -172,7 +166,6 @@ def torque_figures(person: SyntheticPerson) -> dict[str, Figure]:
 
 
 def parameter_figures(table: pd.DataFrame) -> dict[str, Figure]:
-    """Fitted joint parameters by joint, inertial ones by kind."""
     out = {}
     groups = [(f"{j} {kind.split()[1]}, {u}", kind, j) for j in JOINTS for kind, u in JOINT_KINDS.items()]
     groups += [(f"{kind}, {unit}", kind, "") for kind, unit in INERTIAL_KINDS.items()]
@@ -206,7 +199,6 @@ def undetermined(rows: list[pd.DataFrame]) -> str:
 
 
 def lines(people: list[SyntheticPerson]) -> Iterator[str]:
-    """The report."""
     yield "joint parameters: RMS error, nominal -> calibrated (median over people), and coverage"
     for joint in JOINTS:
         for kind, unit in JOINT_KINDS.items():

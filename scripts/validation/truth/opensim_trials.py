@@ -68,7 +68,6 @@ class Simulation:
         """Coordinate -> value (m, rad) of every coordinate that moves."""
 
     def put(self, posture: dict[str, float]) -> None:
-        """Take a posture (m, rad)."""
         for name, value in posture.items():
             self._coordinates[name].setValue(self.state, float(value), False)
         self.model.assemble(self.state)

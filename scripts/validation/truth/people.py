@@ -186,7 +186,6 @@ def hip_parameters(frames: Mapping[str, Frame], side: str, centre: Array) -> dic
 
 
 def leg_parameters(person: IsolatedPerson, frames: Mapping[str, Frame], side: str) -> dict[str, float]:
-    """The 27 joint parameters of a leg, m and rad."""
     thigh, shank, foot = (frames[f"{name}_{side}"] for name in ("thigh", "shank", "foot"))
     out = hip_parameters(frames, side, person.centres[f"hip_{side}"])
     above = line_in(thigh, person.proximal[f"knee_{side}"]).pointing(2)

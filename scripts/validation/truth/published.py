@@ -80,7 +80,6 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
 
 
 def knee_draw(seed: int, noise_m: float) -> Draw:
-    """One isolated trial of the right knee."""
     truth, motion = published_model().parameters, isolated_motion("knee_r")
     problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m, joint_segments("knee_r"))
     fit, influence = estimated(problem, truth, isolated_parameters("knee_r"))

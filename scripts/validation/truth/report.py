@@ -20,8 +20,6 @@ from scripts.validation.truth.people import DIRECTIONS
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """One figure of one fit."""
-
     error: float
     """RMS, in the unit that its name tells."""
     before: float | None = None
@@ -33,8 +31,6 @@ class Figure:
 
 @dataclass(frozen=True)
 class Outcome:
-    """All figures of one fit."""
-
     part: str
     """`gait`, `isolated`, `synthetic`."""
     case: str
@@ -51,18 +47,14 @@ class Outcome:
 
 @dataclass(frozen=True)
 class TimedFit:
-    """A calibration with its time."""
-
     calibration: Calibration
     seconds: float
 
     def outcome(self, part: str, case: str, person: str, seed: int, figures: Mapping[str, Figure]) -> Outcome:
-        """What is kept of it."""
         return Outcome(part, case, person, seed, self.seconds, self.calibration.converged, figures)
 
 
 def timed_fit(study: Study) -> TimedFit:
-    """Calibrate."""
     start = perf_counter()
     calibration = gaitcal.calibrate(study)
     return TimedFit(calibration, perf_counter() - start)
@@ -107,23 +99,18 @@ def fitted_parameters(calibration: Calibration, truth: Mapping[str, float]) -> F
 
 @dataclass
 class Gathered:
-    """Figures of both sides, before they become one."""
-
     values: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     """Figure -> `error`, `before`, `peer` -> values."""
     held: dict[str, Bars] = field(default_factory=dict)
 
     def put(self, name: str, **values: float) -> None:
-        """One side's value of a figure."""
         for what, value in values.items():
             self.values.setdefault(name, {}).setdefault(what, []).append(value)
 
     def add_bars(self, name: str, held: Bars) -> None:
-        """One side's error bars of a figure."""
         self.held[name] = self.held.get(name, Bars()) + held
 
     def single(self, name: str, parameter: str, fitted: Fitted, unit: str) -> None:
-        """One parameter."""
         for when, values in fitted.times:
             self.put(name, **{when: (values[parameter] - fitted.truth[parameter]) / TO_UNIT[unit]})
         self.add_bars(name, fitted.bars([parameter], unit))
@@ -138,7 +125,6 @@ class Gathered:
             self.add_bars(f"hip in {end}, mm", fitted.bars(names, "mm"))
 
     def figures(self) -> dict[str, Figure]:
-        """RMS over the sides."""
         each = {n: {what: rms(v) for what, v in kinds.items()} for n, kinds in self.values.items()}
         return {n: Figure(**v, bars=self.held.get(n, Bars())) for n, v in each.items()}
 

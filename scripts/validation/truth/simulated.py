@@ -52,7 +52,6 @@ TORQUES = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_
 
 
 def gait(name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, object], data: Path) -> Outcome:
-    """Part `gait`: disturb, calibrate and compare one person."""
     person = walking_person(name, data)
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
     fit = timed_fit(study)
@@ -60,7 +59,6 @@ def gait(name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str,
 
 
 def compare_gait(calibration: Calibration, person: WalkingPerson, study: Study) -> dict[str, Figure]:
-    """Figure -> RMS of both legs."""
     (walk,) = study.moving
     trial = calibration.trial(walk.name)
     rotation, origin = whole_turn(walk.recording.markers, trial.recording.markers)
@@ -148,7 +146,6 @@ AXES = {
 def isolated(
     name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, object], data: Path, cache: Path, walk: bool
 ) -> Outcome:
-    """Part `isolated`: disturb, calibrate and compare one person."""
     person = isolated_person(name, data, cache, walk)
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
     fit = timed_fit(study)
@@ -189,7 +186,6 @@ def functional(
 
 
 def compare_isolated(calibration: Calibration, person: IsolatedPerson, study: Study) -> dict[str, Figure]:
-    """Figure -> RMS of both legs."""
     frames = static_frames(calibration.nominal, study.static.recording)
     gathered = Gathered()
     for side in "rl":

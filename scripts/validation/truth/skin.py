@@ -60,8 +60,6 @@ SHARE = 0.5
 
 
 class Kind(Enum):
-    """How markers move that should not."""
-
     NONE = "none"
     LINEAR = "linear"
     QUADRATIC = "quadratic"
@@ -83,8 +81,6 @@ LEAST_ANGLE = np.deg2rad(2.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Cluster:
-    """One segment's markers in one trial."""
-
     segment: str
     markers: tuple[int, ...]
     """Columns of the recording."""
@@ -244,7 +240,6 @@ def smooth_noise(time: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def burst_times(time: Array, rng: np.random.Generator) -> Array:
-    """When bursts begin, s."""
     gaps = rng.uniform(*BURST_EVERY, int((time[-1] - time[0]) / BURST_EVERY[0]) + 2)
     starts: Array = time[0] - rng.uniform(0, BURST_EVERY[0]) + np.cumsum(gaps) - gaps[0]
     return starts
@@ -263,7 +258,6 @@ def burst_wave(time: Array, starts: Array, rng: np.random.Generator) -> Array:
 def clusters_of(
     recording: Recording, rest: Mapping[str, Array], tracking: Mapping[str, tuple[str, ...]]
 ) -> dict[str, Cluster]:
-    """Segment -> cluster, of pelvis and legs."""
     column = {label: i for i, label in enumerate(recording.labels)}
     out = {}
     for segment, labels in tracking.items():
